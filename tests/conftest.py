@@ -34,8 +34,8 @@ FIRST = (
     "exact",
     *("figures", "goodness", "streaming", "analysis"),
     *("workflow", "benchmarks", "check", "wheel", "validation", "prices", "estimators", "provenance", "checkpoint"),
-    *("verification", "limits", "cli", "readme", "extremes", "fluid", "kernels", "interruptions", "failures"),
-    *("langevin", "inspection", "hostile_files", "storage", "tradeoff", "observables", "interrupts", "replay"),
+    *("documents", "faults", "cli", "extremes", "fluid", "kernels", "interruptions", "failures", "initial_state"),
+    *("langevin", "inspection", "storage", "tradeoff", "observables", "replay"),
 )
 RANK = {f"test_{name}.py": rank for rank, name in enumerate(FIRST)}
 

@@ -13,7 +13,8 @@ SPECIES = ("tracer", "bath")
 PAIRS = ("tracer-tracer", "tracer-bath", "bath-bath")
 CONTACT = (0.6, 0.4, 0.2)  # distances
 EACH = ("scene", "particles", "engine")
-RECORD = {"figures": None, "particles": None, "made_by": {}, "dataset": {"sha256": "0" * 64}}
+OPTIONS = {"figures": None, "particles": None, "panel": ["scene"], "title": None, "note": None}
+RECORD = OPTIONS | {"made_by": {}, "dataset": {"sha256": "0" * 64}}
 
 
 def render(dataset, folder, names=None, particles=None):
@@ -89,6 +90,8 @@ def _own(dataset, rng):
 
 def _distributions(dataset, rng):
     v, u, r = np.arange(-5.95, 6, 0.1), np.arange(0.05, 8, 0.1), np.arange(0.0025, 1.5, 0.005)
+    z, species = np.arange(0.005, 1.0, 0.01), (*EACH, "species")
+    profile = np.array([[0.03], [4.0]]) * (1 + 0.8 * np.exp(-5 * z) * np.cos(12 * z))
     normal, maxwell = np.exp(-(v**2) / 2) / np.sqrt(2 * np.pi), u * np.exp(-(u**2) / 2)
     x = r / np.array(CONTACT)[:, None]
     g = np.where(x >= 1, 1 + 0.35 * np.exp(-2.5 * (x - 1)) * np.cos(6 * (x - 1)), 0.0)
@@ -102,6 +105,11 @@ def _distributions(dataset, rng):
         **_estimate("contact_value", pair, _spread(dataset, (3,), contact), 0.02, rng),
         **_estimate("contact_value_rate", pair, _spread(dataset, (3,), contact), 0.006, rng),
         "contact_distance": (pair, _spread(dataset, (3,), CONTACT)),
+        **_estimate(
+            "density_profile", (*species, "wall_distance"), _spread(dataset, profile.shape, profile), 0.02, rng
+        ),
+        **_estimate("contact_density", species, _spread(dataset, (2,), 1.8 * np.array([0.03, 4.0])), 0.02, rng),
+        "wall_distance": ("wall_distance", z),
         "velocity_bin": ("velocity_bin", v),
         "speed_bin": ("speed_bin", u),
         "distance": ("distance", r),
@@ -130,6 +138,7 @@ def _thermodynamics(dataset, rng):
         **_estimate("tracer_collision_rate", EACH, 3 * rate, 0.01 * rate, rng),
         "enskog_collision_rate": (EACH, rate),
         "enskog_tracer_collision_rate": (EACH, 2.9 * rate),
+        **_estimate("orientational_order", EACH, 0.1 + 0 * phi, 0.01, rng),
         **_estimate("kinetic_temperature", EACH, 1.6 + 0 * phi, 0.001, rng),
         **_estimate("wall_pressure", EACH, 40 * phi, 0.1, rng),
     }

@@ -3,21 +3,18 @@
 Tolerances are in standard errors: 4.5 is a false alarm in 1 of 150,000 comparisons.
 """
 
-import shutil
-
 import numpy as np
 import pytest
 
 from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution, goodness
-from brownpipe.analysis.conditions import initial_square_speed
+from brownpipe.analysis.displacement import initial_square_speed
 from brownpipe.engines import configured
 from brownpipe.engines.ensemble import Track
 from brownpipe.engines.initial_state import draw
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import parse_scene
 from brownpipe.storage import trajectories
-from brownpipe.storage.datasets import read_dataset, write_dataset
 from ensembles import DIFFUSION, make_runs, make_scene, study, walk, write
 
 SIGMAS = 4.5
@@ -78,15 +75,6 @@ def test_rings_are_half_open_and_count_everybody():
 # --- chi-square
 
 
-def test_chi_square_of_full_bins_is_pearsons():
-    from scipy.stats import chisquare
-
-    observed, expected = [18, 25, 30, 27], [20.0, 20.0, 35.0, 25.0]
-    test = goodness.chi_square(observed, expected)
-    assert (test.statistic, test.p) == pytest.approx(tuple(chisquare(observed, expected)))
-    assert test.degrees_of_freedom == 3
-
-
 def test_sparse_bins_are_pooled():
     sparse = goodness.chi_square([1, 2, 9, 10, 3, 1], [2.0, 4.0, 7.0, 9.0, 3.0, 1.0])
     assert sparse == goodness.chi_square([3, 9, 14], [6.0, 7.0, 13.0])
@@ -96,53 +84,6 @@ def test_sparse_bins_are_pooled():
 def test_chi_square_without_freedom_is_nan():
     assert np.isnan(goodness.chi_square([3, 4], [3.0, 4.0]).p)
     assert np.isnan(goodness.chi_square([30, 40, 50], [np.nan] * 3).p)
-
-
-def test_chi_square_of_diffusers_has_its_degrees_of_freedom():
-    """With D = MSD/4t of the unbinned runs the mean lies between that of 22 and 23 degrees (Chernoff and Lehmann)."""
-    rng, edges, runs, ensembles = np.random.default_rng(3), distribution.ring_edges(0.04, 24), 2400, 400
-    statistics = []
-    for squared in rng.exponential(4 * DIFFUSION, (ensembles, runs)):
-        counts = np.bincount(distribution.ring_of(np.sqrt(squared), edges), minlength=len(edges))
-        expected = distribution.expected_ring_counts(runs, edges, 1.0, squared.mean() / 4)
-        test = goodness.chi_square(counts, expected)
-        statistics.append(test.statistic)
-        assert test.degrees_of_freedom == 23  # 24 rings, the first two pooled, and the overflow
-    error = np.sqrt(2 * 22 / ensembles)
-    assert 22 - SIGMAS * error < np.mean(statistics) < 23 + SIGMAS * error
-
-
-def slope_variances(times, window):
-    """Of the slope of one free diffuser's r^2(t): the true variance, and what least squares expects on average.
-
-    cov(r^2(s), r^2(t)) = 16 D^2 min(s, t)^2; least squares takes the residuals for independent.
-    """
-    covariance = 16 * DIFFUSION**2 * np.minimum.outer(times, times) ** 2
-    slope, intercept = displacement.line_weights(times, window)
-    inside = intercept != 0
-    off = np.diag(inside * 1.0) - inside[:, None] * intercept - (inside * times)[:, None] * slope
-    spread = inside.sum() * times[inside].var()
-    return slope @ covariance @ slope, np.trace(off @ covariance @ off.T) / (inside.sum() - 2) / spread
-
-
-def test_least_squares_alone_claims_far_too_little():
-    """300 ensembles of 40 runs: both mean squared errors are right, and 11.6 and 8.6 times apart in length."""
-    from scipy.stats import linregress
-
-    rng = np.random.default_rng(5)
-    claims = {window: [] for window in WINDOWS}
-    for _ in range(300):
-        squared = displacement.squared_displacement(walk(rng, TIMES, 40)).mean(axis=0)
-        for window in WINDOWS:
-            weights, _ = displacement.line_weights(TIMES, window)
-            inside = (window[0] - 1e-9 < TIMES) & (window[1] + 1e-9 > TIMES)
-            claimed = linregress(TIMES[inside], squared[inside]).stderr
-            claims[window].append([(weights @ squared - 4 * DIFFUSION) ** 2, claimed**2])
-    for window, claimed in claims.items():
-        expected = np.array(slope_variances(TIMES, window)) / 40
-        error = np.std(claimed, axis=0) / np.sqrt(300)
-        assert (np.abs(np.mean(claimed, axis=0) - expected) < SIGMAS * error).all()
-        assert np.sqrt(expected[0] / expected[1]) == pytest.approx(11.6 if window == WINDOWS[0] else 8.6, rel=0.01)
 
 
 # --- the tracer's first steps
@@ -210,7 +151,9 @@ def test_dataset_agrees_with_theory(dataset):
     off = (dataset.msd - truth)[..., 1:] / (truth / np.sqrt(58))[1:]
     assert ((low < off) & (off < high)).all()
     for k, window in enumerate(WINDOWS):
-        error = np.sqrt(slope_variances(dataset.time.values, window)[0] / 58)
+        weights, _ = displacement.line_weights(dataset.time.values, window)
+        covariance = 16 * DIFFUSION**2 * np.minimum.outer(*[dataset.time.values] * 2) ** 2  # of r^2(s) and r^2(t)
+        error = np.sqrt(weights @ covariance @ weights / 58)
         off = (dataset.slope[..., k] - 4 * DIFFUSION) / error
         assert ((low < off) & (off < high)).all()
     assert np.allclose(dataset.diffusion_coefficient * 4, dataset.slope, rtol=1e-14)
@@ -228,35 +171,11 @@ def test_failed_runs_are_not_averaged_in(dataset, files, tmp_path):
         assert np.array_equal(mine[name].squeeze(), alone[name].squeeze())
 
 
-def test_counts_add_up(dataset):
-    assert (dataset.displacement_counts.sum("r") + dataset.displacement_overflow == dataset.runs).all()
-    assert np.allclose(dataset.expected_counts.sum("r") + dataset.expected_overflow, 58)
-    assert (dataset.displacement_counts_low <= dataset.displacement_counts).all()
-    assert (dataset.displacement_counts_high >= dataset.displacement_counts).all()
-
-
-def test_models_use_the_diffusion_coefficients(dataset):
-    models = dataset.model_diffusion_coefficient.isel(displacement_time=0)
-    assert np.allclose(models.sel(model="msd"), dataset.msd_over_4t.isel(time=-1), rtol=1e-14)
-    assert np.allclose(models.isel(model=slice(1, 3)), dataset.diffusion_coefficient, rtol=1e-14)
-
-
 def test_collision_counts_are_means_over_runs(dataset):
     expected = {"pair_collisions": 80, "wall_collisions": 30, "tracer_collisions": 9}
     for name, mean in expected.items():
         assert (abs(dataset[name] - mean) < SIGMAS * np.sqrt(mean / 58)).all()
         assert np.allclose(dataset[f"{name}_standard_error"], np.sqrt(mean / 58), rtol=SIGMAS / np.sqrt(2 * 57))
-
-
-@pytest.mark.slow
-def test_order_and_batches_do_not_matter(dataset, files, tmp_path):
-    backwards = aggregate(files[::-1], **RINGS)
-    assert backwards.reindex_like(dataset).equals(dataset)
-    whole = study(tmp_path, batch=60, failed=(7, 33))
-    assert len(whole) == 4
-    write_dataset(tmp_path / "one.nc", dataset)
-    write_dataset(tmp_path / "two.nc", aggregate(whole, **RINGS))
-    assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "two.nc").read_bytes()
 
 
 def test_scenes_and_particle_counts_keep_the_order_in_which_they_are_given(tmp_path):
@@ -266,31 +185,6 @@ def test_scenes_and_particle_counts_keep_the_order_in_which_they_are_given(tmp_p
     assert dataset.scene.values.tolist() == ["M1", "M3", "M10"]
     assert dataset.particles.values.tolist() == [20, 10]
     assert (dataset.runs == 3).all()
-
-
-@pytest.mark.slow
-def test_a_file_that_is_replaced_while_it_is_read_is_named(files, tmp_path, monkeypatch):
-    """After all outlines were read."""
-    copies = [shutil.copy(file, tmp_path) for file in files]
-
-    def replace_last(*_):
-        shutil.copy(copies[0], copies[-1])
-
-    monkeypatch.setattr("brownpipe.analysis.dataset._refuse_unfit", replace_last)
-    with pytest.raises(AnalysisError, match=f"^{copies[-1]}: was replaced while it was read; start again$"):
-        aggregate(copies, **RINGS)
-
-
-def test_dataset_survives_the_disk(dataset, tmp_path):
-    write_dataset(tmp_path / "study.nc", dataset)
-    assert read_dataset(tmp_path / "study.nc").identical(dataset)
-
-
-def test_every_variable_says_its_unit_and_meaning(dataset):
-    assert all({"units", "long_name"} <= set(dataset[name].attrs) for name in dataset.data_vars)
-    assert all("long_name" in dataset[name].attrs for name in dataset.coords)
-    assert dataset.window_start.values.tolist() == [0.5, 0.75]
-    assert dataset.diffusion_coefficient.coords["window_end"].values.tolist() == [1.0, 1.0]
 
 
 def test_dataset_names_no_file(dataset, files):
@@ -320,14 +214,6 @@ def test_other_durations_and_seeds_leave_nan(tmp_path):
     assert dataset.seed[dataset.run_status.sel(scene="short") == 2].values.tolist() == [0, 1, 2, 3, 4]
 
 
-def test_a_case_without_files_is_empty(tmp_path):
-    paths = [write(tmp_path, make_runs(make_scene(name, n), range(12))) for name, n in (("a", 10), ("b", 20))]
-    dataset = aggregate(paths)
-    absent = dataset.sel(scene="a", particles=20, engine="exact")
-    assert absent.runs == 0
-    assert np.isnan(absent.msd).all()
-
-
 def test_one_run_of_one_disk(tmp_path):
     trajectories = make_runs(one_disk(), [3])
     straight = trajectories.scene.times[:, None, None] * np.array([3.0, 4.0])
@@ -345,6 +231,8 @@ def test_no_tracer_no_msd(tmp_path):
     assert np.isnan(dataset.msd).all()
     assert dataset.runs == 12
     assert dataset.pair_collisions == pytest.approx(80, abs=SIGMAS * np.sqrt(80 / 12))
+    alone = {"failed": np.zeros(12, np.uint8), "friction_rate": np.ones(12)}  # as of the langevin engine
+    assert aggregate([bare._replace(ensemble=bare.ensemble._replace(observables=alone))]).runs == 12
 
 
 def test_engines_are_labelled_with_their_settings(tmp_path):
@@ -352,46 +240,6 @@ def test_engines_are_labelled_with_their_settings(tmp_path):
     coarse = exact._replace(engine=configured("timestep", time_step=0.01, collisions="late"))
     dataset = aggregate([write(tmp_path, exact), write(tmp_path, coarse)])
     assert dataset.engine.values.tolist() == ["exact", "timestep-0.01-late"]
-
-
-def test_a_seed_counts_once(tmp_path):
-    first = write(tmp_path, make_runs(make_scene(), range(20)))
-    second = write(tmp_path, make_runs(make_scene(), range(15, 30)))
-    with pytest.raises(AnalysisError, match=r"15-29\.h5: seed 15 is already in .*0-19\.h5"):
-        aggregate([first, second])
-
-
-def test_one_name_one_scene(tmp_path):
-    first = write(tmp_path, make_runs(make_scene(), range(20)))
-    second = write(tmp_path, make_runs(make_scene(velocities={"temperature": 1.0}), range(20, 30)))
-    with pytest.raises(AnalysisError, match=r"20-29\.h5: its scene 'plain' is not the one in .*0-19\.h5"):
-        aggregate([first, second])
-
-
-def test_one_name_one_physics_whatever_the_particle_count(tmp_path):
-    first = write(tmp_path, make_runs(make_scene(particles=10), range(20)))
-    second = write(tmp_path, make_runs(make_scene(particles=20, duration=2.0), range(20)))
-    with pytest.raises(AnalysisError, match="two different scenes are called 'plain'"):
-        aggregate([first, second])
-
-
-def test_no_files():
-    with pytest.raises(AnalysisError, match="no trajectory files"):
-        aggregate([])
-
-
-def test_two_sources_are_not_averaged(tmp_path, monkeypatch):
-    first = write(tmp_path, make_runs(make_scene(), range(20)))
-    monkeypatch.setattr(trajectories, "source_digest", lambda *_: "another")
-    second = write(tmp_path, make_runs(make_scene(), range(20, 30)))
-    with pytest.raises(AnalysisError, match=r"20-29\.h5: made by another source code than .*0-19\.h5"):
-        aggregate([first, second])
-
-
-def test_runs_of_a_list_of_disks_are_no_sample(tmp_path):
-    paths = [write(tmp_path, make_runs(one_disk(), [seed])) for seed in (3, 4)]
-    with pytest.raises(AnalysisError, match="all its runs are the same; give one seed"):
-        aggregate(paths)
 
 
 def test_times_that_differ_by_round_off_are_one(tmp_path):
@@ -407,13 +255,37 @@ def test_times_that_differ_by_round_off_are_one(tmp_path):
     assert np.array_equal(mine.msd, alone.msd)
 
 
+SHORT, HOT = {"particles": 20, "duration": 2.0}, {"velocities": {"temperature": 1.0}}
+
+
 @pytest.mark.parametrize(
-    ("asked", "message"),
+    ("made", "message"),
     [
-        ({"windows": ((0.1, 1.0), (0.1000001, 1.0))}, r"\[0.1, 1\]: must differ"),
-        ({"windows": ((0.1, 1.0), (2.0, 3.0))}, r"fit window \[2, 3\]: must end by 1"),
+        ([], "no trajectory files"),
+        ([(make_scene(), range(20)), (make_scene(), range(15, 30))], r"15-29.*seed 15 is already in .*0-19\.h5"),
+        ([(make_scene(), range(9)), (make_scene(**HOT), [9])], r"9-9\.h5: has another scene 'plain' than .*0-8\.h5"),
+        ([(make_scene(particles=10), [1]), (make_scene(**SHORT), [1])], "two different scenes are called 'plain'"),
+        ([(one_disk(), [seed]) for seed in (3, 4)], "all its runs are the same; give one seed"),
     ],
 )
-def test_windows_that_say_nothing(asked, message, tmp_path):
+def test_runs_that_do_not_belong_together_are_refused(made, message, tmp_path):
+    paths = [write(tmp_path, make_runs(*one)) for one in made]
     with pytest.raises(AnalysisError, match=message):
-        aggregate([write(tmp_path, make_runs(make_scene(), range(12)))], **asked)
+        aggregate(paths)
+
+
+def test_two_sources_are_not_averaged(tmp_path, monkeypatch):
+    first = write(tmp_path, make_runs(make_scene(), range(20)))
+    monkeypatch.setattr(trajectories, "source_digest", lambda *_: "another")
+    second = write(tmp_path, make_runs(make_scene(), range(20, 30)))
+    with pytest.raises(AnalysisError, match=r"20-29\.h5: has another source code than .*0-19\.h5"):
+        aggregate([first, second])
+
+
+@pytest.mark.parametrize(("second", "message"), [
+    ((0.1000001, 1.0), r"\[0.1, 1\]: must differ"),
+    ((2.0, 3.0), r"fit window \[2, 3\]: must end by 1"),
+])  # fmt: skip
+def test_windows_that_say_nothing(second, message, tmp_path):
+    with pytest.raises(AnalysisError, match=message):
+        aggregate([write(tmp_path, make_runs(make_scene(), range(12)))], ((0.1, 1.0), second))

@@ -1,4 +1,4 @@
-"""The order of the layers, the folders and files of src/brownpipe: which layer may import which.
+"""Which layer of src/brownpipe may import which, and which source files are in the digests of what is made with them.
 
 It is read from every import statement at every depth.
 """
@@ -10,75 +10,29 @@ from functools import cache
 import pytest
 
 from brownpipe import provenance
-from brownpipe.cli import build_parser
-from brownpipe.engines import DEFINITIONS, recorded
-from brownpipe.engines.definition import Setting
-from brownpipe.errors import RequestError
-from brownpipe.scene.reading import Positive
-from brownpipe.verbs import simulate
+from brownpipe.engines import DEFINITIONS
 
-LAYERS = (  # each may import those before it
-    "quoting",
-    "errors",
-    "interrupts",
-    "formatting",
-    "provenance",
-    "stages",
-    "parallel",
-    "elementary",
-    "theory",
-    "scene",
-    "observables",
-    "engines",
-    "progress",
-    "storage",
-    "analysis",
-    "tradeoff",
-    "figures",
-    "report",
-    "inspection",
-    "study",
-    "interface",
-    "verbs",
-    "cli",
-    "__main__",
-)
+LAYERS = [  # each may import those before it
+    *("quoting", "errors", "formatting", "provenance", "stages", "processes", "elementary", "theory"),
+    *("scene", "observables", "engines", "progress", "storage", "analysis", "tradeoff", "figures", "report"),
+    *("inspection", "study", "interface", "verbs", "cli", "__main__"),
+]
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
-HEAVY = {
-    "importlib",
-    "numba",
-    "h5py",
-    "scipy",
-    "pandas",
-    "xarray",
-    "matplotlib",
-    "yaml",
-    "PIL",
-    "gsd",
-}  # may be imported where they are needed
 ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.langevin.step", "engines.insertion")
 
 
 @cache
-def imports_of(file):
-    """(module, imported name or None, whether inside a function) of every import statement of a file."""
-    return [*statements(file)]
-
-
-def statements(file):
-    tree = ast.parse(file.read_text())
-    inside = {
-        id(one)
-        for function in ast.walk(tree)
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        for one in ast.walk(function)
-    }
-    for one in ast.walk(tree):
+def own_imports(file):
+    """The modules of brownpipe that a file imports, at any depth."""
+    found = []
+    for one in ast.walk(ast.parse(file.read_text())):
         if isinstance(one, ast.Import):
-            yield from ((alias.name, None, id(one) in inside) for alias in one.names)
+            found += [alias.name for alias in one.names]
         elif isinstance(one, ast.ImportFrom):
             assert one.level == 0, f"{file}: a relative import, which the digests of sources do not follow"
-            yield from ((one.module, alias.name, id(one) in inside) for alias in one.names)
+            names = [f"{one.module}.{alias.name}" for alias in one.names]
+            found += [name if name in MODULES else one.module for name in names]
+    return [module for module in found if module.split(".")[0] == "brownpipe"]
 
 
 def name_of(file):
@@ -87,13 +41,6 @@ def name_of(file):
 
 
 MODULES = {name_of(file): file for file in FILES}
-
-
-def own_imports(file, hidden=False):
-    """The modules of brownpipe that a file imports; with `hidden`, only those inside functions."""
-    for module, name, inside in imports_of(file):
-        if module.split(".")[0] == "brownpipe" and (inside or not hidden):
-            yield f"{module}.{name}" if f"{module}.{name}" in MODULES else module
 
 
 def needed_by(*modules):
@@ -121,24 +68,18 @@ def test_no_import_climbs():
     assert climbing == []
 
 
+def test_files_and_tables_are_known_from_storage_on():
+    known = re.compile(r"^ *(?:import|from) (?:h5py|h5netcdf|xarray|pandas)\b", re.MULTILINE)
+    below = [name for name in MODULES if name != "brownpipe" and layer_of(name) in LAYERS[: LAYERS.index("storage")]]
+    assert len(below) > 40 and [name for name in below if known.search(MODULES[name].read_text())] == []
+
+
 def test_no_import_cycle():
     after = {name: set(own_imports(file)) for name, file in MODULES.items()}
     while after:
         free = {name for name, needed in after.items() if not needed & after.keys()}
         assert free, f"a cycle among {sorted(after)}"
         after = {name: needed for name, needed in after.items() if name not in free}
-
-
-def test_imports_inside_functions_are_of_heavy_packages_or_at_the_border():
-    """The command line imports what a verb needs when it is called; everything else imports brownpipe at its head."""
-    hidden = [
-        f"{name}: {module}"
-        for name, file in MODULES.items()
-        if not name.startswith("brownpipe.verbs.")
-        for module, _, inside in imports_of(file)
-        if inside and module.split(".")[0] not in HEAVY
-    ]
-    assert hidden == []
 
 
 @pytest.mark.parametrize("module", ENTRY_POINTS)
@@ -148,87 +89,47 @@ def test_kernels_know_arrays_alone(module):
     assert all(name.startswith("engines/") or name in ("provenance.py", "elementary.py") for name in known), known
 
 
-CHOOSING = ("Engine", "configured", "requested", "get", "startswith", "endswith")  # functions of a name
+# -- digests of sources -----------------------------------------------------------------------------------------------
 
-
-def deciding_strings(source):
-    """The strings by which a source chooses: compared with, looked up, keys of a dict, or the name of an engine made.
-
-    Other strings, such as labels of a figure, may happen to be equal to the name of an engine.
-    """
-    parts, words = [], set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Compare):
-            parts += [node.left, *node.comparators]
-        elif isinstance(node, ast.Dict):
-            parts += [key for key in node.keys if key is not None]  # None: the place of ** in a dict
-        elif isinstance(node, ast.Subscript):
-            parts.append(node.slice)
-        elif isinstance(node, ast.MatchValue):
-            parts.append(node.value)
-        elif isinstance(node, ast.Call):
-            function = getattr(node.func, "id", getattr(node.func, "attr", None))
-            parts += [*node.args, *(word.value for word in node.keywords)] if function in CHOOSING else []
-            words |= {word.arg for word in node.keywords} if function == "dict" else set()
-    leaves = [leaf for part in parts for leaf in ast.walk(part) if isinstance(leaf, ast.Constant)]
-    return words | {leaf.value for leaf in leaves if isinstance(leaf.value, str)}
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "engine.name == 'drift'",
-        "'drift' != engine.name",
-        "name in ('exact', 'drift')",
-        "COST = {'drift': 1.0}",
-        "COST = dict(drift=1.0)",
-        "COST['drift']",
-        "COST.get('drift', 1.0)",
-        "label.startswith('drift')",
-        "engines.configured('drift')",
-        "Engine(name='drift')",
-        "match name:\n    case 'exact' | 'drift':\n        pass",
-    ],
+CASES = [*(("simulate", engine) for engine in DEFINITIONS), ("aggregate", None), ("tradeoff", None), ("figures", None)]
+SILENT = (  # what a step imports and what decides no number and no byte of its output
+    *("progress.py", "stages.py", "processes.py"),  # progress, processes and signals
+    *("errors.py", "quoting.py", "formatting.py", "provenance.py"),  # messages
+    *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),  # refusals; settings are arguments
+    "figures/catalogue.py",  # names that a study may have
 )
-def test_a_choice_by_name_is_found(source):
-    assert "drift" in deciding_strings(source)
+MAKERS = {  # what makes and writes the results of a step
+    "simulate": ("brownpipe.engines.ensemble", "brownpipe.scene.variation", "brownpipe.storage.trajectories"),
+    "aggregate": ("brownpipe.analysis", "brownpipe.storage.datasets"),
+    "tradeoff": ("brownpipe.tradeoff", "brownpipe.storage.datasets"),
+    "figures": ("brownpipe.report.products",),
+}
 
 
-@pytest.mark.parametrize("source", ["axes.set_title('drift')", "LABELS = ('drift', 'heat')", "f(unit='drift')"])
-def test_a_label_is_no_choice(source):
-    assert "drift" not in deciding_strings(source)
+def names(files):
+    return {file.relative_to(provenance.PACKAGE).as_posix() for file in files}
 
 
-@pytest.mark.slow
-def test_no_other_layer_chooses_by_the_name_of_an_approximate_engine():
-    """What depends on an engine is in its package, so that a new one needs its package and a line in DEFINITIONS."""
-    names = set(DEFINITIONS) - {"exact"}  # the reference that the others are compared with
-    choices = [
-        f"{module}: {name}"
-        for module, file in MODULES.items()
-        if not module.startswith("brownpipe.engines.")
-        for name in sorted(deciding_strings(file.read_text()) & names)
-    ]
-    assert choices == []
+@pytest.mark.parametrize(("step", "engine"), CASES)
+def test_what_a_step_imports_is_in_the_digest_or_decides_nothing(step, engine):
+    """A layer that a step begins to import must be entered in the step or, with its reason, above."""
+    known = names(provenance.sources(*provenance.modules_of(step, engine)))
+    modules = [*MAKERS[step], *([DEFINITIONS[engine].simulation] if engine else [])]
+    left = needed_by(*modules) - known
+    assert [name for name in sorted(left) if not name.startswith(SILENT)] == []
 
 
-def test_a_new_engine_needs_nothing_but_its_definition(monkeypatch):
-    """Command line, study, label and options of an engine that was not there when they were written."""
-    settings = {"field": Setting(Positive, "E", "must be given")}
-    drift = DEFINITIONS["timestep"]._replace(name="drift", summary="in a field", settings=settings)
-    monkeypatch.setitem(DEFINITIONS, "drift", drift)
-    words = ["simulate", "scene.yaml", "--engine", "drift", "--field", "2.5"]
-    parser = build_parser(words)
-    arguments = parser.parse_args(words)
-    engine = simulate.engine_of(arguments)
-    assert (engine.label, engine.options) == ("drift-2.5", "drift --field 2.5")
-    assert recorded({"name": "drift", "field": 2.5}) == engine
-    with pytest.raises(RequestError, match="the exact engine has no such setting; must go with drift"):
-        simulate.engine_of(parser.parse_args([*words[:2], *words[4:]]))
+def test_an_edit_is_another_source_but_line_ends_are_not(tmp_path):
+    def digest():
+        provenance.source_digest.cache_clear()
+        return provenance.source_digest("one.py", "layer/*", folder=tmp_path)
 
-
-@pytest.mark.parametrize("engine", DEFINITIONS)
-def test_the_table_of_engines_has_its_settings(engine):
-    text = (provenance.PACKAGE.parents[1] / "config" / "README.md").read_text()
-    (row,) = re.findall(rf"^\| `{engine}` \| (.*?) \|", text, re.MULTILINE)
-    assert re.findall(r"`(\w+)`:", row) == list(DEFINITIONS[engine].settings)
+    (tmp_path / "layer" / "inner").mkdir(parents=True)
+    digests = [digest()]
+    for name in ("one.py", "layer/two.py", "layer/two.css"):
+        (tmp_path / name).write_bytes(b"A = 1\n")
+        digests.append(digest())
+    assert len({*digests}) == 4
+    for name, text in (("one.py", b"A = 1\r\n"), ("three.py", b""), ("layer/two.py~", b""), ("layer/inner/x.py", b"")):
+        (tmp_path / name).write_bytes(text)
+        assert digest() == digests[-1]

@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
-import numpy as np
 import pytest
 
 import forked
@@ -21,10 +19,6 @@ pytestmark = pytest.mark.slow
 def docs():
     """When each file of docs/ was last written."""
     return {path: path.stat().st_mtime_ns for path in (ROOT / "docs").rglob("*") if path.is_file()}
-
-
-def test_there_are_benchmarks():
-    assert BENCHMARKS
 
 
 @pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)
@@ -52,63 +46,6 @@ def test_a_quick_pass_reports_and_leaves_the_tables_of_docs_alone(path, monkeypa
 def hash_runs():
     """The names of benchmarks/hash_runs.py."""
     return runpy.run_path(str(ROOT / "benchmarks" / "hash_runs.py"))
-
-
-def hashes(hash_runs, path, **datasets):
-    """Hashes of a trajectory file with these variables, and with what is not hashed."""
-    with h5py.File(path, "w") as file:
-        file.attrs["runs_digest"] = str(path)
-        for name, value in {"seed": [0], "stopped": np.array([""], h5py.string_dtype()), **datasets}.items():
-            file[name] = value
-            file[name].attrs["made"] = str(path)
-        file["seed"].make_scale("seed")
-    return hash_runs["hashes_of"](path)
-
-
-def test_hashes_are_of_values_types_and_shapes_alone(hash_runs, tmp_path):
-    values = np.array([[0.0, 1.0], [2.0, np.nan]])
-    first = hashes(hash_runs, tmp_path / "first.h5", image=values, position=values)
-    assert first == hashes(hash_runs, tmp_path / "second.h5", image=values, position=values)
-    assert first.keys() == {"image", "position", "stopped"}
-    others = [np.nextafter(values, 3.0), values.astype(np.float32), values.ravel(), np.where(values == 0, -0.0, values)]
-    others += [np.array(["0", "1"], h5py.string_dtype()), np.array(["0", "2"], h5py.string_dtype())]
-    found = [hashes(hash_runs, tmp_path / "other.h5", image=values, position=other) for other in others]
-    assert len({one["position"] for one in (first, *found)}) == 1 + len(others)
-    assert {one["image"] for one in found} == {first["image"]}
-
-
-def test_hashes_of_whole_runs_are_those_of_the_layout_before(hash_runs, tmp_path):
-    position, time, a = np.arange(24.0).reshape(3, 2, 2, 2), np.arange(5.0), np.arange(5)
-    with h5py.File(tmp_path / "tree.h5", "w") as file:
-        file.attrs["runs_digest"] = ""
-        tree = {"seed": [3, 7], "failed": [0, 0], "disks/position": position, "events/event_seed": [3, 3, 7, 7, 7]}
-        for name, value in (tree | {"events/event_time": time, "events/a": a}).items():
-            file[name] = value
-        file["seed"].make_scale("seed")
-    with h5py.File(tmp_path / "before.h5", "w") as file:
-        for path, value in {"h5md/creator": 0, "observables/run/failed": [0, 0], "particles/seed_00003/id": a}.items():
-            file[path] = value
-        for column, (seed, own) in enumerate({3: slice(2), 7: slice(2, None)}.items()):
-            file[f"particles/seed_{seed:05d}/position/value"] = position[:, column]
-            file[f"observables/events/seed_{seed:05d}/a"] = a[own]
-            file[f"observables/events/seed_{seed:05d}/time"] = time[own]
-            file[f"observables/events/seed_{seed:05d}/time"].make_scale("time")
-    found = [hash_runs["hashes_of"](tmp_path / name) for name in ("tree.h5", "before.h5")]
-    assert found[0] == found[1] and len(found[0]) == 7
-
-
-def test_a_comparison_names_each_dataset_that_differs(hash_runs):
-    before = {"a, exact": {"exit status": 0, "x": "1", "y": "2", "z": "3"}, "b, exact": {"exit status": 2}}
-    now = {"a, exact": {"exit status": 1, "x": "1", "w": "2", "z": "4"}, "c, exact": {"exit status": 2}}
-    assert not list(hash_runs["differences"](before, before))
-    assert list(hash_runs["differences"](before, now)) == [
-        "a, exact: exit status: differs",
-        "a, exact: w: new, with the contents of y",
-        "a, exact: y: missing",
-        "a, exact: z: differs",
-        "b, exact: missing",
-        "c, exact: new",
-    ]
 
 
 def test_a_comparison_that_finds_differences_ends_with_status_1(hash_runs, tmp_path, monkeypatch, capsys):

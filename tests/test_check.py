@@ -4,24 +4,19 @@ import json
 import re
 import subprocess
 import sys
-import time
-from functools import cache
 from itertools import islice
-from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
+from brownpipe.engines import forecast
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.saturation import share_failing
 from brownpipe.errors import RequestError
-from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene, read_scene
-from brownpipe.storage.files import HDF5
-from brownpipe.study import check, read_study
+from brownpipe.study import check
 from brownpipe.study.check import describe_scene_or_study
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -37,31 +32,7 @@ def test_scene():
     )
     assert "t = 0 to 1, 101 samples" in said["run"]
     assert "563 between disks, 108 with walls per run" in said["collisions"]
-    engines = [line for line in lines if line.startswith("engine ")]
-    assert "--time-step 0.02 --collisions at_contact: all disks, in time steps; some " in engines[1]
-    assert "--friction enskog: the tracer alone, gamma = 7.35; no 1/t tail" in engines[2]
-    assert "langevin is rough here: the tracer has only 2.5 times the mass of a bath disk" in said["caution"]
-
-
-def test_other_engines_are_forecast_to_cost_as_much_more_or_less_as_measured():
-    """In the note's scene time steps cost 2.0 to 2.4 exact runs, the Langevin equation 0.21 (docs/results.md)."""
-    scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml")
-
-    def cost(engine, **settings):
-        expected = configured(engine, **settings).forecast(scene)
-        return (expected.seconds + expected.storing) / (one.seconds + one.storing)
-
-    one = forecast.of_run(scene)
-    assert 1.4 < cost("timestep", time_step=0.035) < cost("timestep", time_step=0.001) < 3
-    assert 0.15 < cost("langevin", friction="enskog") < 0.3
-
-
-def test_an_engine_without_settings_has_none_to_show(monkeypatch):
-    flight = DEFINITIONS["exact"]._replace(name="flight", model=lambda scenes, settings: "no collisions")
-    monkeypatch.setitem(DEFINITIONS, "flight", flight)
-    lines = describe_scene_or_study(CONFIG / "scenes" / "harrison2020.yaml").splitlines()
-    (line,) = [line for line in lines if "flight" in line]
-    assert line.startswith("engine      flight: no collisions; some ")
+    assert said["cost"].endswith(" of memory") and "of the exact engine" in said["cost"]
 
 
 def test_too_few_disks_for_the_box_are_said():
@@ -82,24 +53,11 @@ def test_too_few_disks_for_the_box_are_said():
     assert forecast.few_collisions(read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None
 
 
-def test_scene_with_another_number_of_disks():
-    assert "disks       50: 1 tracer" in describe_scene_or_study(CONFIG / "scenes" / "harrison2020.yaml", 50)
-
-
 def test_explicit_disks(tmp_path):
     disks = "disks: [{position: [0.5, 0.5], velocity: [1, 0], radius: 0.1, mass: 1}]"
     (tmp_path / "one.yaml").write_text(f"box: {{x: [0, 1], y: [0, 1], boundary: periodic}}\n{disks}\nduration: 1\n")
     text = describe_scene_or_study(tmp_path / "one.yaml")
-    assert "disks       1, listed one by one" in text
-    assert "engine      langevin: no: " in text
-
-
-def test_study():
-    lines = describe_scene_or_study(CONFIG / "harrison2020.yaml").splitlines()
-    assert lines[0].endswith("harrison2020.yaml: a valid study")
-    assert sum(line.split()[0] == "harrison2020" for line in lines) == 4
-    assert "19,200 runs in 8 jobs: some " in lines[-2]
-    assert lines[-1] == f"figures   {', '.join(read_study(CONFIG / 'harrison2020.yaml').figures)}"
+    assert "disks       1: listed; packing fraction" in text
 
 
 def test_study_of_several_engines(tmp_path):
@@ -114,11 +72,6 @@ def test_study_of_several_engines(tmp_path):
     assert "gamma = 2.02 to 7.35" in "\n".join(lines)
     assert len(cautions(lines)) == 1
     assert "360 runs in 6 jobs" in lines[-2]
-
-
-def test_particles_are_not_for_studies():
-    with pytest.raises(RequestError, match="--particles is for scenes"):
-        describe_scene_or_study(CONFIG / "small.yaml", 50)
 
 
 SIZES = {"x": [0.0, 6.0], "y": [0.0, 6.0]}
@@ -158,62 +111,6 @@ def test_expected_collisions_of_the_example_scenes_are_half_to_twice_those_found
     assert found["wall_collisions"][0] < 2.0 * expected.wall_collisions + 50
 
 
-def shortened(name, part):
-    """An example scene with a part of its duration, in which a collision and a sample cost as much as in all of it."""
-    scene = read_scene(CONFIG / "scenes" / f"{name}.yaml")
-    return scene.replace(duration=scene.duration * part)
-
-
-@cache
-def seconds_of_runs(scene):
-    """Median CPU seconds of ten runs without observables, (), and with each alone, (name,).
-
-    By turns, so that a slow machine divides out. What a call takes once, as much as ten runs without observables, is
-    left out: a call with eleven runs less one with one.
-    """
-    taken = {(): []} | {(name,): [] for name in OBSERVABLES}
-    for names in taken:
-        exact.simulate(scene, [0], observables=names)
-    for _ in range(7):
-        for names, seconds in taken.items():
-            times = [time.process_time()]
-            for runs in (11, 1):
-                exact.simulate(scene, range(runs), observables=names)
-                times.append(time.process_time())
-            seconds.append(times[1] - times[0] - (times[2] - times[1]))
-    return {names: np.median(seconds) for names, seconds in taken.items()}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", list(OBSERVABLES))
-@pytest.mark.parametrize("scene", [shortened("harrison2020", 1.0), shortened("dilute", 0.25)], ids=attrgetter("name"))
-def test_expected_price_of_an_observable_is_near_the_real_one(scene, name):
-    """CPU time of runs with the observable relative to those without.
-
-    Within a factor of 2: the forecast is off by up to 30 %, and medians of seven repetitions differ by 10 to 20 % from
-    one measurement to the next on a machine with other work: some three standard errors are left.
-    """
-    taken = seconds_of_runs(scene)
-    found = taken[name,] / taken[()]
-    expected = forecast.of_run(scene, observables=(name,)).seconds / forecast.of_run(scene).seconds
-    assert found / 2 < expected < found * 2
-
-
-def test_averages_and_kept_disks_have_their_price():
-    def seconds(scene, record=frozenset({"tracer"}), names=(), average="runs"):
-        return forecast.of_run(scene, record, names, average).seconds
-
-    scene = read_scene(CONFIG / "scenes" / "dense.yaml")
-    assert seconds(scene) < seconds(scene, names=("square_displacement",)) < seconds(scene, frozenset({"all"}))
-    for name in ("square_displacement", "velocity_autocorrelation"):
-        assert seconds(scene, names=(name,)) < seconds(scene, names=(name,), average="origins")
-        assert seconds(scene, frozenset({"all"})) < seconds(scene, names=(name,), average="disks")
-    langevin = Engine("langevin", (("friction", "enskog"),))
-    heavy = read_scene(CONFIG / "scenes" / "heavy.yaml")
-    alone, measured = (langevin.forecast(heavy, frozenset(), names) for names in ((), tuple(OBSERVABLES)))
-    assert alone.seconds < measured.seconds < 2 * alone.seconds  # it follows the tracer alone
-
-
 @pytest.mark.parametrize(("name", "phi"), [("dilute", 0.03), ("fluid_014", 0.14), ("dense", 0.7)])
 def test_a_collision_costs_more_where_disks_cross_more_cells_between(name, phi):
     """Of 1,000 disks without other load: 0.28, 0.17 and 0.16 us at phi = 0.14, 0.5 and 0.7 (docs/benchmarks.md). The
@@ -232,15 +129,6 @@ def test_disks_at_rest_and_no_disks_cost_nothing():
     assert forecast.of_run(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")).wall_collisions == 0.0
 
 
-def test_a_key_of_a_study_does_not_make_a_scene_one(tmp_path):
-    text = (CONFIG / "scenes" / "harrison2020.yaml").read_text()
-    (tmp_path / "one.yaml").write_text(f"{text}seeds: 3\n")
-    with pytest.raises(RequestError, match="seeds: unknown key"):
-        describe_scene_or_study(str(tmp_path / "one.yaml"))
-    with pytest.raises(RequestError, match="is a study, not a scene; run it with brownpipe run"):
-        read_scene(CONFIG / "small.yaml")
-
-
 def heavy(mass, velocities):
     disks = {"tracer": {"radius": 0.3, "mass": mass}, "species": [BATH]}
     box = SIZES | {"boundary": "reflecting"}
@@ -248,14 +136,9 @@ def heavy(mass, velocities):
     return parse_scene(mapping, "some.yaml")
 
 
-def test_a_heavy_tracer_does_not_heat_the_bath_beforehand():
-    usual = forecast.of_run(heavy(1.0, {"standard_deviation": 2.0}))
-    assert forecast.of_run(heavy(1e12, {"standard_deviation": 2.0})) == usual
-
-
 @pytest.mark.parametrize("value", [0.0, 1e-300, 1e300])
 def test_any_speed_has_a_cost(value):
-    assert len(check._scene(heavy(1.0, {"standard_deviation": value}))) >= 8
+    assert len(check._scene(heavy(1.0, {"standard_deviation": value}))) >= 6
 
 
 # -- what a simulation would refuse, or take days for ----------------------------------------------------------------
@@ -348,40 +231,16 @@ def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):
     assert cautions(report(tmp_path, crowd(75, placement="lattice"))) == []
 
 
-def test_no_time_step_is_proposed_where_nothing_moves(tmp_path):
-    lines = report(tmp_path, crowd(5, velocities={"temperature": 0.0}))
-    assert any("timestep: no: " in line and "needs disks that move" in line for line in lines)
-    assert not any("inf" in line.split() for line in lines)
-
-
-def test_a_rare_failure_matters_to_many_runs(tmp_path):
-    report(tmp_path, crowd(64), "crowd")
-    few, many = (report(tmp_path, {"scenes": "crowd.yaml", "seeds": seeds}, "study") for seeds in (10, 1000))
-    assert cautions(few) == []
-    (caution,) = cautions(many)
-    assert "random placement is expected to fail in some 0.65 % of the runs" in caution
-
-
 def test_remarks_are_on_the_engine_of_the_study(tmp_path):
-    """The Langevin engine places no bath, has no collisions and needs no kernels of the exact engine."""
-    crowded = crowd(75, tracer={"radius": 0.5, "mass": 20.0})
-    crowded["disks"]["tracer"] = crowded.pop("tracer")
+    """The Langevin engine places no bath unless it measures the friction."""
+    crowded = crowd(75)
+    crowded["disks"]["tracer"] = {"radius": 0.5, "mass": 20.0}
     report(tmp_path, crowded, "crowd")
-    langevin = {"name": "langevin", "friction": "boltzmann"}
-    study = {"scenes": "crowd.yaml", "seeds": 10}
-    lines = report(tmp_path, study | {"engines": [langevin]}, "study")
-    assert cautions(lines) == []
-    assert "langevin-boltzmann" in lines[2]
-    (caution,) = cautions(report(tmp_path, study | {"engines": ["exact", langevin]}, "study"))
-    assert caution.startswith("crowd, N = 76: random placement is expected to fail in every run")
-    (caution,) = cautions(report(tmp_path, study | {"engines": [langevin | {"friction": "measured"}]}, "study"))
-    assert caution.startswith("crowd, N = 76: random placement")
-    crowded["disks"]["tracer"]["mass"] = 3.0
-    crowded["disks"]["species"][0]["count"] = 20
-    report(tmp_path, crowded, "crowd")
-    assert cautions(report(tmp_path, study, "study")) == []
-    (caution,) = cautions(report(tmp_path, study | {"engines": [langevin]}, "study"))
-    assert caution.startswith("crowd: langevin is rough here")
+    study, langevin = {"scenes": "crowd.yaml", "seeds": 10}, {"name": "langevin", "friction": "boltzmann"}
+    assert cautions(report(tmp_path, study | {"engines": [langevin]}, "study")) == []
+    for engine in ("exact", langevin | {"friction": "measured"}):
+        (caution,) = cautions(report(tmp_path, study | {"engines": [engine]}, "study"))
+        assert caution.startswith("crowd, N = 76: random placement is expected to fail in every run")
 
 
 def sampled(samples, particles=30, boundary="reflecting"):
@@ -434,13 +293,6 @@ def peak(folder, command):
     return 1024.0 * int(done.stdout.split()[-1])
 
 
-@pytest.mark.slow
-def test_memory_of_samples_is_said(tmp_path):
-    """1e7 samples of the tracer: measured 1.13 GB of memory and a file of 100 MB; here a tenth of them is foreseen."""
-    (line,) = [line for line in report(tmp_path, sampled(1_000_000)) if line.startswith("memory ")]
-    assert "280 MB for one run; 15 MB of file per run" in line
-
-
 def test_a_job_that_needs_more_memory_than_there_is_is_named_with_the_batch_that_fits(tmp_path, monkeypatch):
     monkeypatch.setattr(forecast, "machine_memory", lambda: 1_000_000_000)
     report(tmp_path, sampled(10_000), "small")
@@ -453,15 +305,3 @@ def test_a_job_that_needs_more_memory_than_there_is_is_named_with_the_batch_that
     assert cautions(report(tmp_path, study | {"batch": int(fits)}, "study")) == []
     (caution,) = cautions(report(tmp_path, study | {"batch": int(fits) + 1}, "study"))
     assert f"a job of {int(fits) + 1} runs" in caution
-
-
-def test_a_file_that_is_no_scene_is_named_with_what_is_expected(tmp_path):
-    runs = tmp_path / "runs.h5"
-    runs.write_bytes(HDF5 + b"0")
-    for path, what in (
-        (runs, "it is an HDF5 file: brownpipe inspect"),
-        (tmp_path, "Is a directory"),
-        (tmp_path / "a", "No such file"),
-    ):
-        with pytest.raises(RequestError, match=rf"^{re.escape(str(path))}: .*{what}"):
-            describe_scene_or_study(path)

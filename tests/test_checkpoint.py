@@ -15,8 +15,6 @@ import pytest
 from brownpipe import provenance
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.engines.exact import run
-from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.checkpoint import NO_CHECKPOINTS, Checkpoints
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
@@ -24,6 +22,7 @@ from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
 from brownpipe.storage.checkpoints import read_checkpoint, write_checkpoint
 from brownpipe.storage.trajectories import write_trajectories
+from test_exact import swarm
 
 SEEDS = [3, 4, 9]
 W, P = "reflecting", "periodic"
@@ -62,6 +61,7 @@ CASES = {  # some blocks each, and samples that do not fall on their ends
         around_tracer(W, 400.0, sample_interval=7.0, equilibrate={"time": 300.0, "tracer": "pinned"}),
         {"tracer"},
     ),
+    "swarm": (swarm(15.0), {"tracer", "all"}),  # with more room in its cells than usual
     "free": (around_tracer(P, 300.0, equilibrate={"time": 300.0, "tracer": "free"}), {"tracer", "all"}),
 }
 
@@ -120,27 +120,11 @@ def stopped_once(scene, record, kept, stops):
         return found[0], None
 
 
-def soil(w):
-    """Fill a workspace with nonsense, as earlier runs might have left it; what a scene decides stays."""
-    random = np.random.default_rng(1)
-    disk = w.disk.reshape(-1, ws.ROW)
-    disk[:, : ws.RADIUS] = random.random(disk[:, : ws.RADIUS].shape)
-    if w.lists is not None:
-        w.lists.centre[:], w.lists.neighbour[:] = random.random(2 * len(disk)), 3
-    for array in (w.link, w.cell, w.bucket, w.current_disk, w.candidate, w.progress, w.count):
-        array[:] = random.integers(0, len(disk), array.shape)
-    for array in (w.current_time, w.tally):
-        array[:] = random.random(array.shape)
-    if w.image is not None:
-        w.image[:] = 7
-    return w
-
-
 # -- the same to the byte -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["walls-everything", *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)])
-def test_from_every_block_to_the_same_bytes(name, tmp_path, monkeypatch):
+def test_from_every_block_to_the_same_bytes(name, tmp_path):
     scene, record = CASES[name]
     usual = simulate(scene, SEEDS, record)
     expected = bits_of(usual)
@@ -153,13 +137,11 @@ def test_from_every_block_to_the_same_bytes(name, tmp_path, monkeypatch):
     assert [int(arrays["done"]) for arrays in kept if "run.progress" not in arrays] == [1, 2]  # and between runs
     if scene.equilibrate.time:
         assert {bool(arrays.get("run.equilibrating")) for arrays in kept} == {True, False}
-    prepare = run.prepare
-    monkeypatch.setattr(run, "prepare", lambda *given: soil(prepare(*given)))
     for arrays in kept:
         assert bits_of(simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
 
 
-@pytest.mark.parametrize("stops", [1, 2, 3])
+@pytest.mark.parametrize("stops", [1, 3])
 @pytest.mark.parametrize("name", ["walls", "periodic-mixture", "pinned"])
 def test_killed_again_and_again(name, stops):
     scene, record = CASES[name]
@@ -187,63 +169,6 @@ def test_what_is_measured_in_the_runs(record, average, tmp_path):
         assert bits_of(simulate(scene, SEEDS, {record}, from_checkpoint(arrays), **measured)) == expected
 
 
-@pytest.mark.slow
-def test_calls_that_pause_between_checkpoints(tmp_path, monkeypatch):
-    scene, record = CASES["periodic-mixture"]
-    expected = bits_of(simulate(scene, SEEDS, record))
-    monkeypatch.setattr(run, "EVENTS_PER_CALL", 777)
-    for stops in (1, 5):
-        kept = []
-        checkpoints = Checkpoints(due_every(stops), lambda arrays, kept=kept: kept.append(filed(tmp_path, arrays)))
-        assert bits_of(simulate(scene, SEEDS, record, checkpoints)) == expected
-        for arrays in kept[1::5]:
-            assert bits_of(simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
-
-
-def full_in_block(number, most=10**9):
-    """An `advance` for which the usual room of a cell is too small in that block, in so many runs."""
-    advance, left = run.advance, iter(range(most))
-
-    def seems_full(w, room, events):
-        stop, usual = w.progress[ws.STOP], w.lists is not None
-        while True:
-            w.progress[ws.STOP] = 1
-            outcome = advance(w, room, events)
-            if usual and w.progress[ws.BLOCK] == number and next(left, None) is not None:
-                return ws.CELL_FULL
-            if outcome != ws.BLOCK_OVER or stop:
-                return outcome
-
-    return seems_full
-
-
-@pytest.mark.slow
-def test_a_cell_that_proves_too_small(tmp_path, monkeypatch):
-    """Then a run begins again, whatever it did so far, and without neighbour lists; and so it must if it goes on."""
-    scene, record = CASES["crowded"]
-    usual = bits_of(simulate(scene, SEEDS, record))
-    monkeypatch.setattr(run, "advance", full_in_block(2))
-    expected = bits_of(simulate(scene, SEEDS, record))
-    assert expected != usual
-    kept = []
-    checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
-    assert bits_of(simulate(scene, SEEDS, record, checkpoints)) == expected
-    states = [arrays for arrays in kept if "run.slots" in arrays]
-    slots = [(int(arrays["run.slots"]), int(arrays["run.progress"][ws.BLOCK])) for arrays in states]
-    assert slots[0][0] < slots[1][0] and slots[1][1] == 1  # begun again
-    for arrays in kept:
-        assert bits_of(simulate(scene, SEEDS, record, from_checkpoint(arrays))) == expected
-
-
-def test_more_room_for_one_run_leaves_the_others_alone(monkeypatch):
-    scene, record = CASES["crowded"]
-    usual = simulate(scene, SEEDS, record)
-    monkeypatch.setattr(run, "advance", full_in_block(2, most=1))
-    other = simulate(scene, SEEDS, record)
-    same = [np.array_equal(usual.events[seed].time, other.events[seed].time) for seed in SEEDS]
-    assert same == [False, True, True]
-
-
 # -- from the command line ------------------------------------------------------------------------------------------
 
 SCENE = """
@@ -258,13 +183,9 @@ KEPT = Path("x.h5.checkpoint")
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path, monkeypatch):
-    """Every test in a folder of its own, with a scene of a few blocks, SIGTERM as before."""
-    monkeypatch.chdir(tmp_path)
+def _scene(elsewhere):
+    """Every test in a folder of its own, with a scene of a few blocks."""
     Path("some.yaml").write_text(SCENE.replace("DURATION", "70.0"))
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
 
 
 @pytest.fixture(scope="module")
@@ -391,11 +312,3 @@ def test_a_file_that_is_no_checkpoint(capsys):
     status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
     assert status == WRONG_REQUEST
     assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; choose another --output" in err
-
-
-@pytest.mark.parametrize("value", ["0", "-1", "nan", "often"])
-def test_an_interval_that_is_none(value, capsys):
-    with pytest.raises(SystemExit) as left:
-        main(["simulate", "some.yaml", "--checkpoint-every", value])
-    assert left.value.code == WRONG_REQUEST
-    assert "--checkpoint-every: must be " in capsys.readouterr().err

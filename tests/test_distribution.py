@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from brownpipe import theory
-from brownpipe.analysis import aggregate, conditions, distribution, estimator, goodness, runs
+from brownpipe.analysis import aggregate, displacement, distribution, estimator, goodness
 from brownpipe.engines import Engine
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import AnalysisError
 from brownpipe.figures import displacement_distribution
 from ensembles import DIFFUSION, make_runs, make_scene, write
@@ -20,16 +21,24 @@ def dataset(tmp_path_factory):
     return aggregate([path], dr=0.06, rings=24, displacement_times=TIMES).squeeze()
 
 
+def case_of(times, **more):
+    """A case with rings of width 0.1."""
+    edges = distribution.ring_edges(0.1, 10)
+    return estimator.Case(make_scene(), Engine("exact"), times, windows=((0.0, 1.0),), edges=edges, **more)
+
+
+def runs_of(squared, seeds):
+    """Runs with squared displacements (n, T)."""
+    return Ensemble(seeds, np.zeros(0), None, {"square_displacement": squared}, {}, {})
+
+
 def found_of(squared, at=(0,)):
-    """What runs with the squared displacements (n, T) add up to, as the measure sees them."""
-    asked = estimator.Options(((0.0, 1.0),), distribution.ring_edges(0.1, 10), tuple(0.5 + np.array(at)))
-    case = estimator.Case(
-        make_scene(), Engine("exact"), 0.5 + np.arange(squared.shape[1]), asked, edges=(asked.edges,) * len(at)
-    )
-    found = estimator.NO_RUNS
+    """What runs with the squared displacements (n, T) add up to, as the estimator sees them."""
+    case = case_of(0.5 + np.arange(squared.shape[1]), displacement_times=tuple(0.5 + np.array(at)))
+    case = case._replace(rings=(case.edges,) * len(at))
+    found = estimator.Averages()
     for seeds in np.split(np.arange(len(squared)), range(1024, len(squared), 1024)):
-        one = runs.RunBlock(seeds, None, {"square_displacement": squared[seeds]})
-        found = estimator.add_runs(found, seeds, distribution.ESTIMATOR.columns(case, one))
+        found.add(seeds, distribution.columns(case, runs_of(squared[seeds], seeds)))
     return found
 
 
@@ -48,13 +57,6 @@ def test_models_take_d_from_their_own_time(dataset):
     assert theory.reflecting_square_msd(np.array(TIMES), square, 2.7) == pytest.approx(msd, rel=1e-12)
     assert np.allclose(dataset.expected_counts.sum("r") + dataset.expected_overflow, 600)
     assert (dataset.p_value > 1e-4).all()  # 12 tests of a true model
-
-
-def test_the_joint_p_value_is_that_of_rings_and_kurtosis(dataset):
-    one = dataset.isel(displacement_time=0).sel(model="msd")
-    assert one.p_value_joint.item() == min(1.0, 2 * min(one.p_value.item(), one.kurtosis_p_value.item()))
-    square = dataset.isel(displacement_time=0).sel(model="square")
-    assert square.p_value_joint.item() == square.p_value.item()
 
 
 def test_the_figure_says_p_and_power_of_the_numbers_in_the_dataset(dataset):
@@ -131,26 +133,10 @@ def test_a_few_percent_of_runs_are_beyond_the_last_ring_however_they_are_distrib
     assert found.displacement_overflow <= 0.03 * 240
 
 
-def test_rings_do_not_depend_on_files(tmp_path):
-    scene = make_scene()
-    (tmp_path / "one").mkdir()
-    (tmp_path / "two").mkdir()
-    whole = aggregate([write(tmp_path / "one", make_runs(scene, range(60)))])
-    parts = [write(tmp_path / "two", make_runs(scene, range(k, k + 20))) for k in (40, 0, 20)]
-    assert whole.identical(aggregate(parts))
-
-
-def test_width_and_number_of_rings_go_together(tmp_path):
-    with pytest.raises(AnalysisError, match="width and number must be given together"):
-        aggregate([write(tmp_path, make_runs(make_scene(), range(12)))], dr=0.1)
-
-
 def test_distribution_of_an_average_is_none():
     """Averages over time origins are no displacements: they have an MSD, and no distribution."""
-    asked = estimator.Options(((0.0, 1.0),), distribution.ring_edges(0.1, 10), ())
-    case = estimator.Case(make_scene(), Engine("exact"), np.arange(3.0), asked, "origins")
-    squared = runs.RunBlock(np.arange(20), None, {"square_displacement": np.ones((20, 3))})
-    assert distribution.ESTIMATOR.columns(case, squared).means == {}
+    averaged = runs_of(np.ones((20, 3)), np.arange(20))
+    assert distribution.columns(case_of(np.arange(3.0), average="origins"), averaged).means == {}
 
 
 @pytest.mark.parametrize(("times", "message"), [
@@ -197,7 +183,7 @@ def test_no_kurtosis_at_the_start():
 
 
 def test_accessible_half_width():
-    half = conditions.accessible_half_width
+    half = displacement.accessible_half_width
     assert half(make_scene()) == pytest.approx(2.7)
     assert half(make_scene(equilibrate={"time": 1.0, "tracer": "pinned"})) == pytest.approx(2.7)
     oblong = {"x": [-3.0, 3.0], "y": [-4.0, 4.0], "boundary": "reflecting"}

@@ -11,7 +11,7 @@ from brownpipe.engines import configured
 from brownpipe.engines.settling import settling_caution, settling_time
 from brownpipe.figures.cases import cases_of, title_of
 from brownpipe.figures.summary import answer, summary
-from brownpipe.inspection import results, runs
+from brownpipe.inspection import reports
 from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.storage.trajectories import Trajectories
@@ -56,10 +56,10 @@ def test_dense_disks_from_a_lattice_are_named_and_marked():
     assert words.startswith("* scene, N = 400: the pressure drifts by +")
     assert words.endswith("% within the runs: not equilibrated; try equilibrate.time: 30")
     assert words in summary(dataset)
-    assert words in results.table(dataset)
+    assert words in reports.table_of_results(dataset)
     assert title_of(case) == "scene, N = 400, not equilibrated"
     assert [column[1][-2:] for column in answer(dataset).columns if column[0] in ("D", "MSD(t = 10)")] == [" *", " *"]
-    (said,) = runs.equilibrium(found)
+    (said,) = reports.equilibrium(found)
     assert said.partition("the pressure")[2] == words.partition("the pressure")[2]
 
 
@@ -70,7 +70,7 @@ def test_a_fluid_that_settled_is_not_accused():
     dataset = aggregate([found])
     assert answer(dataset).drifting == []
     assert "all 4 tests (Holm)" in summary(dataset)
-    assert "equilibrium  no drift found (family-wise level 1%)" in runs.equilibrium(found)
+    assert "equilibrium  no drift found (family-wise level 1%)" in reports.equilibrium(found)
 
 
 @pytest.mark.parametrize("name", ["harrison2020", "harrison2020_thermal"])
@@ -103,7 +103,7 @@ def test_few_runs_or_samples_do_not_tell():
     for found in (runs_of(MIXTURE, range(7)), runs_of(MIXTURE | {"sample_interval": 0.9}, range(10))):
         (words,) = answer(aggregate([found])).drifting
         assert words == f"scene, N = 33: {drift.TOO_FEW}"
-        assert f"equilibrium  {drift.TOO_FEW}" in runs.equilibrium(found)
+        assert f"equilibrium  {drift.TOO_FEW}" in reports.equilibrium(found)
 
 
 def test_quarters_add_up_to_the_run():
@@ -128,13 +128,6 @@ def test_approximate_engines_are_not_tested(engine):
     found = runs_of(read_scene(SCENES / "heavy.yaml").replace(duration=0.5), range(8), engine)
     assert not [array for array in found.ensemble.observables if array.startswith("quarter_")]
     assert answer(aggregate([found])).drifting == []
-
-
-def test_psi_6_in_quarters_is_its_mean_without_the_first_sample():
-    found = runs_of(MIXTURE, [1], observables=("orientational_order",), average="runs")
-    assert found.ensemble.observables["quarter_order"].mean() == pytest.approx(
-        found.ensemble.observables["orientational_order"][0], rel=0.2
-    )
 
 
 def test_quarters_end_at_the_samples_next_to_them():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from brownpipe import analysis, observables, theory
-from brownpipe.analysis import displacement, estimator, non_gaussian, pairs, runs, thermodynamics, velocity
+from brownpipe.analysis import displacement, distribution, estimator, pairs, thermodynamics, velocity
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import Track
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.scene import parse_scene
@@ -35,14 +35,24 @@ def gas(boundary="periodic", number=16, side=8.0, tracer=None, **more):
 
 
 def case_of(scene):
-    return estimator.Case(scene, Engine("exact"), scene.times, estimator.Options(((0.0, 1.0),), np.arange(4.0), ()))
+    return estimator.Case(scene, Engine("exact"), scene.times, windows=((0.0, 1.0),), edges=np.arange(4.0))
+
+
+def block(seeds, tracer, seen):
+    """Runs with the arrays `seen`."""
+    return Ensemble(seeds, np.zeros(0), tracer, seen, {}, {})
 
 
 def found_of(one, case, seen):
     """What the arrays `seen`, (n, ...) each, add up to."""
     seeds = np.arange(len(next(iter(seen.values()))))
-    columns = one.columns(case, runs.RunBlock(seeds, None, seen))
-    return estimator.add_runs(estimator.NO_RUNS, seeds, columns)
+    columns = one.columns(case, block(seeds, None, seen))
+    return estimator.Averages().add(seeds, columns)
+
+
+def values_of(one, case, seen):
+    """The variables that an estimator makes of the arrays `seen`."""
+    return estimator.results_of([one], case, found_of(one, case, seen))
 
 
 # --- real runs
@@ -126,12 +136,12 @@ def estimates(scene, seen):
     """The variables of both measures, of runs with the arrays `seen`."""
     case, n = case_of(scene), len(seen["square_displacement"])
     values = {}
-    for one in (displacement.ESTIMATOR, velocity.ESTIMATOR):
-        found = estimator.NO_RUNS
+    for one in (displacement, velocity):
+        found = estimator.Averages()
         for seeds in np.split(np.arange(n), range(1024, n, 1024)):
-            part = runs.RunBlock(seeds, None, {name: array[seeds] for name, array in seen.items()})
-            found = estimator.add_runs(found, seeds, one.columns(case, part))
-        values |= one.estimate(case, found)
+            part = block(seeds, None, {name: array[seeds] for name, array in seen.items()})
+            found.add(seeds, one.columns(case, part))
+        values |= estimator.results_of([one], case, found)
     return values
 
 
@@ -163,16 +173,16 @@ def test_routes_to_d_have_no_error_of_the_sample_interval(start):
 def test_non_gaussian_parameter_and_its_control_variate():
     """Exponential r^2, as of normal displacements: jackknife error; in free flight the control variate takes it all."""
     scene, n = gas(), 400
-    case, late = case_of(scene), scene.times > 1.0
+    case, late = case_of(scene)._replace(rings=(np.arange(4.0),)), scene.times > 1.0
     v2, r2 = np.random.default_rng(4).exponential(2.0, (2, n, 1))
     squared = np.where(late, r2, v2 * scene.times**2)
-    block = runs.RunBlock(np.arange(n), None, {"square_displacement": squared, "quartic_displacement": squared**2})
-    parts = [one.columns(case, block) for one in (displacement.ESTIMATOR, non_gaussian.ESTIMATOR)]
+    of_runs = block(np.arange(n), None, {"square_displacement": squared, "quartic_displacement": squared**2})
+    parts = [one.columns(case, of_runs) for one in (displacement, distribution)]
     columns = estimator.Columns(parts[0].means | parts[1].means)
-    averages = estimator.add_runs(estimator.NO_RUNS, block.seeds, columns)
+    averages = estimator.Averages().add(of_runs.seeds, columns)
     found = {
         name.replace("non_gaussian_parameter", "alpha"): values
-        for name, values in non_gaussian.ESTIMATOR.estimate(case, averages).items()
+        for name, values in estimator.results_of([distribution], case, averages).items()
     }
     without = [np.delete(squared, k, axis=0)[:, [5, -1]] for k in range(n)]
     alpha = np.array([(one**2).mean(axis=0) / (2 * one.mean(axis=0) ** 2) - 1 for one in without])
@@ -185,22 +195,6 @@ def test_non_gaussian_parameter_and_its_control_variate():
     assert found["alpha_controlled"][early] == pytest.approx(0.0, abs=1e-4)
     assert found["alpha_controlled_standard_error"][early] == pytest.approx(0.0, abs=1e-4)
     assert found["alpha_controlled_standard_error"][-1] == pytest.approx(error[1], rel=0.1)
-
-
-@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
-def test_routes_to_d_from_a_recorded_track_with_velocities(boundary):
-    """To the bit as from the observables, in a periodic box unwrapped; without velocities there are none."""
-    scene = gas(boundary, duration=20.0)
-    made = exact.simulate(scene, [0], {"all"}, observables=("square_displacement", "velocity_autocorrelation"))
-    track = Track(*(None if values is None else values[:, :1] for values in made.whole[0]))
-    assert boundary == "reflecting" or track.image.any()
-    case = case_of(scene)
-    one = velocity.ESTIMATOR
-    for name in ("diffusion_running", "green_kubo"):
-        seen = one.columns(case, runs.RunBlock(np.arange(1), None, made.observables)).means
-        from_track = one.columns(case, runs.RunBlock(np.arange(1), track, {})).means
-        assert from_track[name].tobytes() == seen[name].tobytes()
-        assert name not in one.columns(case, runs.RunBlock(np.arange(1), track._replace(velocity=None), {})).means
 
 
 def test_files_without_products_of_velocity_and_displacement_have_no_running_d():
@@ -246,7 +240,7 @@ def decaying(scene, rate, runs=12):
 
 def slope_of(scene, seen):
     """The slope at 0, its stated error, and the ends of its interval."""
-    values = velocity.ESTIMATOR.estimate(case_of(scene), found_of(velocity.ESTIMATOR, case_of(scene), seen))
+    values = values_of(velocity, case_of(scene), seen)
     return [float(values[f"vacf_initial_slope{part}"]) for part in ("", "_standard_error", "_low", "_high")]
 
 
@@ -318,10 +312,10 @@ def test_expected_slope_is_enskogs_friction():
     case, n = case_of(gas(tracer={"radius": 1.0, "mass": 3.0})), 0.25
     rate = theory.collision_rate(n, 1.5, 1.3, 0.75, 1.0)
     correlation = np.full((12, len(case.times)), 2 / 3)
-    found = found_of(velocity.ESTIMATOR, case, {"velocity_autocorrelation": correlation})
+    found = found_of(velocity, case, {"velocity_autocorrelation": correlation})
     assert np.isnan(velocity.expected_slope(case, found))
     both = {"tracer_collisions": np.full(12, rate * case.times[-1]), "velocity_autocorrelation": correlation}
-    found = estimator.add_runs(estimator.NO_RUNS, np.arange(12), estimator.Columns(both))
+    found = estimator.Averages().add(np.arange(12), estimator.Columns(both))
     friction = theory.enskog_friction(n, 1.5, 1.3, 0.75, 1.0)
     expected = -friction / 3.0 * 2 / 3  # with <v^2> = 2 kT/m
     share = 3 / 19  # of the tracer in the mass of all disks
@@ -345,7 +339,7 @@ def test_expected_slope_is_that_of_the_collisions(still):
     slope = np.array([-np.sum(made.events[seed].impulse ** 2) / (4 * 4.0) for seed in range(n)])
     correlation = made.observables["velocity_autocorrelation"]
     means = {"tracer_collisions": made.observables["pair_collisions"] / 2, "velocity_autocorrelation": correlation}
-    found = estimator.add_runs(estimator.NO_RUNS, np.arange(n), estimator.Columns(means))
+    found = estimator.Averages().add(np.arange(n), estimator.Columns(means))
     expected = velocity.expected_slope(case_of(scene)._replace(average="disks"), found)
     relative = slope / slope.mean() - sum(
         column / column.mean() for column in (means["tracer_collisions"], correlation[:, 0])
@@ -367,9 +361,7 @@ def test_initial_slope_of_a_real_gas():
     stated = []
     for each in (2, 5, 10, 25):
         case = case_of(scene)._replace(times=scene.times[::each], average="disks")
-        found = found_of(
-            velocity.ESTIMATOR, case, {"velocity_autocorrelation": seen["velocity_autocorrelation"][:, ::each]}
-        )
+        found = found_of(velocity, case, {"velocity_autocorrelation": seen["velocity_autocorrelation"][:, ::each]})
         slope = velocity.initial_slope(case, found)
         stated.append(bool(np.isfinite(slope.mean)))
         assert not stated[-1] or abs(slope.mean - exactly) < SIGMAS * slope.standard_error < 0.9 * abs(exactly)
@@ -393,7 +385,7 @@ def snapshots(scene, held=None, runs=300):
 
 def g_of(scene, seen):
     """g(r) and its standard error (P, R)."""
-    values = pairs.ESTIMATOR.estimate(case_of(scene), found_of(pairs.ESTIMATOR, case_of(scene), seen))
+    values = values_of(pairs, case_of(scene), seen)
     return values["pair_distribution"], values["pair_distribution_standard_error"]
 
 
@@ -444,8 +436,8 @@ def test_points_around_a_tracer_off_centre_have_no_structure(off_centre):
 def test_contact_value_around_a_tracer_off_centre(off_centre):
     """A gas of points has 1 at contact, too, though walls cut the ring of contact around the tracer."""
     scene, seen = off_centre
-    found = found_of(pairs.ESTIMATOR, case_of(scene), seen)
-    values = pairs.ESTIMATOR.estimate(case_of(scene), found)
+    found = found_of(pairs, case_of(scene), seen)
+    values = estimator.results_of([pairs], case_of(scene), found)
     assert values["contact_value_standard_error"][1] < 0.1
     assert values["contact_value"][1] == pytest.approx(1, abs=4 * values["contact_value_standard_error"][1])
     around_lone = found.totals["around_lone"] / found.runs
@@ -515,7 +507,7 @@ def test_contact_value_of_the_fluid_is_that_of_its_collisions(phi, time, samples
     scene = scene.replace(disks=scene.disks.replace(placement="lattice"))
     found = exact.simulate(scene, np.arange(16), frozenset({"none"}), observables=("pair_distribution",)).observables
     case = case_of(scene)
-    values = pairs.ESTIMATOR.estimate(case, found_of(pairs.ESTIMATOR, case, found))
+    values = values_of(pairs, case, found)
     both = np.hypot(values["contact_value_standard_error"], values["contact_value_rate_standard_error"])
     assert np.abs(values["contact_value"] - values["contact_value_rate"]) < 3 * both
     assert both < 0.02 * values["contact_value_rate"]  # of 16 runs it is 0.3 to 1.4 %
@@ -545,7 +537,7 @@ def test_pair_virial_and_wall_pressure_differ_by_the_room_of_the_centres():
     """
     scene = gas("reflecting", number=24, duration=40.0)
     seen = exact.simulate(scene, np.arange(60), frozenset({"none"})).observables
-    means = thermodynamics.ESTIMATOR.columns(case_of(scene), runs.RunBlock(np.arange(60), None, seen)).means
+    means = thermodynamics.columns(case_of(scene), block(np.arange(60), None, seen)).means
     difference = means["compressibility"] - 7 / 8 * means["wall_compressibility"]
     error = difference.std(ddof=1) / np.sqrt(60)
     assert abs(difference.mean()) < 4 * error
@@ -560,8 +552,8 @@ def test_rate_and_virial_of_four_disks_have_one_contact_value(boundary):
     Within 4 standard errors of the mean difference of 100 runs: 1 false alarm in 8,000.
     """
     scene = gas(boundary, number=4, side=4.0, duration=200.0)
-    seen = runs.RunBlock(np.arange(100), None, exact.simulate(scene, np.arange(100), frozenset({"none"})).observables)
-    means = thermodynamics.ESTIMATOR.columns(case_of(scene), seen).means
+    seen = block(np.arange(100), None, exact.simulate(scene, np.arange(100), frozenset({"none"})).observables)
+    means = thermodynamics.columns(case_of(scene), seen).means
     difference = means["compressibility_rate"] - means["compressibility"]
     error = difference.std(ddof=1) / np.sqrt(100)
     assert abs(difference.mean()) < 4 * error

@@ -12,10 +12,9 @@ import pytest
 
 import naive
 from brownpipe.engines import units
-from brownpipe.engines.exact import calendar, layout
+from brownpipe.engines.exact import layout
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.units import State
@@ -403,25 +402,6 @@ def test_a_run_that_needs_more_room_leaves_no_trace_in_those_after_it(monkeypatc
         assert np.array_equal(alone.tracer.position[:, 0], batch.tracer.position[:, column]), seed
 
 
-DENSE = {
-    "binary": binary(),
-    "binary-walls": binary().replace(box={"x": (-1.3, 1.3), "y": (-1.3, 1.3), "boundary": W}),
-    "ratio-1.5": crowded(box(21.0, 22.0, P), [(110, 0.5, 1.0), (110, 0.75, 1.0)], 5.0),
-    "few": crowded(box(8.6, 8.6, P), [(60, 0.5, 1.0)], 30.0),
-    "unlike": interstitial(6, 2.0),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", DENSE)
-def test_a_crowded_run_does_not_start_twice(name, starts):
-    """Room for lists and cells is what a scene needs. Too little cost a failed start each."""
-    run = simulate(DENSE[name], range(3), frozenset())
-    assert starts[0] == 3
-    assert not run.observables["failed"].any()
-    assert run.observables["pair_collisions"].min() > 1000
-
-
 @pytest.mark.slow
 def test_lists_are_right_from_block_to_block():
     """A disk may end a block half a square outside a periodic box. Registered in the outermost cell it missed others.
@@ -434,12 +414,6 @@ def test_lists_are_right_from_block_to_block():
         seen = simulate(scene, [0], frozenset()).observables
         assert seen["pair_collisions"][0] > 500_000
         assert seen["worst_overlap"][0] <= 1e-12
-
-
-def test_seeds_differ():
-    scene = note_scene(0.1)
-    last = simulate(scene, range(20)).tracer.position[-1]
-    assert len(np.unique(last, axis=0)) == 20
 
 
 def test_a_workspace_that_had_to_grow_changes_nothing():
@@ -468,31 +442,6 @@ def test_prefetching_changes_no_bit(phi, candidates_fit_cache, monkeypatch):
     assert plain.observables["pair_collisions"][0] > 5000
     assert np.array_equal(plain.whole[1].position, prefetched.whole[1].position)
     assert plain.observables == prefetched.observables
-
-
-def test_insertions_are_deferred_until_the_next_bucket_but_one(monkeypatch):
-    """An event in the next bucket is stored at once, the others wait while one more bucket is opened."""
-    monkeypatch.setattr(layout, "FITS_CACHE", 0)
-    monkeypatch.setattr(calendar, "prefetch", lambda *_: None)  # compiled alone
-    scene = swarm(0.5)
-    w = layout.prepare(scene, units.frame_of(scene))
-
-    def stored():
-        return [int(calendar.entries_after(w, n)) for n in (1, 2, 3)]
-
-    w.progress[ws.CURRENT_BUCKET] = 4
-    for i, bucket in enumerate((5, 6, 7)):
-        w.event_time[ws.EVENT_ROW * i] = time = (bucket + 0.5) * w.calendar.width
-        calendar.push(w, i, time)
-    assert (stored(), w.deferred.number.tolist()) == ([1, 0, 0], [2, 0])
-    calendar.open_next_bucket(w)
-    assert (stored(), w.deferred.number.tolist()) == ([0, 0, 0], [2, 0])
-    calendar.open_next_bucket(w)
-    assert (stored(), w.deferred.number.tolist()) == ([1, 0, 0], [0, 0])
-    assert w.current_disk[: w.progress[ws.CURRENT_EVENTS]].tolist() == [1, 0]
-    calendar.push(w, 3, 9.5 * w.calendar.width)
-    calendar.clear(w)
-    assert not w.deferred.number.any()
 
 
 @pytest.mark.slow
@@ -538,20 +487,6 @@ def test_buckets_are_as_short_as_collisions_are_frequent(monkeypatch):
     """Next to close packing they are so frequent that a bucket would have thousands of times the events."""
     checks = events_per_bucket(crystal(10, 1e-6, 1e-3), monkeypatch)
     assert checks[0] > 2000 and len(checks) > 3 and max(checks[2:]) < 1.1 and min(checks) > 0.25
-
-
-def test_shorter_buckets_have_their_own_events(monkeypatch):
-    """And not the current one those of all disks: then no upcoming bucket would have any to prefetch."""
-    current, fitting = [], layout.with_fitting_buckets
-
-    def noted(w, *counted):
-        current.append(int(w.progress[ws.CURRENT_EVENTS]))
-        return fitting(w, *counted)
-
-    monkeypatch.setattr(exact_run, "with_fitting_buckets", noted)
-    monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 500)
-    simulate(crystal(20, 1e-3, 0.01), [0], frozenset())
-    assert len(current) > 5 and max(current[2:]) < 50  # of 400 disks
 
 
 def test_buckets_become_longer_where_disks_have_spread_out(monkeypatch):

@@ -1,5 +1,6 @@
 """Runs that cannot go on: each is recorded with its reason, and the others are as if it had not been there."""
 
+import os
 import re
 from functools import cache
 from pathlib import Path
@@ -9,17 +10,16 @@ import pytest
 import yaml
 
 import brownpipe as bp
+import forked
 from brownpipe.analysis import aggregate
-from brownpipe.analysis.failed import failed_runs
 from brownpipe.analysis.runs import groups_of
+from brownpipe.analysis.varied import failed_runs
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import equilibration, layout
 from brownpipe.engines.exact import run as exact_run
-from brownpipe.engines.exact import simulation as exact_simulation
 from brownpipe.engines.exact.checkpoint import Checkpoints
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.engines.initial_state import draw as draw_state
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.figures.render import draw
 from brownpipe.figures.summary import summary
@@ -27,7 +27,8 @@ from brownpipe.inspection import reproduction
 from brownpipe.scene import parse_scene
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.trajectories import from_tree, read_trajectories, to_tree, write_trajectories
-from brownpipe.tradeoff.runs import read_runs
+from brownpipe.tradeoff.compare import read_runs
+from test_workflow import snakemake
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -155,11 +156,6 @@ def test_a_scene_without_places_in_any_run_is_refused_at_the_first(monkeypatch):
     full = parse_scene(yaml.safe_load(CROWD) | {"particles": 46}, "crowd.yaml")
     with pytest.raises(RequestError, match=r"^crowd, N = 46, seed 0: disks: only \d+ of 46 disks found a place"):
         simulate(full, range(1000))
-    drawn = []
-    monkeypatch.setattr(exact_simulation, "draw", lambda scene, seed: drawn.append(seed) or draw_state(scene, seed))
-    with pytest.raises(RequestError):
-        simulate(full, range(1000))
-    assert drawn == [0]
 
 
 def test_a_friction_is_not_measured_in_runs_that_failed(monkeypatch, crowd):
@@ -207,11 +203,8 @@ def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, see
     assert reproduction.differences(original) == {}
     assert reproduction.differences(reproduction.read_original("a.h5", seed=2)) == {}
     assert from_tree(tree).ensemble.stopped == batch.stopped
-
-
-def test_a_batch_without_failures_has_no_reasons(crowd, whole):
-    runs = read_trajectories(written(Path("a.h5"), crowd, part(whole, [1, 3])))
-    assert not runs.ensemble.stopped and "stopped" not in to_tree(runs)
+    others = read_trajectories(written(Path("c.h5"), crowd, part(whole, [1, 3])))
+    assert not others.ensemble.stopped and "stopped" not in to_tree(others)
 
 
 def said(capsys, *words):
@@ -314,3 +307,36 @@ def test_a_study_in_which_every_run_failed_has_a_summary_and_no_average(batches)
     assert (dataset.runs.item(), dataset.failed_runs.item()) == (0, 2) and "msd" in dataset
     assert np.isnan(dataset.msd).all() and "failed and left out: 2 of 2 seeds (0,2)" in summary(dataset)
     draw(dataset, "health")
+
+
+WORKERS = """#!/bin/bash
+case "$*" in *"--seeds 2-3 "*) kill -KILL $$ ;; esac
+exec {} "$@"
+"""  # in place of `brownpipe`
+
+
+@pytest.mark.slow
+def test_a_study_survives_a_killed_worker_and_runs_that_cannot_go_on(tmp_path):
+    """The runs of the seeds 0 and 2 find no place; the job of the seeds 2 and 3 is killed at first."""
+    folder = tmp_path / "study"
+    (folder / "bin").mkdir(parents=True)
+    (folder / "crowd.yaml").write_text(CROWD)
+    (folder / "study.yaml").write_text("scenes: crowd.yaml\nseeds: 6\nbatch: 2\nfigures: [health]\n")
+    program = folder / "bin" / "brownpipe"
+    path = {"PATH": f"{program.parent}:{forked.programs()}:{os.environ['PATH']}"}
+    program.write_text(WORKERS.format(f"{forked.programs()}/brownpipe"))
+    program.chmod(0o755)
+    printed = snakemake(folder, "--cores", "1", fails=True, **path)
+    last = printed.splitlines()[-1]
+    assert last.startswith("    brownpipe: killed, most likely out of memory") and "Traceback" not in printed, printed
+    assert {file.name for file in (folder / "results/runs").rglob("*.h5")} == {"0-1.h5", "4-5.h5"}
+    program.unlink()
+    told = r"study\.nc: 2 of 6 runs failed and are in no average, {}: crowd, N = 40: seeds 0,2"
+    printed = snakemake(folder, "--cores", "1", fails=True, **path)
+    assert re.search(told.format("allow_failed: 0 accepts no more"), printed.splitlines()[-1]), printed
+    answer = (folder / "results/study/figures/summary.txt").read_text()
+    assert answer in printed and "failed and left out: 2 of 6 seeds (0,2)" in answer
+    again = snakemake(folder, "--cores", "1", fails=True, **path)
+    assert again.partition("\n")[2] == printed[printed.index(answer) :]
+    accepted = snakemake(folder, "--cores", "1", "--config", "allow_failed=2", **path)
+    assert re.search(told.format("accepted by allow_failed: 2").replace("study", "study.allow_failed=2"), accepted)

@@ -2,10 +2,7 @@
 
 import csv
 import re
-import subprocess
-import sys
 import warnings
-from functools import cache
 
 import matplotlib
 import numpy as np
@@ -18,13 +15,14 @@ from matplotlib.text import Text
 from brownpipe import provenance
 from brownpipe.analysis import aggregate, velocity
 from brownpipe.analysis.variables import FAILED
-from brownpipe.engines import Engine, configured, recording
+from brownpipe.engines import Engine, configured
 from brownpipe.errors import FigureError
-from brownpipe.figures import cases, displacement_distribution, health, pair_distribution, style, velocity_distribution
+from brownpipe.figures import cases, displacement_distribution, pair_distribution, style, velocity_distribution
+from brownpipe.figures.cases import to_csv
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import draw as draw_figure
-from brownpipe.figures.summary import summary
-from brownpipe.figures.tables import to_csv
+from brownpipe.figures.render import draw_into
+from brownpipe.figures.summary import answer, summary
 from brownpipe.observables.tracks import Track
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_runs, make_scene, study, write
@@ -121,12 +119,12 @@ def rows(path):
 
 
 @pytest.mark.slow
-def test_every_figure_is_png_svg_and_csv(pictures):
+def test_every_figure_is_png_svg_and_csv_without_a_date(pictures):
     expected = {f"{name}.{kind}" for name in NAMES for kind in ("png", "svg", "csv")} | OF_ALL
     assert {path.name for path in pictures.iterdir()} == expected
     for name in NAMES:
-        assert (pictures / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-        assert b"<svg" in (pictures / f"{name}.svg").read_bytes()
+        png, svg = ((pictures / f"{name}.{kind}").read_bytes() for kind in ("png", "svg"))
+        assert png.startswith(b"\x89PNG") and b"<svg" in svg and b"tIME" not in png and b"<dc:date>" not in svg
 
 
 @pytest.mark.slow
@@ -141,18 +139,6 @@ def test_same_bytes_whatever_the_user_has_set_and_that_is_put_back(hot, tmp_path
     assert all(one.read_bytes() == other.read_bytes() for one, other in zip(first, paths, strict=True))
 
 
-@pytest.mark.slow
-def test_no_date_in_the_files(pictures):
-    assert not any(b"<dc:date>" in path.read_bytes() for path in pictures.glob("*.svg"))
-    assert not any(b"tIME" in path.read_bytes() for path in pictures.glob("*.png"))
-
-
-@pytest.mark.slow
-def test_one_particle_count_has_nothing_to_compare(plain, tmp_path, no_pictures):
-    names = {path.stem for path in render(plain.sel(particles=[10]), tmp_path)}
-    assert names == {*OF_TRAJECTORIES, "summary", "provenance"}
-
-
 def test_the_catalogue_lists_every_figure_there_is():
     """A module that draws cases but is not listed would never run; one that lacks a part or its caption would fail."""
     folder = provenance.PACKAGE / "figures"
@@ -160,26 +146,6 @@ def test_the_catalogue_lists_every_figure_there_is():
     assert drawing == set(NAMES)
     captions = {path.stem for path in folder.glob("*.rst")}
     assert captions >= drawing
-
-
-def test_every_figure_decides_what_the_figures_are_made_with():
-    known = {path.stem for path in provenance.sources(*provenance.STEPS["figures"]) if path.parent.name == "figures"}
-    assert {*NAMES, "catalogue", "render", "summary", "style"} <= known
-
-
-def test_the_caption_of_health_has_the_bounds_of_the_engines():
-    caption = " ".join((provenance.PACKAGE / "figures" / "health.rst").read_text().split())
-    bounds = (recording.HEALTH_BOUND, health.LEFT_END)
-    bound, least = (f"{value:.0e}".replace("e-0", "e-") for value in bounds)
-    assert f"exact engine has failed if it exceeds {bound} in any panel" in caption
-    assert f"energy drifts by more than {bound}," in caption
-    assert f"values below {least}, zeros among them, are drawn at {least}" in caption
-
-
-def test_names_of_figures_are_there_before_anything_heavy():
-    code = "import brownpipe.figures.catalogue, sys; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert not {"numpy", "matplotlib", "xarray", "h5py", "numba", "scipy"} & set(loaded)
 
 
 @pytest.mark.parametrize("name", OF_OBSERVABLES)
@@ -194,46 +160,34 @@ def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path)
 @pytest.mark.parametrize("variable", ["msd_high", "msd_standard_error"])
 def test_a_variable_that_was_dropped_is_named(dataset, variable):
     with pytest.raises(FigureError, match=f"^msd: cannot be drawn: the dataset has no variable {variable}$"):
-        draw_figure(dataset.drop_vars(variable), "msd")
+        made("msd", dataset.drop_vars(variable))
 
 
 @pytest.mark.slow
-def test_a_scan_without_a_fitted_line_has_a_table(plain, tmp_path, no_pictures):
-    names = [name for name in plain.data_vars if name.startswith(("slope", "diffusion_coefficient"))]
-    render(plain.assign({name: np.nan * plain[name] for name in names}), tmp_path, ["scan"])
-    table = rows(tmp_path / "scan.csv")
-    assert len(table) == 8 and all("diffusion_coefficient" not in row and row["msd"] for row in table)
-
-
-def test_particle_count_that_is_shown(dataset):
+def test_figures_and_particle_count_asked_for(plain, dataset, tmp_path, no_pictures):
     def shown(data, particles=None):
-        return [
-            (str(case.scene.item()), int(case.particles)) for case in cases.one_count(cases.cases_of(data), particles)
-        ]
+        return [(case.scene.item(), int(case.particles)) for case in cases.one_count(cases.cases_of(data), particles)]
 
-    assert shown(dataset) == [("hot", 20), ("thermal", 20)]
-    assert shown(dataset, 10) == [("hot", 10), ("thermal", 10)]
-    assert shown(dataset.assign_coords(particles=[150, 200])) == [("hot", 200), ("thermal", 200)]
-    with pytest.raises(ValueError, match=r"particles: 15 is not in the dataset; choose one of \[10, 20\]"):
-        render(dataset, "never made", particles=15)
-
-
-def test_each_scene_shows_a_count_of_its_own(dataset):
-    only = (dataset.scene == "hot") == (dataset.particles == 10)
-    with_own = dataset.assign(runs=dataset.runs.where(only, 0), failed_runs=dataset.failed_runs.where(only, 0))
-    assert [int(case.particles) for case in cases.one_count(cases.cases_of(with_own))] == [10, 20]
-
-
-@pytest.mark.slow
-def test_figures_asked_for(dataset, tmp_path, no_pictures):
-    names = {path.stem for path in render(dataset, tmp_path, ["health", "msd"])}
-    assert names == {"health", "msd", "summary", "provenance"}
+    assert {path.stem for path in render(dataset, tmp_path, ["health", "msd"])} == {
+        "health",
+        "msd",
+        "summary",
+        "provenance",
+    }
+    assert {path.stem for path in render(plain.sel(particles=[10]), tmp_path)} == {
+        *OF_TRAJECTORIES,
+        "summary",
+        "provenance",
+    }
     with pytest.raises(FigureError, match=r"^scan: .*two particle counts"):
         render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "scan"])
     assert not (tmp_path / "other").exists()
-
-
-OF_SEVERAL_SCENES = [name for name in NAMES if name not in ("diffusion", "scan", "health")]
+    with pytest.raises(ValueError, match=r"particles: 15 is not in the dataset; choose one of \[10, 20\]"):
+        render(dataset, "never made", particles=15)
+    assert shown(dataset) == [("hot", 20), ("thermal", 20)] and shown(dataset, 10) == [("hot", 10), ("thermal", 10)]
+    only = (dataset.scene == "hot") == (dataset.particles == 10)
+    with_own = dataset.assign(runs=dataset.runs.where(only, 0), failed_runs=dataset.failed_runs.where(only, 0))
+    assert shown(with_own) == [("hot", 10), ("thermal", 20)]
 
 
 def title(axes):
@@ -241,26 +195,6 @@ def title(axes):
     said = axes.get_title("left")
     own = (artist for artist in axes.get_children() if said and isinstance(artist, Text))
     return next((text for text in own if text.get_text() == said), None)
-
-
-@pytest.mark.parametrize(
-    "name", ["diffusion", *(pytest.param(name, marks=pytest.mark.slow) for name in OF_SEVERAL_SCENES)]
-)
-def test_words_cover_no_data_and_no_words(dataset, in_scenes, name):
-    """Titles and keys stand above their panels, inside the figure, and on nothing else."""
-    if name == "displacement_distribution":  # with a row for each scene
-        figure, _ = drawn(name, at_times(scenes(dataset, 2), (0.5, 1.0)))
-    else:
-        figure, _ = in_scenes(name, {"velocity_distribution": 2, "thermodynamics": 8}.get(name, 5))
-    panels = [axes.get_window_extent() for axes in figure.axes]
-    words = [title(axes) for axes in figure.axes if title(axes)]
-    words += [axes.get_legend() for axes in figure.axes if axes.get_legend() and title(axes)]
-    words += [axes.xaxis.label for axes in figure.axes if axes.get_xlabel()]
-    boxes = [one.get_window_extent() for one in words]
-    assert boxes
-    for k, box in enumerate(boxes):
-        assert not any(box.overlaps(other) for other in (*panels, *boxes[:k])), words[k]
-        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0 and box.y1 <= figure.bbox.y1, words[k]
 
 
 def drawn(name, data):
@@ -273,7 +207,7 @@ def drawn(name, data):
 
 def made(name, data):
     """The same before its layout: curves, axes and words are there, and nothing has a place on the page yet."""
-    figure = draw_figure(data, name)
+    figure = draw_figure(data, name, panel=["scene"])
     return figure, panels_of(figure)
 
 
@@ -287,45 +221,9 @@ def as_it_is(rendered):
     return {name: (figure, panels_of(figure)) for name, figure in rendered[1].items()}
 
 
-@pytest.fixture(scope="module")
-def in_scenes(dataset):
-    """Figure and panels of the dataset in so many scenes, by name and number, each laid out once."""
-    return cache(lambda name, count: drawn(name, scenes(dataset, count)))
-
-
 def only_hot(dataset, *names):
     """The dataset without these variables in the other scenes."""
     return dataset.assign({name: dataset[name].where(dataset.scene == "hot") for name in names})
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "msd",
-        "diffusion",
-        "energy",
-        "displacement_distribution",
-        "velocity_autocorrelation",
-    ],
-)
-def test_more_than_four_cases_begin_a_new_row(as_it_is, in_scenes, name):
-    """Of two and of five scenes; no words touch in the latter."""
-    (few, panels), (many, more) = as_it_is[name], in_scenes(name, 5)
-    assert not touching(many)
-    assert many.get_figwidth() == 2 * few.get_figwidth()
-    assert many.get_figheight() == 2 * few.get_figheight()
-    named = [axes for axes in more if title(axes)]
-    per_case = len([axes for axes in panels if title(axes)]) // 2
-    assert len(named) == 5 * per_case
-    heights = {round(axes.get_position().height * many.get_figheight(), 1) for axes in named}
-    assert max(heights) - min(heights) < 0.3
-
-
-def test_titles_of_a_row_stand_at_one_height(dataset):
-    _, panels = drawn("diffusion", only_hot(dataset, "enskog_diffusion"))
-    assert len({len(axes.get_legend().get_texts()) for axes in panels}) == 2
-    assert len({title(axes).get_window_extent().y1 for axes in panels}) == 1
 
 
 def test_green_kubo_needs_a_temperature(dataset, tmp_path, no_pictures):
@@ -336,39 +234,18 @@ def test_green_kubo_needs_a_temperature(dataset, tmp_path, no_pictures):
     assert all(row["green_kubo"] for row in rows(tmp_path / "diffusion.csv"))
 
 
-def test_band_of_the_diffusion_coefficient_is_not_cut_off_unless_it_is_very_wide(dataset):
-    """It is that of MSD/4t; far above the curves, it would leave them no room."""
-    others = ("diffusion_running", "green_kubo")
-    data = dataset.drop_vars([name for name in dataset.data_vars if name.startswith(others)])
-    for times, shown in ((1.1, 1.25), (1.6, 1.6 * 1.03), (9.0, 2.0)):
-        (panel, _) = made("diffusion", data.assign(msd_over_4t_high=times * data.msd_over_4t))[1]
-        top = data.msd_over_4t.sel(scene="hot", particles=20).max().item()
-        assert panel.get_ylim()[1] == pytest.approx(shown * top)
-
-
 def test_what_the_legend_of_diffusion_names_is_in_the_panel_or_said_not_to_be(dataset):
     """Far beyond the curves of the MSD, the Green-Kubo integral and Enskog's D would leave these no room."""
     one = dataset.sel(scene=["hot"], particles=[20])
     top = max(float(one[name].max()) for name in ("msd_over_4t", "diffusion_running"))
     integral = one.green_kubo / one.green_kubo.max()
-    cases = {(2.9, 2.5): 2.9, (2.5, 2.9): 2.9, (3.1, 2.5): 2.5, (2.5, 3.1): 2.5}
-    for (enskog, highest), shown in cases.items():
+    for enskog, highest, shown in ((1.9, 1.5, 1.9), (1.5, 1.9, 1.9), (3.1, 1.5, 2.0), (1.5, 3.1, 2.0)):
         data = one.assign(enskog_diffusion=0 * one.enskog_diffusion + enskog * top, green_kubo=highest * top * integral)
         (panel,) = made("diffusion", data)[1]
-        assert panel.get_ylim()[1] == pytest.approx(1.03 * shown * top)
+        assert panel.get_ylim()[1] == pytest.approx(1.25 * shown * top)
         labels = [line.get_label() for line in panel.lines]
         assert any("Enskog" in label and "above the panel" in label for label in labels) == (enskog > 3)
         assert any("Green-Kubo" in label and "leaves the panel" in label for label in labels) == (highest > 3)
-        below = data.assign(green_kubo=-0.5 * top * integral)
-        (panel,) = made("diffusion", below)[1]
-        assert panel.get_ylim()[0] == pytest.approx(-1.03 * 0.5 * top)
-
-
-@pytest.mark.slow
-def test_no_marker_of_a_velocity_distribution_is_cut_off(as_it_is):
-    for axes in as_it_is["velocity_distribution"][1]:
-        markers = [line.get_ydata() for line in axes.lines if line.get_marker() in ("o", "s")]
-        assert np.concatenate(markers).max() < axes.get_ylim()[1]
 
 
 @pytest.mark.parametrize("correlated", [1, 30])
@@ -424,8 +301,6 @@ def test_equations_of_state_end_where_they_are_known(dataset):
     main = made("thermodynamics", dense)[1][0]
     curves = [line for line in main.lines if "equal disks" in line.get_label()]
     assert [line.get_xdata().max() for line in curves] == [0.7, 0.7]
-    residuals = [len(one.lines[0].get_xdata()) for one in made("thermodynamics", dense)[0].axes[3].containers]
-    assert residuals == [1, 1]  # of the two particle counts of each scene
 
 
 def test_correlation_ends_where_its_band_reaches_zero(dataset, as_it_is):
@@ -441,19 +316,23 @@ def test_uncertain_bins_are_pooled_for_drawing_alone(dataset):
     """The number of pairs stays, and so does the chance of the interval: errors add in squares."""
     case = dataset.sel(scene="hot", particles=20, engine="exact", species_pair=PAIRS[1])
     case = case.isel(distance=case.distance.values > CONTACT[1])
-    edges, value, down, up = pair_distribution._pooled(case, 4)
-    r, g = case.distance.values, case.pair_distribution.values
-    assert [edges[0], edges[-1]] == pytest.approx([CONTACT[1], 1.5])
+    pooled = pair_distribution._pooled(case, 4)
+    r, g, value = case.distance.values, case.pair_distribution.values, pooled.pair_distribution.values
     ring = [r[k : k + 4].sum() for k in range(0, r.size, 4)]
     assert value @ ring == pytest.approx(g @ r)
     single = 1.96 * case.pair_distribution_standard_error.values
-    assert down[:-1] == pytest.approx(up[:-1])
+    down, up = value - pooled.pair_distribution_low.values, pooled.pair_distribution_high.values - value
+    assert down == pytest.approx(up)
     assert (up[:-1] / single[: 4 * (value.size - 1) : 4]) == pytest.approx(0.5, rel=0.05)
-    unsure = case.assign(pair_distribution_standard_error=0.05 * case.pair_distribution)
-    assert pair_distribution._bins_to_pool(unsure, CONTACT[1]) == 7  # 0.05 / sqrt(7) is the first below 0.02
-    assert pair_distribution._bins_to_pool(unsure, 0.11) == 5  # within a quarter of the contact distance
-    surer = case.assign(pair_distribution_standard_error=0.019 * case.pair_distribution)
-    assert pair_distribution._bins_to_pool(surer, CONTACT[1]) == 1
+    for error, width in (
+        (0.05, 0.035),
+        (0.019, None),
+        (0.5, 0.095),
+    ):  # 0.05/sqrt(7) < 0.02; at most a quarter
+        unsure = dataset.sel(species_pair=[PAIRS[1]], scene=["hot"])
+        unsure = unsure.assign(pair_distribution_standard_error=error * unsure.pair_distribution)
+        label = draw_figure(unsure, "pair_distribution").axes[0].get_legend_handles_labels()[1][0]
+        assert label == "58 runs, 95 % band" + (f", bins of width {width:g}" if width else "")
 
 
 # -- what a reader sees ---------------------------------------------------------------------------------------------
@@ -501,37 +380,30 @@ TIMES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["velocity_autocorrelation", "msd"])
-@pytest.mark.parametrize("times", TIMES)
-def test_tick_labels_stand_clear_of_each_other(dataset, name, times):
-    """In panels side by side."""
-    figure, _ = drawn(name, dataset.assign_coords(time=TIMES[times]))
+@pytest.mark.parametrize("apart", [True, False])
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "health"])
+def test_words_cover_no_data_and_no_words(dataset, name, apart):
+    """Of five scenes in panels of their own, in two rows, and of five in one panel; every second name is long."""
+    data = at_times(scenes(dataset, 2), (0.5, 1.0)) if name.startswith("displacement") else scenes(dataset, 5)
+    if name == "velocity_distribution":
+        data = scenes(dataset, 2)
+    figure = draw_figure(data, name, panel=["scene"] if apart else [])
+    with style.drawing():
+        lay_out(figure)
     assert not touching(figure)
+    panels = [axes.get_window_extent() for axes in panels_of(figure)]
+    heads = [one for axes in figure.axes for one in (title(axes), axes.get_legend()) if one and title(axes)]
+    heads += [axes.xaxis.label for axes in figure.axes if axes.get_xlabel()]
+    assert heads and not any(one.get_window_extent().overlaps(panel) for one in heads for panel in panels)
+    if apart and name in ("msd", "diffusion", "energy", "velocity_autocorrelation"):
+        heights = {axes.get_position().height * figure.get_figheight() for axes in panels_of(figure) if title(axes)}
+        assert len([axes for axes in figure.axes if title(axes)]) == 5 and max(heights) - min(heights) < 0.3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [
-        ("scan", 1),
-        ("scan", 3),
-        ("pair_distribution", 1),
-        ("pair_distribution", 5),
-        ("thermodynamics", 1),
-        ("thermodynamics", 8),
-    ],
-)
-def test_no_words_touch_with_few_and_many_scenes(in_scenes, name, count):
-    """All scenes are in the same panels of `scan` and of `thermodynamics`."""
-    figure, _ = in_scenes(name, count)
-    assert not touching(figure)
-
-
-@pytest.mark.parametrize("name", ["thermodynamics", "energy"])
-def test_long_names_in_a_legend_do_not_touch_the_next_panel(dataset, name):
-    labels = [f"a_name_of_60_characters_of_a_scene_or_of_a_species_of_disks_{k}" for k in range(3)]
-    data = dataset.assign_coords(scene=labels[:2], species=["tracer", labels[2]], engine=["timestep-0.01-late"])
-    figure, _ = drawn(name, data)
+@pytest.mark.parametrize("times", TIMES)
+def test_tick_labels_stand_clear_of_each_other(dataset, times):
+    figure, _ = drawn("msd", dataset.assign_coords(time=TIMES[times]))
     assert not touching(figure)
 
 
@@ -584,20 +456,6 @@ def test_correlation_and_its_band_stay_in_their_panel(dataset):
         assert start.get_xdata()[-1] <= axes.get_xlim()[1]
 
 
-def test_logarithmic_panels_of_all_scenes_have_one_axis_that_holds_all_curves(dataset):
-    larger = xarray.where(dataset.scene == "hot", 100.0, 1.0)
-    data = dataset.assign({name: larger * dataset[name] for name in ("msd", "msd_low", "msd_high")})
-    low = made("msd", data)[1][2:]
-    for axes in low:
-        curve = axes.lines[0].get_ydata()
-        assert axes.get_ylim()[0] < curve.min() and curve.max() < axes.get_ylim()[1]
-
-
-def test_ballistic_flight_has_a_key(as_it_is):
-    for axes in as_it_is["msd"][1][:2]:
-        assert any("ballistic flight" in text.get_text() for text in axes.get_legend().get_texts())
-
-
 @pytest.mark.slow
 def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(dataset, tmp_path, no_pictures):
     """Where the first window, or every one, begins with an MSD of more than half the ballistic one."""
@@ -639,42 +497,87 @@ def test_every_window_has_its_d_at_its_particle_count(dataset):
     assert right.get_ylim()[0] < low < 0
 
 
-def test_only_pairs_that_there_are_take_room(dataset):
-    """One scene has tracer and bath, the other one a single species."""
-    alone = (dataset.scene == "hot") | (dataset.species_pair == PAIRS[2])
-    figure, panels = made("pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(alone)))
-    assert [title(axes).get_text() for axes in panels] == [
-        f"hot, N = 20: {PAIRS[1]}",
-        f"hot, N = 20: {PAIRS[2]}",
-        f"thermal, N = 20: {PAIRS[2]}",
-    ]
-    assert all(axes.axison for axes in panels)
-    assert figure.get_size_inches() == pytest.approx([3 * style.WIDTH, 3.6])
-    other = (dataset.scene == "hot") == (dataset.species_pair == PAIRS[1])
-    figure, panels = made("pair_distribution", dataset.assign(pair_distribution=dataset.pair_distribution.where(other)))
-    assert [axes.axison for axes in panels] == [True, True]
-    assert figure.get_size_inches() == pytest.approx([2 * style.WIDTH, 3.6])
+# -- several cases in a panel ----------------------------------------------------------------------------------------
+
+OVERLAID = ("msd", "diffusion", "velocity_autocorrelation", "pair_distribution", "energy", "density_profile")
 
 
-def test_state_points_stand_at_their_packing_fraction(dataset):
-    _, panels = drawn("thermodynamics", scenes(dataset.sel(particles=[20]), 8))
-    expected = np.unique(dataset.packing_fraction.sel(particles=20))
+def in_densities(dataset, count):
+    """The dataset of one scene with so many values of a varied key."""
+    one = dataset.sel(scene=["hot"], particles=[20])
+    each = [one.assign_coords(tracer_mass=float(k + 1)).expand_dims("tracer_mass", 1) for k in range(count)]
+    data = xarray.concat(each, "tracer_mass", data_vars="all", combine_attrs="override")
+    return data.transpose("scene", "tracer_mass", ...).assign_attrs(varied="tracer_mass")
+
+
+@pytest.mark.parametrize("name", OVERLAID)
+def test_cases_share_a_panel_with_colours_and_words_that_tell_them_apart(dataset, name):
+    of_species = {"energy": 2, "density_profile": 2, "pair_distribution": 2}.get(name, 1)
+    figure = draw_figure(in_densities(dataset, 3), name)
+    panels = [axes for axes in figure.axes if title(axes)]
+    assert len(panels) == of_species
     for axes in panels:
-        markers = [bar.lines[0] for bar in axes.containers]
-        assert len({(line.get_color(), line.get_marker()) for line in markers}) == 8
-        assert np.isin(np.concatenate([line.get_xdata() for line in markers]), expected).all()
+        lines = [line for line in axes.lines if str(line.get_label()).startswith("tracer_mass = ")]
+        assert [line.get_label()[:15] for line in lines] == [f"tracer_mass = {k}" for k in (1, 2, 3)]
+        assert len({tuple(line.get_color()) for line in lines}) == 3 and "hot, N = 20" in title(axes).get_text()
+    apart = [axes for axes in draw_figure(in_densities(dataset, 3), name, panel=["tracer_mass"]).axes if title(axes)]
+    assert len(apart) == (6 if name == "pair_distribution" else 3)
 
 
-@pytest.mark.slow
-def test_no_axis_says_its_units_are_reduced(as_it_is):
-    for name in ("msd", "velocity_autocorrelation", "scan", "pair_distribution", "energy"):
-        _, panels = as_it_is[name]
-        assert not any(
-            word in label
-            for axes in panels
-            for label in (axes.get_xlabel(), axes.get_ylabel())
-            for word in ("reduced", "same")
-        )
+def test_at_most_six_cases_share_a_panel(dataset):
+    def groups(data, keys=()):
+        return [len(group) for group in cases.panels_of(cases.cases_of(data), keys)]
+
+    masses = in_densities(dataset, 4)
+    both = xarray.concat([masses, masses.assign_coords(scene=["b"])], "scene", combine_attrs="override")
+    assert groups(masses) == [4] and groups(both) == [4, 4]
+    assert groups(in_densities(dataset, 7)) == [1] * 7 and groups(both, ["tracer_mass"]) == [2] * 4
+    assert groups(dataset) == [4] and groups(dataset, ["scene", "particles"]) == [1] * 4
+    longer = dataset.assign(duration=dataset.duration.where(dataset.scene == "hot", 11.0))
+    assert groups(longer) == [2, 2], "one time axis cannot show both"
+    with pytest.raises(FigureError, match="panel: must be of scene, tracer_mass, particles, engine, not 'phi'"):
+        groups(masses, ["phi"])
+
+
+@pytest.mark.parametrize("name", [*OVERLAID, "orientational_order"])
+def test_the_main_panel_is_drawn_into_axes_of_ones_own(hot, name):
+    with matplotlib.rc_context({"lines.linewidth": 7.0}):
+        axes = matplotlib.figure.Figure().add_subplot()
+        for k, label in enumerate(("first", "second")):
+            assert draw_into(axes, hot, name, color=f"C{k}", label=label) is axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert [label for label in labels if label in ("first", "second")][:: len(labels) // 2] == ["first", "second"]
+    assert axes.get_xlabel() and axes.get_ylabel() and not axes.get_title()
+    assert any(line.get_linewidth() == 7.0 for line in axes.lines), "in the style of the caller"
+
+
+@pytest.mark.parametrize("name", ["health", "scan", "thermodynamics", "velocity_distribution"])
+def test_a_figure_of_several_panels_has_no_main_one(dataset, name):
+    with pytest.raises(FigureError, match=f"^ax: must not be given for {name}, "):
+        draw_into(matplotlib.figure.Figure().add_subplot(), dataset, name)
+
+
+def test_theory_is_beside_the_pair_distribution(hot):
+    """The contact value of a tracer and its bath; the first order in the density where equal disks are dilute."""
+
+    def legends(data):
+        return [axes.get_legend_handles_labels()[1] for axes in draw_figure(data, "pair_distribution").axes]
+
+    each = 0 * hot.packing_fraction
+    mixture = hot.assign(enskog_contact_value=each + 1.4, packing_fraction=each + 0.1)
+    equal = mixture.assign(pair_distribution=mixture.pair_distribution.where(mixture.species_pair == PAIRS[2]))
+    assert ["theory at contact: 1.4" in words for words in legends(mixture)] == [True, False]
+    assert {"theory at contact: 1.4", "first order in the density"} <= {*legends(equal)[0]}
+    assert "first order in the density" not in legends(equal.assign(packing_fraction=each + 0.3))[0]
+
+
+@pytest.mark.parametrize(("key", "label"), [(None, "packing fraction $\\phi$"), ("tracer_mass", "tracer mass")])
+def test_order_is_drawn_against_what_is_varied(dataset, key, label):
+    (axes,) = draw_figure(dataset if key is None else in_densities(dataset, 3), "orientational_order").axes
+    assert axes.get_xlabel() == label
+    points = [bar.lines[0].get_xdata().tolist() for bar in axes.containers]
+    of_counts = dataset.packing_fraction.sel(scene="hot", engine="exact").values.tolist()
+    assert points == ([of_counts] * 2 if key is None else [[1.0, 2.0, 3.0]])
 
 
 # -- tables and the summary -------------------------------------------------------------------------------------------
@@ -693,49 +596,56 @@ def test_the_legend_of_msd_names_only_what_is_drawn(dataset):
     assert not any("nan" in label for label in labels[1])
 
 
-def test_msd_table_is_the_dataset(dataset, folder):
-    table = [row for row in rows(folder / "msd.csv") if row["scene"] == "hot"]
+TABLES = {  # variables, and the dimensions of their rows
+    "msd": (["msd"], ["time"]),
+    "diffusion": (["diffusion_running", "green_kubo"], ["time"]),
+    "velocity_autocorrelation": (["bath_velocity_autocorrelation"], ["time"]),
+    "energy": (["species_energy"], ["species", "time"]),
+    "pair_distribution": (["pair_distribution"], ["species_pair", "distance"]),
+    "density_profile": (["density_profile"], ["species", "wall_distance"]),
+    "orientational_order": (["orientational_order"], []),
+    "thermodynamics": (["tracer_collision_rate"], []),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TABLES)
+def test_table_of_a_measure_is_the_dataset(dataset, folder, name):
+    (variables, along), table = TABLES[name], rows(folder / f"{name}.csv")
+    for variable in variables:
+        for row in (row for row in table[::7] if row[f"{variable}_low"]):
+            at = {dim: float(row[dim]) if dataset[dim].dtype.kind == "f" else row[dim] for dim in along}
+            case = dataset.sel(scene=row["scene"], particles=int(row["particles"]), engine=row["engine"], **at)
+            for part in cases.PARTS:
+                assert float(row[variable + part]) == case[variable + part].item()
+        expected = dataset[variable] if FIGURES[name].every_count else dataset[variable].sel(particles=20)
+        assert sum(bool(row[variable]) for row in table) == np.isfinite(expected).sum()
+
+
+@pytest.mark.slow
+def test_other_tables_have_the_numbers_of_the_dataset(dataset, folder):
     case = dataset.sel(scene="hot", particles=20, engine="exact")
-    for name in ("msd", "msd_low", "msd_high"):
-        assert [float(row[name]) for row in table] == case[name].values.tolist()
-    assert [float(row["ballistic"]) for row in table] == (8 * case.time**2).values.tolist()
-    fit = [float(row["fit over [0.1, 1]"] or "nan") for row in table]
-    assert np.isnan(fit[:2]).all()  # before its window
-    fit = fit[2:]
-    assert np.allclose(np.diff(fit) / 0.05, case.slope.values[0])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "variable", "along"),
-    [
-        ("diffusion", "diffusion_running", ["time"]),
-        ("diffusion", "green_kubo", ["time"]),
-        ("velocity_autocorrelation", "bath_velocity_autocorrelation", ["time"]),
-        ("energy", "species_energy", ["species", "time"]),
-        ("pair_distribution", "pair_distribution", ["species_pair", "distance"]),
-        ("thermodynamics", "tracer_collision_rate", []),
-    ],
-)
-def test_table_of_a_measure_is_the_dataset(dataset, folder, name, variable, along):
-    table = rows(folder / f"{name}.csv")
-    for row in (row for row in table[::7] if row[f"{variable}_low"]):
-        at = {dim: float(row[dim]) if dataset[dim].dtype.kind == "f" else row[dim] for dim in along}
-        case = dataset.sel(scene=row["scene"], particles=int(row["particles"]), engine=row["engine"], **at)
-        for part in ("", "_standard_error", "_low", "_high"):
-            assert float(row[variable + part]) == case[variable + part].item()
-    expected = dataset[variable] if name == "thermodynamics" else dataset[variable].sel(particles=20)
-    assert sum(bool(row[variable]) for row in table) == np.isfinite(expected).sum()
-
-
-@pytest.mark.slow
-def test_velocity_table_has_maxwell_beside_it(folder):
-    table = rows(folder / "velocity_distribution.csv")
-    for of, width, mean_square in (("velocity", 0.1, 1), ("speed", 0.1, 2)):
-        mine = [row for row in table if (row["scene"], row["species"], row["of"]) == ("hot", SPECIES[1], of)]
+    of_hot = {name: [row for row in rows(folder / f"{name}.csv") if row["scene"] == "hot"] for name in NAMES}
+    assert [float(row["ballistic"]) for row in of_hot["msd"]] == (8 * case.time**2).values.tolist()
+    fit = np.array([float(row["fit over [0.1, 1]"] or "nan") for row in of_hot["msd"]])
+    assert np.isnan(fit[:2]).all() and np.allclose(np.diff(fit[2:]) / 0.05, case.slope.values[0])
+    rings = of_hot["displacement_distribution"]
+    assert len(rings) == 25 and rings[-1]["r_outer"] == "inf" and sum(float(row["runs"]) for row in rings) == 58
+    assert sum(float(row["expected, msd"]) for row in rings) == pytest.approx(58)
+    for row in of_hot["scan"]:
+        window = [0.1, 0.5].index(float(row["window_start"]))
+        fitted = dataset.sel(scene="hot", particles=int(row["particles"]), engine="exact").isel(window=window)
+        assert float(row["diffusion_coefficient"]) == fitted.diffusion_coefficient.item()
+    worst = next(row for row in of_hot["health"] if (row["particles"], row["measure"]) == ("20", "energy_drift"))
+    assert float(worst["greatest"]) == abs(case.energy_drift).max().item() and worst["failed_runs"] == "2"
+    for of, mean_square in (("velocity", 1), ("speed", 2)):
+        mine = [row for row in of_hot["velocity_distribution"] if (row["species"], row["of"]) == (SPECIES[1], of)]
         value, maxwell = (np.array([float(row[column]) for row in mine]) for column in ("value", "maxwell"))
-        assert maxwell.sum() * width == pytest.approx(1, abs=1e-12)
-        assert (maxwell * value**2).sum() * width == pytest.approx(mean_square, rel=2e-3)  # width^2/12 and the like
+        assert maxwell.sum() * 0.1 == pytest.approx(1, abs=1e-12)
+        assert (maxwell * value**2).sum() * 0.1 == pytest.approx(mean_square, rel=2e-3)  # width^2/12 and the like
+    table = rows(folder / "summary.csv")
+    assert {(row["window_start"], row["window_end"]) for row in table} == {("0.1", "1.0"), ("0.5", "1.0")}
+    assert len(table) == 8 and float(table[2]["contact_value, bath-bath"]) == case.contact_value.values[2]
 
 
 @pytest.mark.slow
@@ -750,76 +660,66 @@ def test_scenes_share_no_pair(dataset, tmp_path, run_through):
         assert render(dataset.assign(gaps | {"pair_distribution": pair}), tmp_path, list(OF_OBSERVABLES))
 
 
-@pytest.mark.slow
-def test_contact_is_where_the_dataset_says(dataset, folder):
-    table = [row for row in rows(folder / "pair_distribution.csv") if row["species_pair"] == PAIRS[2]]
-    first = min(float(row["distance"]) for row in table if float(row["pair_distribution"]) > 0)
-    assert first == pytest.approx(CONTACT[2], abs=0.005)
+def columns(dataset, *chosen):
+    """The headings of the answer, and the cells of its last case."""
+    return {heading: cells[-1] for heading, *cells in answer(dataset, chosen).columns}
 
 
-@pytest.mark.slow
-def test_several_displacement_times(dataset, tmp_path, no_pictures):
-    several = at_times(dataset, (0.5, 1.0))
-    render(several, tmp_path, ["displacement_distribution"])
-    table = rows(tmp_path / "displacement_distribution.csv")
-    assert [{row["time"] for row in table}, len(table)] == [{"0.5", "1.0"}, 2 * 2 * 25]
-    line = next(line for line in summary(several).splitlines() if line.split()[:2] == ["hot", "20"])
-    assert line == next(line for line in summary(dataset).splitlines() if line.split()[:2] == ["hot", "20"])
+def estimate(case, name):
+    return cases.plus_minus(case[name], case[f"{name}_standard_error"])
 
 
-@pytest.mark.slow
-def test_distribution_table_counts_every_run(dataset, folder):
-    table = [row for row in rows(folder / "displacement_distribution.csv") if row["scene"] == "hot"]
-    assert len(table) == 25
-    assert table[-1]["r_outer"] == "inf"
-    assert sum(float(row["runs"]) for row in table) == 58
-    assert sum(float(row["expected, msd"]) for row in table) == pytest.approx(58)
+def test_the_answer_begins_with_what_the_study_measured(dataset):
+    found, case = columns(dataset), dataset.sel(scene="thermal", particles=20, engine="exact")
+    energy = [f"energy, {name}" for name in SPECIES]
+    contact = [f"g(contact), {name}" for name in PAIRS[1:]]
+    of_walls = [f"n(wall), {name}" for name in SPECIES]
+    names = ["scene", "N", "runs", *energy, "Z", *contact, "|psi_6|", *of_walls]
+    names += ["D (Green-Kubo)", "turned", "MSD(t = 1)", "D"]
+    assert [*found] == names
+    assert found["Z"] == f"{estimate(case, 'compressibility')} ({float(case.enskog_compressibility):#.4g})"
+    assert found[energy[1]] == estimate(case.isel(time=-1, species=1), "species_energy")
+    assert found[contact[1]] == estimate(case.isel(species_pair=2), "contact_value")
+    assert found["MSD(t = 1)"] == estimate(case.isel(time=-1), "msd")
+    assert found["D"].startswith(estimate(case.isel(window=0), "diffusion_coefficient"))
+    assert max(map(len, summary(dataset).splitlines())) <= 120
 
 
-@pytest.mark.slow
-def test_the_table_of_a_scan_names_the_window(dataset, folder):
-    table = rows(folder / "scan.csv")
-    assert len(table) == 2 * 2 * 2
-    for row in table:
-        fit = dataset.sel(scene=row["scene"], particles=int(row["particles"]), engine="exact")
-        fit = fit.isel(window=[0.1, 0.5].index(float(row["window_start"])))
-        assert float(row["diffusion_coefficient"]) == fit.diffusion_coefficient.item()
+def test_msd_and_d_are_in_the_answer_if_they_were_asked_for(plain, dataset):
+    """By an option of the analysis, by a figure, or as there is nothing else."""
+    by_default = dataset.assign_attrs(options="{}").drop_vars(
+        [name for name in dataset.data_vars if name.startswith(("diffusion_running", "species_energy"))]
+    )
+    assert "D" not in columns(by_default) and "Z" in columns(by_default)
+    assert "D" in columns(by_default, "msd") and "D" in columns(by_default.assign_attrs(options=plain.options))
+    assert [*columns(plain.assign_attrs(options="{}"))][3:] == ["MSD(t = 1)", "D"]
+    assert [*columns(plain.assign_attrs(options="{}"), "thermodynamics", "health")][3:] == ["collision rate"]
 
 
-@pytest.mark.slow
-def test_health_table_has_the_worst_run(dataset, folder):
-    table = {(row["scene"], row["particles"], row["measure"]): row for row in rows(folder / "health.csv")}
-    worst = abs(dataset.energy_drift.sel(scene="hot", particles=10, engine="exact")).max().item()
-    assert float(table["hot", "10", "energy_drift"]["greatest"]) == worst
-    assert table["hot", "10", "energy_drift"]["failed_runs"] == "2"
+def test_an_observable_of_ones_own_is_in_the_answer(plain):
+    meaning = {"observable": "my_module:chirality", "long_name": "chirality of the fluid"}
+    one = xarray.full_like(plain.duration, 0.25).assign_attrs(meaning)
+    found = plain.assign(chirality=one, chirality_standard_error=0.01 * one / 0.25)
+    assert [*columns(found)][3:] == ["chirality", "MSD(t = 1)", "D"] and columns(found)["chirality"] == "0.250 ± 0.010"
+    assert "chirality: chirality of the fluid (my_module:chirality)." in summary(found)
 
 
-def test_summary(dataset):
-    text = summary(dataset)
-    line = next(line for line in text.splitlines() if line.split()[:2] == ["hot", "20"])
-    case = dataset.sel(scene="hot", particles=20, engine="exact")
-    assert cases.plus_minus(case.msd[-1], case.msd_standard_error[-1]) in line
-    d = case.diffusion_coefficient[0], case.diffusion_coefficient_standard_error[0]
-    assert cases.plus_minus(*d) in line
-    assert "MSD(t = 1)" in text
-    assert "D: a quarter of the slope of the MSD over t in [0.1, 1]." in text
-    assert "hot, N = 20: failed and left out: 2 of 60 seeds (7,33)" in text
-    assert "missing" not in text
-
-
-def test_summary_says_what_is_tested_and_at_which_level(tmp_path):
+def test_the_verdict_on_eq_18_is_given_where_rings_were_asked_for(tmp_path):
     """Of two scenes, normal displacements in one and displacements of nearly one length in the other."""
     normal, ring = make_runs(make_scene("normal"), range(400)), make_runs(make_scene("ring"), range(400))
     direction = (np.exp(1j * np.arange(400.0)) * np.linspace(0.9, 1.1, 400)).view(float).reshape(400, 2)
     ring.ensemble.tracer.position[...] = np.sqrt(4 * ring.ensemble.times)[:, None, None] * direction
-    text = summary(aggregate([write(tmp_path, normal), write(tmp_path, ring)]))
-    first, second = (next(line for line in text.splitlines() if line.startswith(name)) for name in ("normal", "ring"))
-    assert re.search(r"  no, p = [0-9.]+ +no, p = [0-9.]+$", first)
-    assert second.endswith("  yes, p < 1e-06   yes, p < 1e-06")
+    files = [write(tmp_path, normal), write(tmp_path, ring)]
+    assert "rejected" not in summary(aggregate(files))
+    text = summary(aggregate(files, displacement_times=[1.0]), title="Rings and walks")
+    first, second = ([line for line in text.splitlines() if line.startswith(name)][-1] for name in ("normal", "ring"))
+    assert re.search(r"  not rejected, p = [0-9.]+ +not rejected, p = [0-9.]+$", first)
+    assert second.endswith("  rejected, p < 1e-06     rejected, p < 1e-06")
     head = text.splitlines()
-    assert head[0].index("eq. (18) rejected?") == head[1].index("with D = MSD/4t") == second.index("yes")
+    above = head.index(next(line for line in head if line.strip() == "eq. (18)"))
+    assert head[0] == "Rings and walks" and head[above].index("eq.") == head[above + 1].index("with D = MSD/4t")
     assert "Eq. (18): x and y at t = 1 are normal, of variance 2Dt;" in text
-    assert "rejected at a family-wise level of 5% for the 4 tests of this table (Holm); no: not rejected." in text
+    assert "rejected at a family-wise level of 5% for the 4 tests of this table (Holm)." in text
     assert max(map(len, head)) <= 100
 
 
@@ -828,18 +728,11 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
     coarse = partial._replace(engine=configured("timestep", time_step=0.01, collisions="late"))
     text = summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
     assert "plain, N = 20, timestep-0.01-late: missing: 4 of 20 seeds (5-8)" in text
-    assert "engine" in text.splitlines()[1]
+    assert "engine" in text.splitlines()[0]
     fewer = full._replace(ensemble=make_runs(make_scene(), range(12)).ensemble)
     dataset = aggregate([write(tmp_path, fewer), write(tmp_path, coarse)])
     assert "missing: 4 of 20" in summary(dataset)
     assert "missing: 8" not in summary(dataset), "an engine may have fewer seeds than another"
-
-
-@pytest.mark.slow
-def test_summary_table_has_a_row_per_window(dataset, folder):
-    table = rows(folder / "summary.csv")
-    assert len(table) == 8
-    assert {(row["window_start"], row["window_end"]) for row in table} == {("0.1", "1.0"), ("0.5", "1.0")}
 
 
 @pytest.mark.slow
@@ -912,6 +805,5 @@ def test_the_summary_of_averages_has_no_distribution(tmp_path):
     ensemble = runs.ensemble._replace(tracer=None, observables=measured, average="disks")
     write_trajectories(tmp_path / "a.h5", scene, Engine("exact"), ensemble)
     text = summary(aggregate([tmp_path / "a.h5"])).splitlines()
-    assert text[0].split() == ["scene", "N", "runs", "MSD(t", "=", "1)", "D"] and not any(
-        "rejected" in line for line in text
-    )
+    assert text[0].split() == ["scene", "N", "runs", "MSD(t", "=", "1)", "D", "collision", "rate"]
+    assert not any("rejected" in line for line in text)

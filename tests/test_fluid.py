@@ -8,8 +8,8 @@ from scipy import stats
 
 from brownpipe import theory
 from brownpipe.analysis import estimator, thermodynamics
-from brownpipe.analysis.runs import RunBlock
 from brownpipe.engines import Engine, units
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import layout
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.scene import parse_scene
@@ -113,9 +113,9 @@ def test_collision_rate_at_the_temperature_of_the_scene():
     1/sqrt(2 x 149) of each, a false alarm in 10,000.
     """
     scene, seeds = fluid(0.14, 40.0, "random"), np.arange(150)
-    case = estimator.Case(scene, Engine("exact"), scene.times, estimator.Options((), np.arange(2.0), ()))
+    case = estimator.Case(scene, Engine("exact"), scene.times)
     seen = reported(0.14, 40.0, "random", len(seeds))
-    means = thermodynamics.ESTIMATOR.columns(case, RunBlock(seeds, None, seen)).means
+    means = thermodynamics.columns(case, Ensemble(seeds, scene.times, None, seen, {}, {})).means
     raw, scaled = means["collision_rate"], means["collision_rate_at_temperature"]
     gain = np.sqrt(1 + (scaled.mean() / scaled.std(ddof=1)) ** 2 / (4 * 1023))
     assert gain > 2

@@ -15,8 +15,9 @@ from PIL import Image
 
 import brownpipe as bp
 from brownpipe.cli import main
+from brownpipe.engines import Engine
 from brownpipe.engines.exact import recording
-from brownpipe.errors import BrownpipeError, FigureError, RequestError, StorageError
+from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
 from brownpipe.figures.summary import answer
 from synthetic import render
 
@@ -139,7 +140,7 @@ def test_variables_that_a_user_adds_are_neither_analysed_nor_saved(runs, result,
         ("early", runs.assign(early=runs.tracer_collisions > 1)),
         ("events/energy", logged),
         ("mine/", joined),
-        ("unwrapped", runs.assign(unwrapped=runs.position * 1)),
+        ("displaced", runs.assign(displaced=runs.position * 1)),
         ("disks/energy", heated),
         ("speed", runs.assign(speed=runs.failed * 1)),
     ):
@@ -213,6 +214,104 @@ def test_runs_that_failed_are_named(monkeypatch):
         bp.simulate(SCENE, 2, particles=20, quiet=True)
 
 
+@pytest.mark.parametrize(
+    ("engine", "further"),
+    [({}, ["all"]), ({"engine": "timestep", "time_step": 0.01}, ["all"]), ({"engine": "langevin"}, [])],
+)
+def test_the_velocity_of_the_tracer_is_recorded_if_asked(tmp_path, capsys, engine, further):
+    friction = {"friction": "enskog"} if engine.get("engine") == "langevin" else {}
+    scene = bp.read_scene(SCENE, 20).replace(**{"box.boundary": "periodic", "disks.tracer.mass": 8.0})
+    runs = bp.simulate(scene, 3, record=["velocity", *further], quiet=True, **engine, **friction)
+    assert (runs.velocity.dims, runs.velocity.units) == (runs.position.dims, "length/time")
+    first = (runs.velocity.isel(time=0) ** 2).sum("component")
+    np.testing.assert_allclose(first, runs.initial_square_speed, rtol=1e-12)
+    if further:
+        assert np.array_equal(runs.velocity, runs.disks.velocity.sel(disk=0))
+    bp.save(runs, tmp_path / "runs.h5")
+    assert bp.open(tmp_path / "runs.h5").identical(runs)
+    assert main(["inspect", str(tmp_path / "runs.h5"), "--reproduce"]) == 0
+    assert "identical: 3 runs" in capsys.readouterr().out
+    with pytest.raises(AnalysisError, match="another --record"):
+        bp.analyse([runs, bp.simulate(scene, [7], quiet=True, **engine, **friction)])
+
+
+def test_positions_go_on_where_a_periodic_box_ends(runs):
+    scene = bp.Scene(**KEYS | {"box": KEYS["box"] | {"boundary": "periodic", "y": (-3, 4)}, "particles": 20})
+    wrapped = bp.simulate(scene, 5, record="all", quiet=True)
+    assert (wrapped.unwrapped.units, wrapped.box_size.values.tolist()) == ("length", [6.0, 7.0])
+    assert np.abs(wrapped.disks.unwrapped.diff("time")).max() < 2.0 < np.abs(wrapped.disks.position.diff("time")).max()
+    assert wrapped.disks.unwrapped.sel(disk=0).variable.equals(wrapped.unwrapped.variable)
+    assert runs.unwrapped.variable.equals(runs.position.variable)
+
+
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+def test_the_mean_of_an_own_array_is_that_of_the_analysis(boundary):
+    scene = bp.Scene(**KEYS | {"box": KEYS["box"] | {"boundary": boundary}, "particles": 20})
+    runs = bp.simulate(scene, range(1015, 1035), quiet=True)
+    square = ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2).sum("component").assign_attrs(units="length^2")
+    found, expected = bp.mean(square), bp.analyse(runs).squeeze()
+    ends = {"value": "", "standard_error": "_standard_error", "low": "_low", "high": "_high"}
+    for name, end in ends.items():
+        np.testing.assert_allclose(found[name], expected[f"msd{end}"], rtol=1e-12, atol=1e-15)
+        assert found[name].units == "length^2"
+    assert list(found.coords) == ["time"]
+    assert bp.mean(square.sel(time=1)).value == found.value.sel(time=1)
+    one = square.copy()
+    one[{"seed": 3}] = np.nan
+    failed = square.assign_coords(failed=("seed", np.arange(20) == 3))
+    without = square.isel(seed=np.arange(20) != 3)
+    assert bp.mean(one).identical(bp.mean(without))
+    assert bp.mean(failed[::-1, ::-1]).identical(bp.mean(without[::-1]))
+
+
+def test_a_table_has_a_row_for_each_case_in_the_order_given(runs):
+    fewer = bp.simulate(SCENE, 10, particles=10, quiet=True)
+    result = bp.analyse([runs, fewer])
+    table = bp.table(result)
+    assert table.particles.tolist() == result.particles.values.tolist() == [20, 10]
+    assert table.attrs["diffusion_coefficient"] == "length^2/time"
+    expected = result.msd_standard_error.isel(time=-1).values.ravel()
+    np.testing.assert_array_equal(table.msd_standard_error, expected)
+    assert [*result.data_vars][:3] == ["msd", "diffusion_coefficient", "compressibility"]
+    assert [*result.data_vars][-1] == "run_status"
+
+
+@pytest.mark.slow
+def test_runs_on_several_cores_are_the_same(runs):
+    asked = {"record": ["all", "events"], "observables": ["square_displacement"]}
+    assert bp.simulate(SCENE, 10, particles=20, cores=2, quiet=True, **asked).identical(runs)
+
+
+@pytest.mark.slow
+def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
+    """By the same digest of what determines runs; nothing is written to the store."""
+    monkeypatch.chdir(tmp_path)
+    Path("study.yaml").write_text(f"scenes: {SCENE}\nparticles: 20\nseeds: 60\nfit_windows: [[0.1, 1]]\n")
+    result = bp.run("study.yaml", cores=1, config={"seeds": 6})
+    stored, made, simulate = sorted(Path("results/runs").rglob("*.h5")), [], Engine.simulate
+
+    def counted(self, scene, seeds, *rest, **options):
+        made.extend(seeds)
+        return simulate(self, scene, seeds, *rest, **options)
+
+    monkeypatch.setattr(Engine, "simulate", counted)
+    again = bp.analyse(
+        bp.simulate(SCENE, "2-8", particles=20, quiet=True).sel(seed=range(2, 6)), fit_windows=[(0.1, 1)]
+    )
+    assert made == [6, 7, 8]
+    assert np.array_equal(again.run_msd, result.run_msd.sel(seed=range(2, 6)))
+    bp.simulate(SCENE, 1, particles=20, record="all", quiet=True)
+    assert made[3:] == [0], "other runs"
+    assert sorted(Path("results/runs").rglob("*.h5")) == stored
+    contents = bytearray(stored[0].read_bytes())
+    contents[len(contents) // 2] ^= 1
+    stored[0].write_bytes(contents)
+    with pytest.raises(StorageError, match=r"0-5.h5: was damaged"):
+        bp.simulate(SCENE, 3, particles=20, quiet=True)
+    with pytest.raises(RunError, match=r"0-5.h5: was damaged"):
+        bp.run("study.yaml", config={"seeds": 6, "fit_windows": [[0.2, 1]]})
+
+
 @pytest.mark.parametrize("seeds", ["0-2", [2, 0, 1], range(3), range(2, -1, -1), np.arange(3), np.int64(3), {0, 1, 2}])
 def test_seeds_in_every_form(seeds):
     assert list(bp.simulate(SCENE, seeds, particles=20, quiet=True).seed.values) == [0, 1, 2]
@@ -234,24 +333,33 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.Scene(**KEYS | {"duration": -1}), "Scene: duration: must be > 0, not -1"),
         (lambda: bp.Scene(**KEYS, name="a b"), "Scene: name: must be a name"),
         (lambda: bp.read_scene("absent.yaml"), "absent.yaml"),
-        (lambda: bp.simulate(SCENE, -3), "seeds: must be an integer from 1"),
+        (lambda: bp.simulate(SCENE, -3), "seeds: must be a count like 2400, or seeds"),
         (lambda: bp.simulate(SCENE, np.array([-3, 4])), "seeds: must be"),
         (lambda: bp.simulate(SCENE, 2.5), "seeds: must be"),
         (lambda: bp.simulate(SCENE, {1.5}), "seeds: must be"),
         (lambda: bp.simulate(SCENE, {True}), "seeds: must be"),
         (lambda: bp.simulate(SCENE, {"a"}), "seeds: must be"),
         (lambda: bp.simulate(SCENE, {10**30}), "seeds: must be"),
-        (lambda: bp.simulate(SCENE, range(10**9)), "seeds: must be at most 10000000 seeds, not '0-999999999'"),
+        (lambda: bp.simulate(SCENE, range(10**9)), "seeds: must be seeds like .* at most 10000000, not '0-999999999'"),
         (lambda: bp.simulate(SCENE, range(0)), "seeds: must be"),
-        (lambda: bp.read_scene(None), "path: must be the path of a file, not null"),
+        (lambda: bp.read_scene(None), "path: must be the path of a file, not None"),
         (lambda: bp.open(3), "path: must be the path of a file, not 3"),
         (
             lambda: bp.simulate(SCENE, engine="exakt"),
             "engine: must be .* not 'exakt'; did you mean exact",
         ),
         (lambda: bp.simulate(SCENE, time_step=0.1), "time_step 0.1: the exact engine has no such setting"),
-        (lambda: bp.simulate(SCENE, recrod="all"), "recrod all: no engine has such a setting; exact has no settings"),
-        (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt 1: no engine has such a setting; timestep has time_"),
+        (lambda: bp.simulate(SCENE, recrod="all"), "recrod: unknown; did you mean record?"),
+        (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt: unknown; did you mean time_step?"),
+        (lambda: bp.simulate(SCENE, seed=3), "seed: unknown; did you mean seeds?"),
+        (lambda: bp.scan(SCENE, {"duration": [1, 2]}, core=2), "core: unknown; did you mean cores?"),
+        (lambda: bp.analyse("a.h5", fit_window=(0, 1)), "fit_window: unknown; did you mean fit_windows?"),
+        (lambda: bp.Scene(quick=True), r"quick: unknown; see help\(brownpipe.Scene\)"),
+        (lambda: bp.simulate(SCENE, cores=0), "cores: must be >= 1, not 0"),
+        (lambda: bp.mean(np.zeros(3)), "array: must be an array with the dimension seed"),
+        (lambda: bp.mean(xarray.DataArray([1.0, 2.0], {"seed": [4, 4]})), "array: must have every seed once"),
+        (lambda: bp.run("absent.yaml"), "absent.yaml: cannot be read"),
+        (lambda: bp.run(SCENE), "is a scene, not a study"),
         (lambda: bp.simulate(KEYS), "scene: must be a scene or the path of a scene file, not {"),
         (lambda: bp.simulate(SCENE, record=None), "record: must be a name or a list of names, not None"),
         (lambda: bp.simulate(SCENE, observables=3), "observables: must be a name or a list of names, not 3"),

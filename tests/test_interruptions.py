@@ -1,21 +1,84 @@
-"""A study that was killed: what was finished is not computed again."""
+"""Ctrl-C, SIGTERM and kill: status, one line, no half-written file; a killed study goes on where it was."""
 
+import json
 import os
+import re
 import shutil
 import signal
 import subprocess
+import sys
+import tempfile
+import threading
 import time
 from contextlib import suppress
+from pathlib import Path
 
+import psutil
 import pytest
 
 from brownpipe.cli import main
 from brownpipe.errors import DONE
+from brownpipe.processes import held
+from brownpipe.storage.files import read_sealed
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import files_of
 from test_workflow import SCENE, command, environment, snakemake
 
 KILLS = ("kill snakemake", "interrupt snakemake", "kill a worker", "kill all", "interrupt all")
+LONGEST = 60.0  # s for a busy machine to compile the kernels and to end a process
+MODULE = (sys.executable, "-m", "brownpipe")
+ENDS = [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+
+
+def test_ctrl_c_waits_for_the_compiler_in_the_main_thread():
+    done = []
+
+    def compiled(interrupt):
+        with held():
+            if interrupt:
+                signal.raise_signal(signal.SIGINT)
+            done.append("compiled")
+        done.append("run")
+
+    thread = threading.Thread(target=compiled, args=[False])
+    thread.start()
+    thread.join()
+    assert done == ["compiled", "run"]
+    with pytest.raises(KeyboardInterrupt):
+        compiled(True)
+    assert done == ["compiled", "run", "compiled"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+BATH = {"name": "bath", "count": 1000, "radius": 0.5, "mass": 1.0}
+CROWD = {
+    "box": {"x": [0.0, 55.0], "y": [0.0, 55.0], "boundary": "periodic"},
+    "disks": {"species": [BATH], "placement": "random"},
+    "velocities": {"temperature": 1.0},
+    "duration": 200.0,
+    "sample_interval": 200.0,
+}
+
+
+@pytest.mark.slow
+def test_a_signal_at_a_random_moment_ends_a_simulation(tmp_path, faults):
+    """While it compiles or loads machine code, runs and writes."""
+    for attempt in faults.tries(2):
+        number, status, word = ENDS[attempt % 2]
+        apart = {} if faults.random.random() < 0.5 else {"NUMBA_CACHE_DIR": str(tmp_path / "cache" / str(attempt))}
+        with tempfile.TemporaryDirectory(dir=tmp_path) as folder:
+            (Path(folder) / "scene.yaml").write_text(json.dumps(CROWD))
+            command, pipe = [*MODULE, "simulate", "scene.yaml", "--record", "all"], subprocess.PIPE
+            process = subprocess.Popen(command, cwd=folder, env=os.environ | apart, stderr=pipe, text=True)
+            time.sleep(faults.random.uniform(1.0, 9.0 if apart else 3.0))
+            process.send_signal(number)
+            _, err = process.communicate(timeout=LONGEST)
+            assert process.returncode in (0, status) and "Traceback" not in err, err
+            assert process.returncode == 0 or re.search(rf"^brownpipe: {word}\n\Z", err, re.MULTILINE)
+            left = {path.name for path in Path(folder).rglob("*.*") if path.suffix in (".h5", ".part", ".checkpoint")}
+            assert left == {"scene.h5"} if process.returncode == 0 else left <= {"scene.h5"}, (left, process.returncode)
+            for file in left:
+                read_sealed(f"{folder}/{file}")
 
 
 @pytest.fixture(scope="module")
@@ -91,15 +154,13 @@ def wait_until(condition, seconds):
 
 def members(session):
     """The processes of a session that are not zombies."""
-    found = []
-    for name in filter(str.isdigit, os.listdir("/proc")):
-        try:
-            with open(f"/proc/{name}/stat") as file:
-                state, _, _, own = file.read().rpartition(")")[2].split()[:4]
-        except OSError:
-            continue
-        found += [int(name)] if int(own) == session and state != "Z" else []
-    return found
+    alive = (one.pid for one in psutil.process_iter(["status"]) if one.info["status"] != psutil.STATUS_ZOMBIE)
+    return [pid for pid in alive if session_of(pid) == session]
+
+
+def session_of(pid):
+    with suppress(ProcessLookupError):
+        return os.getsid(pid)
 
 
 def harm(process, kill):
@@ -107,12 +168,8 @@ def harm(process, kill):
     if kill.endswith("all"):
         for member in members(process.pid):
             send(member, number)
-    elif kill.endswith("worker"):
-        workers = [member for member in members(process.pid) if member != process.pid]
-        for worker in workers[-1:]:
-            send(worker, number)
     else:
-        send(process.pid, number)
+        send(members(process.pid)[-1] if kill.endswith("worker") else process.pid, number)
 
 
 def send(pid, number):

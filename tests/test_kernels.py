@@ -1,6 +1,8 @@
-"""Kernels are compiled once, whoever needs them, and correctly."""
+"""Kernels are compiled correctly and once: a second process finds the machine code, which is never outdated."""
 
+import errno
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,23 +12,13 @@ import numba
 import numpy as np
 import pytest
 
+from brownpipe import provenance
 from brownpipe.engines import indices, inlining, kernels
+from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import by_reference, local_copy
 
 HERE = Path(__file__).parent
 NOTE = HERE.parent / "config" / "scenes" / "harrison2020.yaml"
-
-
-def test_a_prefetch_is_compiled_to_one():
-    """A missing prefetch changes no result, so look at the LLVM code."""
-
-    @numba.njit
-    def ask(array, index):
-        kernels.prefetch(array, index)
-
-    ask(np.zeros(4, np.uint32), 2)
-    (compiled,) = ask.inspect_llvm().values()
-    assert "call void @llvm.prefetch" in compiled
 
 
 PLACED = """
@@ -74,7 +66,7 @@ class Outer(NamedTuple):
     values: object
 
 
-@kernels.kernel
+@kernel
 def part(missing, outer, k):
     """A kernel in which what is None is left out."""
     if missing is None:
@@ -82,7 +74,7 @@ def part(missing, outer, k):
     return missing.no_such_field
 
 
-@kernels.entry_point
+@entry_point
 def work(outer):
     """Reads scalars, arrays and nested records; writes through the arrays of both."""
     outer = local_copy(outer)
@@ -100,23 +92,14 @@ def test_a_record_is_passed_by_reference():
     assert record.values.tolist() == [3.0, 5.0, 7.0, 9.0] and record.inner.values.tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
-def test_records_with_other_fields_are_other_types():
-    one = numba.typeof(Inner(3, np.arange(4.0)))
-    assert one == numba.typeof(Inner(5, np.zeros(7))) and one != numba.typeof(Inner(3, np.arange(4)))
-    assert one.name != numba.typeof(Inner(3, np.arange(4))).name != numba.typeof(Inner(3.0, np.arange(4))).name
-
-
-def test_a_kernel_called_from_python_is_python():
-    assert part(None, Outer(2.0, Inner(3, [1, 2]), None, None), 1) == 7.0
-
-
-@kernels.kernel
+@kernel
 def says(number):
     """What prints needs an environment."""
     print("kernel", number)
     return number + 1
 
 
+@pytest.mark.slow
 def test_other_peoples_compiled_functions_work_as_ever(capfd):
     """Ufuncs, functions that only compiled functions can call, kernels that print, and indices from the end."""
     indices.install()
@@ -157,3 +140,96 @@ def test_a_record_leaves_no_references_to_its_arrays():
         for _ in range(10):
             function(record)
         assert [sys.getrefcount(array) for array in (record.values, record.inner.values)] == before
+
+
+# -- machine code on disk ---------------------------------------------------------------------------------------------
+
+FOLLOW = """
+import sys
+import numpy as np
+from brownpipe import stages
+from brownpipe.engines import inlining, kernels
+from brownpipe.engines.compiling import compile_all
+from brownpipe.engines.langevin.step import follow
+if "untested" in sys.argv:
+    inlining.TESTED = ((0, 0), (0, 0))
+stages.remark_listeners.append(lambda line: print(line.partition(" ")[0]))
+for _ in range(2):
+    compile_all(lambda: follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))))
+print(kernels.FOLDER)
+"""
+
+
+@pytest.fixture
+def copied(tmp_path):
+    """A copy of the package, without machine code."""
+    without = shutil.ignore_patterns("__pycache__")
+    return shutil.copytree(provenance.PACKAGE, tmp_path / "copy" / "brownpipe", ignore=without)
+
+
+def follows(package, *words, **environment):
+    """What a process says that compiles a small kernel, unless there is machine code; at last its folder."""
+    apart = os.environ | {"PYTHONPATH": str(package.parent), "NUMBA_CACHE_DIR": ""} | environment
+    command = [sys.executable, "-c", FOLLOW, *words]
+    return subprocess.run(command, env=apart, capture_output=True, text=True, check=True).stdout.split()
+
+
+@pytest.mark.slow
+def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied):
+    said, first = follows(copied)
+    assert said == "compiling" and first.startswith(str(copied / "__pycache__" / "kernels-"))
+    assert follows(copied) == [first]
+    for edited in ("engines/exact/cells.py", "elementary.py"):
+        with open(copied / edited, "a") as file:
+            file.write("# edited\n")
+        said, folder = follows(copied)
+        assert said == "compiling" and folder != first
+        first = folder
+    assert follows(copied, NUMBA_CPU_NAME="generic")[0] == "compiling"  # there is code, for another processor
+
+
+@pytest.mark.slow
+def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(copied, tmp_path):
+    """Here a file is in the place of the folder, as root can write to any."""
+    (copied / "__pycache__").touch()
+    own = {"XDG_CACHE_HOME": str(tmp_path / "own"), "PYTHONDONTWRITEBYTECODE": "1"}
+    said, folder = follows(copied, **own)
+    assert said == "compiling" and folder.startswith(str(tmp_path / "own" / "brownpipe" / "kernels-"))
+    assert follows(copied, **own) == [folder]
+    assert follows(copied, **own | {"XDG_CACHE_HOME": "/dev/null"}) == ["compiling", "machine", "None"]
+    assert "kernels" in follows(copied, "untested", **own)  # the line of a version of Numba that was not tested
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """An entry point made anew, as in another process, with an empty folder."""
+    monkeypatch.setattr(kernels, "FOLDER", tmp_path)
+    return lambda: kernels.entry_point(work.py_func)
+
+
+def outer(kind=float):
+    return Outer(2.0, Inner(3, np.arange(4, dtype=kind)), None, np.zeros(4, kind))
+
+
+def is_compiled_again(function):
+    """Whether there is no machine code of it on disk; it calculates the same with it and without."""
+    assert function(outer()) == 24.0
+    return function.stats.cache_misses != {}
+
+
+@pytest.mark.slow
+def test_truncated_machine_code_is_made_again(kept, tmp_path):
+    assert [is_compiled_again(kept()) for _ in range(2)] == [True, False]
+    for pattern in ("*.nbi", "*.nbc"):
+        for cut in (0, 0.5):
+            (file,) = tmp_path.rglob(pattern)
+            os.truncate(file, int(cut * file.stat().st_size))
+            assert [is_compiled_again(kept()) for _ in range(2)] == [True, False]
+
+
+def test_if_machine_code_cannot_be_written_the_run_goes_on(kept, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    assert [is_compiled_again(kept()) for _ in range(2)] == [True, True]

@@ -38,7 +38,8 @@ def scene_of(name="some", boundary="reflecting", width=6.0, particles=150, speci
         "duration": 1.0,
         "sample_interval": 0.01,
     }
-    return parse_scene(mapping | more, f"{name}.yaml")
+    mapping = {key: value for key, value in (mapping | more).items() if value is not None}
+    return parse_scene(mapping, f"{name}.yaml")
 
 
 def unwrapped(scene, ensemble):
@@ -193,22 +194,21 @@ def test_mirrored_paths_are_reflected_paths():
         assert np.all(np.abs(mean - expected) < FAR * np.hypot(error, more))
 
 
-def test_without_noise_it_goes_from_wall_to_wall():
-    """A triangle wave: 100 from the centre of a box of half-width 2.7 is 18 crossings and 2.8 more, and so back 0.1."""
-    path = np.zeros((2, 2, 2))
-    path[:, 1] = (1.0, -1.0)
-    langevin.follow(path, np.zeros((1, 2, 2)), step_weights(np.array([100.0]), 0.0, 0.0))
-    track, _ = langevin.folded(scene_of(), path)
-    assert np.allclose(track.position[1, 0], [2.6, -2.6], rtol=0, atol=1e-12)
-    assert track.velocity[1, 0].tolist() == [-1.0, 1.0]
-
-
-def test_in_a_periodic_box_it_is_wrapped_and_counted():
-    path = np.zeros((2, 2, 2))
-    path[:, 0] = [(-2.0, 2.5), (20.0, -9.5)]
-    track, _ = langevin.folded(scene_of(boundary="periodic"), path)
-    assert track.position[:, 0].tolist() == [[-2.0, 2.5], [2.0, 2.5]]
-    assert track.image[:, 0].tolist() == [[0, 0], [3, -2]]
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+def test_a_path_is_folded_into_the_box(boundary):
+    """Wrapped and counted, or mirrored: a triangle wave of the free path, and the velocity turns with its slope."""
+    path = 20.0 * np.random.default_rng(4).standard_normal((1000, 2, 2))
+    path[0, 0] = (-2.0, 2.5)
+    track, _ = langevin.folded(scene_of(boundary=boundary), path)
+    position, velocity = track.position[:, 0], track.velocity[:, 0]
+    if boundary == "periodic":
+        assert np.all(np.abs(position) <= 3.0) and track.image[0].tolist() == [[0, 0]]
+        np.testing.assert_allclose(position + 6.0 * track.image[:, 0], path[:, 0], rtol=0, atol=1e-12)
+        assert np.array_equal(velocity, path[:, 1])
+    else:
+        rising = (path[:, 0] + 2.7) % 10.8
+        np.testing.assert_allclose(position, 2.7 - np.abs(rising - 5.4), rtol=0, atol=1e-12)
+        assert np.array_equal(velocity, np.where(rising < 5.4, 1, -1) * path[:, 1])
 
 
 def test_a_tracer_as_wide_as_the_box_does_not_move():
@@ -452,43 +452,29 @@ CROWD = {"particles": 900, "width": 6.0, "disks": {
 }}  # fmt: skip
 
 
+DISK = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "radius": 0.1, "mass": 1.0}
+LISTED = {"particles": 1, "disks": [DISK], "velocities": None}
+
+
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "record", "message"),
     [
-        (LIGHT, "some, N = 150: --engine langevin is for a heavy tracer: the disk that is followed has 1.75 times the"),
-        (NO_TRACER, "the disk that is followed has 1 times the mass of the heaviest of the others; must be at least 2"),
-        (CROWD, "has no contact value for --friction enskog: the packing fraction is 0.79"),
-        ({"particles": 1}, "needs a bath, and there is a single disk"),
-        ({"velocities": {"standard_deviation": 1e300}}, "needs a temperature of the bath below 1.8e308"),
+        (LIGHT, "tracer", "some, N = 150: --engine langevin is for a heavy tracer: the disk that is followed has 1.75"),
+        (NO_TRACER, "tracer", "followed has 1 times the mass of the heaviest of the others; must be at least 2"),
+        (CROWD, "tracer", "has no contact value for --friction enskog: the packing fraction is 0.79"),
+        (LISTED, "tracer", "some, N = 1: --engine langevin needs a scene with species"),
+        ({"particles": 1}, "tracer", "needs a bath, and there is a single disk"),
+        ({"velocities": {"standard_deviation": 1e300}}, "tracer", "needs a temperature of the bath below 1.8e308"),
+        ({}, "all", "the langevin engine has no bath; must be tracer or none"),
+        ({}, "events", "the langevin engine has no bath; must be tracer or none"),
     ],
 )
-def test_where_friction_and_noise_are_no_bath(changes, message):
+def test_where_friction_and_noise_are_no_bath(changes, record, message):
     with pytest.raises(RequestError) as refusal:
-        langevin.simulate(scene_of(**changes), [0])
+        langevin.simulate(scene_of(**changes), [0], frozenset({record}))
     assert message in str(refusal.value)
-
-
-def test_a_dense_bath_is_measured_or_nothing():
-    refuse_unfit(scene_of(**CROWD), {"friction": "measured"}, frozenset())
-
-
-def test_a_list_of_disks_has_no_bath():
-    disk = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "radius": 0.1, "mass": 1.0}
-    scene = parse_scene({"box": {"x": [-1, 1], "y": [-1, 1]}, "disks": [disk], "duration": 1.0}, "listed.yaml")
-    with pytest.raises(RequestError, match="listed, N = 1: --engine langevin needs a scene with species"):
-        langevin.simulate(scene, [0])
-
-
-@pytest.mark.parametrize("record", [{"all"}, {"events", "tracer"}])
-def test_what_the_bath_does_cannot_be_recorded(record):
-    with pytest.raises(RequestError, match=r"the langevin engine has no bath; must be tracer or none"):
-        langevin.simulate(scene_of(), [0], frozenset(record))
-
-
-def test_no_caution_of_a_scene_without_a_bath():
-    listed = [{"position": [0.5, 0.5], "velocity": [1.0, 0.0], "radius": 0.1, "mass": 1.0}]
-    box = {"x": [0.0, 1.0], "y": [0.0, 1.0], "boundary": "reflecting"}
-    assert caution(parse_scene({"box": box, "disks": listed, "duration": 1.0}, "listed")) is None
+    if changes is CROWD:  # a dense bath is measured or nothing
+        refuse_unfit(scene_of(**CROWD), {"friction": "measured"}, frozenset())
 
 
 @pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])

@@ -11,7 +11,7 @@ from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Track
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
-from brownpipe.figures import snapshot
+from brownpipe.figures import movie
 from brownpipe.formatting import in_bytes
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_runs, make_scene
@@ -67,14 +67,6 @@ def test_animation_has_the_frames_asked_for_and_it_says_so(path, capsys):
             assert (animation.n_frames, animation.info["duration"], animation.info["loop"]) == (count, pause, 0)
 
 
-@pytest.mark.slow
-def test_rate_of_an_animation_is_the_one_asked_for(path):
-    """A GIF counts hundredths of a second from one frame to the next."""
-    for fps, pause in (("10", 100), ("33.3", 30), ("40", 20), ("24", 40), ("50", 20)):
-        with Image.open(io.BytesIO(made(path, ".gif", "--frames", "2", "--fps", fps))) as animation:
-            assert animation.info["duration"] == pause
-
-
 @pytest.mark.parametrize("fps", ["1e-9", "0.0015", "50.0001", "60", "1e300"])
 def test_rate_that_a_gif_cannot_have_is_refused_before_anything_is_drawn(path, tmp_path, capsys, monkeypatch, fps):
     monkeypatch.setattr("brownpipe.figures.movie._gif", None)
@@ -83,17 +75,6 @@ def test_rate_that_a_gif_cannot_have_is_refused_before_anything_is_drawn(path, t
     allowed = "from 0.00153 to 50 frames a second for a .gif"
     assert error == f"brownpipe: --fps: must be {allowed}, not {found}; a .mp4 can have any rate\n"
     assert not (tmp_path / "a.gif").exists()
-
-
-def test_it_says_what_it_made(path, capsys):
-    size = in_bytes(len(made(path, ".png")))
-    assert capsys.readouterr().out == f"{path.with_suffix('.png')}: 1 frame, {size}\n"
-
-
-@pytest.mark.slow
-def test_animation_ends_with_the_last_sample(path, frames):
-    with Image.open(io.BytesIO(made(path, ".gif", "--frames", "1"))) as animation:
-        assert np.array_equal(frames[-1], np.asarray(animation.convert("RGB")))
 
 
 def test_video_is_what_ffmpeg_makes_of_raw_frames(path, frames, tmp_path, monkeypatch, capsys):
@@ -130,21 +111,21 @@ def test_refusals(path, tmp_path, capsys):
 
 def test_images_of_disks_that_reach_over_an_edge():
     scene = make_scene(particles=2, boundary="periodic")
-    centres, which = snapshot._with_images(scene, np.array([[-2.9, 2.8], [0.0, -2.95]]))
+    centres, which = movie._with_images(scene, np.array([[-2.9, 2.8], [0.0, -2.95]]))
     found = sorted((int(k), *map(float, centre.round(9))) for k, centre in zip(which, centres, strict=True))
     corner = [(0, x, y) for x in (-2.9, 3.1) for y in (-3.2, 2.8)]
     assert found == [*corner, (1, 0.0, -2.95), (1, 0.0, 3.05)]
     assert list(which) == sorted(which, reverse=True)  # the disk that is followed lies on top
     walled = make_scene(particles=2)
-    assert len(snapshot._with_images(walled, np.array([[-2.7, 2.7], [0.0, -2.9]]))[1]) == 2
+    assert len(movie._with_images(walled, np.array([[-2.7, 2.7], [0.0, -2.9]]))[1]) == 2
 
 
 def test_path_goes_on_at_the_other_edge(path):
     """The pieces, each a straight line, make up the whole way: their length is that of free flight."""
     scene = make_scene("walk", 12, boundary="periodic")
     track = whole(scene, 3)
-    run = snapshot.WholeRun(scene, 3, scene.times, track.position, track.image[:, 0])
-    points, ends = snapshot._path(run)
+    run = movie.WholeRun(scene, 3, scene.times, track.position, track.image[:, 0])
+    points, ends = movie._path(run)
     assert np.abs(np.diff(track.image[:, 0], axis=0)).max() == 1
     for k in range(len(scene.times)):
         np.testing.assert_array_equal(points[ends[k] - 1], track.position[k, 0])
@@ -154,9 +135,3 @@ def test_path_goes_on_at_the_other_edge(path):
     speed = 5 * np.hypot(*track.velocity[0, 0])
     # a crossing step is drawn twice, once to beyond either edge
     assert np.nansum(steps) == pytest.approx(speed * (1 + 0.05 * crossings))
-
-
-def test_time_is_said_to_the_digit():
-    assert snapshot._time_text(np.array([0, 0.25, 0.5, 0.75]), 1) == "$t$ = 0.25"
-    assert snapshot._time_text(np.arange(11) * 0.1, 3) == "$t$ = 0.3"
-    assert snapshot._time_text(np.array([0.0, 5.0]), 1) == "$t$ = 5"

@@ -10,16 +10,15 @@ import yaml
 from brownpipe import cli, tradeoff
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.analysis.resampling import resample
-from brownpipe.analysis.runs import block_of
 from brownpipe.engines import Engine, configured
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.forecast import START_UP, Cost
 from brownpipe.engines.saturation import share_failing
 from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError, RequestError, StorageError
 from brownpipe.scene import parse_scene
-from brownpipe.study import cost, plan, read_study
+from brownpipe.study import plan, read_study
 from brownpipe.study.plan import Performance, offers
-from brownpipe.study.run_sets import files_of, run_sets
+from brownpipe.study.run_sets import MOST_PILOT_RUNS, files_of, run_sets
 from ensembles import make_scene
 
 EXACT = Engine("exact")
@@ -166,7 +165,7 @@ def test_a_tracer_that_does_not_move_has_no_relative_error(study_file, tmp_path,
     said = capsys.readouterr().err
     assert "few leaves nothing to chance" in said and said.count("\n") == 1
     scene = read_study(path).cases[0]
-    runs = tradeoff.runs_of(scene, EXACT, [block_of(EXACT.simulate(scene, range(5), {"tracer"}))])
+    runs = tradeoff.runs_of(scene, EXACT, EXACT.simulate(scene, range(5), {"tracer"}))
     with pytest.raises(AnalysisError, match="few: the tracer does not move"):
         tradeoff.compare(runs, runs, (0.1, 0.5), 1.0)
 
@@ -192,10 +191,10 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file,
     study = read_study(path)
     runs, (pilot,) = plan.write_plan(study, "counted.yaml")
     (file,) = Path("results/runs").rglob("*.h5")
-    assert file.parent == pilot.folder and file.name == f"0-{cost.MOST_PILOT_RUNS - 1}.h5"
-    assert (pilot.made, len(pilot.runs.seeds)) == (cost.MOST_PILOT_RUNS, cost.MOST_PILOT_RUNS)
+    assert file.parent == pilot.folder and file.name == f"0-{MOST_PILOT_RUNS - 1}.h5"
+    assert (pilot.made, len(pilot.runs.seeds)) == (MOST_PILOT_RUNS, MOST_PILOT_RUNS)
     first, *others = files_of(plan.settled(study, "counted.yaml"))
-    assert first.path == file and others[-1].last == runs - 1 and others[0].first == cost.MOST_PILOT_RUNS
+    assert first.path == file and others[-1].last == runs - 1 and others[0].first == MOST_PILOT_RUNS
     again, (pilot,) = plan.write_plan(study, "counted.yaml")
     assert (again, pilot.made) == (runs, 0) and [*Path("results/runs").rglob("*.h5")] == [file]
     assert cli.main(["plan", str(path), "--write", "planned.yaml"]) == DONE
@@ -205,7 +204,7 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file,
 
 
 def test_only_engines_of_the_study_are_considered_in_their_order(study_file, here, monkeypatch, capsys):
-    monkeypatch.setattr(cost, "MOST_PILOT_RUNS", 20)
+    monkeypatch.setattr("brownpipe.study.run_sets.MOST_PILOT_RUNS", 20)
     (here / "scenes" / "few.yaml").write_text(SCENE.replace("mass: 1.0", "mass: 5.0"))
     langevin = {"name": "langevin", "friction": "enskog"}
     for engines in (["exact"], [langevin], [langevin, "exact"]):
@@ -240,7 +239,7 @@ def test_achieved_error_is_the_tolerance(study_file, tmp_path, here):
     track = exact.simulate(scene, range(counted(study))).tracer
     end = squared_displacement(track.position)[:, -1]
     achieved = end.std(ddof=1) / end.mean() / math.sqrt(len(end))
-    known_to = math.sqrt(2 / cost.MOST_PILOT_RUNS + 2 / len(end))
+    known_to = math.sqrt(2 / MOST_PILOT_RUNS + 2 / len(end))
     assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000
 
 
@@ -273,8 +272,8 @@ sample_interval: 0.5
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"seeds": 5, "tolerance": 0.02}, "seeds: must not be given with a tolerance, which says how many"),
-        ({}, "seeds: missing; must be given, or a tolerance instead"),
+        ({"seeds": 5, "tolerance": 0.02}, "seeds: must be given, or a tolerance in their place; not both"),
+        ({}, "seeds: must be given, or a tolerance in their place; not both"),
         ({"tolerance": 0}, "tolerance: must be >= 0.000316"),
         ({"tolerance": "0%"}, "tolerance: must be >= 0.000316"),
         ({"tolerance": 1e-300}, "tolerance: must be >= 0.000316"),

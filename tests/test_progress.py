@@ -1,27 +1,25 @@
 """How much of a long calculation is done: what is reported, and what a terminal or a log shows of it."""
 
-import json
+import io
+import logging
 import os
 import re
 import signal
 import struct
 import subprocess
 import sys
-import time
-from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from snakemake_interface_logger_plugins.common import LogEvent
 
-from brownpipe import analysis, progress, stages, tradeoff
+from brownpipe import analysis, progress, stages
 from brownpipe.engines import configured
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
-from brownpipe.figures.movie import movie
-from brownpipe.figures.snapshot import whole_run
-from brownpipe.storage.trajectories import read_trajectories, write_trajectories
-from brownpipe.study import plan, read_study
+from brownpipe.storage.trajectories import write_trajectories
+from snakemake_logger_plugin_brownpipe import LogHandler
 from synthetic import render
 from test_exact import P, box, make
 
@@ -49,14 +47,6 @@ def test_a_piece_is_reported_by_what_is_tracked_within_it_and_by_nothing_else(re
     assert reported == [("cases", case + share, 2) for case in (0, 1) for share in shares]
 
 
-def shares(reported, runs):
-    """The fractions of a batch that were reported, which must never fall."""
-    assert {(unit, total) for unit, _, total in reported} == {("runs", runs)}
-    done = [done for _, done, _ in reported]
-    assert done == sorted(done)
-    return done
-
-
 @pytest.mark.parametrize("engine", [EXACT, STEPS], ids=lambda engine: engine.name)
 def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypatch):
     before = engine.simulate(SCENE, [3, 4], {"tracer"}).tracer.position
@@ -64,75 +54,32 @@ def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypa
     monkeypatch.setattr(timestep, "DISK_STEPS_PER_CALL", 31 * 39)
     found = []
     monkeypatch.setattr(stages, "listeners", [lambda *stage: found.append(stage)])
-    after = engine.simulate(SCENE, [3, 4], {"tracer"}).tracer.position
-    assert after.tobytes() == before.tobytes()
-    done = np.array(shares(found, 2))
+    assert engine.simulate(SCENE, [3, 4], {"tracer"}).tracer.position.tobytes() == before.tobytes()
+    assert {(unit, total) for unit, _, total in found} == {("runs", 2)}
+    done = np.array([done for _, done, _ in found])
     inside = done % 1
+    assert np.all(np.diff(done) >= 0) and {1.0, 2.0} <= set(done) and done[0] < 0.2
     assert np.count_nonzero((inside > 0) & (inside < 0.5)) > 2 < np.count_nonzero(inside > 0.5)  # half equilibrates
-    assert {1.0, 2.0} <= set(done) and done[0] < 0.2
-
-
-def test_runs_that_measure_a_friction_are_no_runs_of_the_batch(reported):
-    configured("langevin", friction="measured").simulate(SCENE, [0, 1, 2], {"tracer"})
-    assert reported == [("runs", k, 3) for k in (1, 2, 3)]
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    """Trajectory files of two engines, the first one with a whole run."""
-    folder = tmp_path_factory.mktemp("files")
-    for name, engine, record in (("exact", EXACT, {"tracer", "all"}), ("steps", STEPS, {"tracer"})):
-        ensemble = engine.simulate(SCENE, range(12), record)
-        write_trajectories(folder / f"{name}.h5", SCENE, engine, ensemble)
-    return [folder / "exact.h5", folder / "steps.h5"]
 
 
 @pytest.mark.slow
-def test_analysis_reports_files_and_then_runs(files, reported, tmp_path):
-    dataset = analysis.aggregate(files, [(0.2, 1.0)])
-    assert reported[:2] == [("files verified", 1, 2), ("files verified", 2, 2)]
-    assert reported[2:] == [("runs", 12, 24), ("runs", 24, 24)]
+def test_analysis_reports_files_and_then_runs(reported, tmp_path):
+    write_trajectories(tmp_path / "runs.h5", SCENE, EXACT, EXACT.simulate(SCENE, range(12), {"tracer"}))
+    dataset = analysis.aggregate([tmp_path / "runs.h5"], [(0.2, 1.0)])
+    assert reported[-2:] == [("files verified", 1, 1), ("runs", 12, 12)]
     reported.clear()
     render(dataset, tmp_path, ["health", "msd"])
     assert reported == [("figures", 1, 2), ("figures", 2, 2)]
 
 
-@pytest.mark.slow
-def test_a_movie_reports_its_frames(files, reported):
-    movie(whole_run(read_trajectories(files[0]), str(files[0])), ".gif", {})
-    assert reported == [("frames", k, 2) for k in (1, 2)]
-
-
-def test_a_trade_off_reports_its_cases_by_the_settings_that_are_measured(files, reported):
-    tradeoff.measure(files, seconds_per_run=lambda *_: 1.0)
-    assert [stage for stage in reported if stage[0] == "cases"] == [("cases", k / 2, 1) for k in (1, 2)] + [
-        ("cases", 1, 1)
-    ]
-
-
-def test_a_plan_reports_its_cases(reported, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("brownpipe.study.cost.MOST_PILOT_RUNS", 10)
-    (tmp_path / "scene.yaml").write_text(json.dumps(SCENE.model_dump(exclude_unset=True)))
-    engines = "engines: [exact, {name: langevin, friction: enskog}]"
-    (tmp_path / "study.yaml").write_text(f"scenes: scene.yaml\nseeds: 5\n{engines}\n")
-    plan.performance_of(read_study("study.yaml"), "msd")
-    assert reported[-1] == ("cases", 1, 1) and {unit for unit, _, _ in reported} == {"cases"}
-
-
-def test_timing_a_run_times_no_report(reported):
-    tradeoff.timing.seconds_per_run(configured("langevin", friction="enskog"), SCENE, repeats=1)
-    assert reported == []
-
-
-# -- the screen -----------------------------------------------------------------------------------------------------
+# -- the screen of one command ----------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def clock(monkeypatch):
     """The time of the display, in its attribute `now` [s]."""
-    clock = SimpleNamespace(now=0.0)
-    monkeypatch.setattr("brownpipe.progress.time.monotonic", lambda: clock.now)
+    clock = SimpleNamespace(now=1000.0)
+    monkeypatch.setattr("time.monotonic", lambda: clock.now)
     return clock
 
 
@@ -150,19 +97,18 @@ def test_a_log_has_a_line_every_half_a_minute(clock, capsys):
 
 
 @pytest.mark.parametrize(
-    ("reports", "left"),
+    ("reports", "total", "left"),
     [
-        ((5, 6, 10), 2 * 10 / 5),  # 5 were done before, as the runs of a checkpoint: they took no time
-        ((0.5, 5, 0.2, 1.2), 8.8),  # begun again
-        ((1, 10), None),
+        ((5, 6, 10), 20, 2 * 10 / 5),  # 5 were done before, as the runs of a checkpoint: they took no time
+        ((0.5, 5, 0.2, 1.2), 10, 8.8),  # begun again
+        ((1, 10), 10, None),
     ],
 )
-def test_the_time_left_follows_from_the_pace_since_the_stage_began(clock, capsys, reports, left):
+def test_the_time_left_follows_from_the_pace_since_the_stage_began(clock, capsys, reports, total, left):
     display = progress.Display()
     for done in reports:
-        clock.now += 1.0
-        display.due = clock.now
-        display.update("x", done, 10 if left != 4 else 20)
+        display.due = clock.now = clock.now + 1.0
+        display.update("x", done, total)
     last = capsys.readouterr().err.splitlines()[-1]
     assert last == f"x, {len(reports)} s" + (f", about {left:.0f} s to go" if left else "")
 
@@ -176,17 +122,6 @@ def test_silent_means_nothing_and_the_outer_one_shows_all(monkeypatch, capsys):
         stages.remark("compiling")
     assert capsys.readouterr().err == "brownpipe: compiling\n"
     assert stages.listeners == stages.remark_listeners == []
-
-
-def test_a_screen_that_is_gone_ends_no_calculation(monkeypatch):
-    monkeypatch.setattr(progress, "LINE_INTERVAL", 0.0)
-    with monkeypatch.context() as patch, open("/dev/full", "w") as screen:
-        patch.setattr(sys, "stderr", screen)
-        with progress.shown("simulate"):
-            stages.remark("compiling")
-            stages.report("runs", 1, 2)
-        with suppress(OSError):
-            screen.close()
 
 
 WORK = """
@@ -224,24 +159,171 @@ def on_terminal(term, columns=100, sleep=0.01, interrupt=False):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("columns", [20, 60])
-def test_a_terminal_has_a_line_that_fits_and_is_removed(columns):
-    written, status = on_terminal("xterm", columns)
+def test_a_terminal_has_a_line_that_fits_and_is_removed_also_by_ctrl_c():
+    written, status = on_terminal("xterm", 20)
     assert status == 0 and "\x1b" not in written
     assert "brownpipe: compiling\r\n" in written
     lines = [text for text in written.split("\r") if text.startswith("movie: ")]
-    assert len(lines) > 1 and max(map(len, lines)) < columns
+    assert len(lines) > 1 and max(map(len, lines)) < 20
     assert re.search(r"\r +\rmade\r\n$", written)
-
-
-def test_a_dumb_terminal_has_lines():
+    written, status = on_terminal("xterm", sleep=0.2, interrupt=True)
+    assert status == -signal.SIGINT and re.search(r"\r +\rTraceback", written) and "made" not in written
     written, _ = on_terminal("dumb")
     assert re.search(r"movie: \d+ of 40 frames \(\d+ %\), 1 s, about 1 s to go\r\n", written)
     assert "\x1b" not in written and not re.search(r"\r(?!\n)", written)
 
 
-def test_ctrl_c_removes_the_line():
-    began = time.monotonic()
-    written, status = on_terminal("xterm", sleep=0.2, interrupt=True)
-    assert status == -signal.SIGINT and time.monotonic() - began < 6
-    assert re.search(r"\r +\rTraceback", written) and "made" not in written
+# -- the screen of a study: messages as Snakemake sends them ---------------------------------------------------------
+
+
+def display(monkeypatch, terminal=False, term="xterm", **changed):
+    """A display and its screen. It looks at running jobs only when it is told to."""
+    screen = io.StringIO()
+    screen.isatty = lambda: terminal
+    monkeypatch.setenv("TERM", term)
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setattr("threading.Thread", lambda **_: SimpleNamespace(start=lambda: None))
+    usual = {"dryrun": False, "verbose": False, "debug_dag": False}
+    return LogHandler(SimpleNamespace(**usual | changed), None), screen
+
+
+def send(handler, event=None, message="", level=logging.INFO, **more):
+    record = logging.LogRecord("snakemake", level, "", 0, message, None, None)
+    record.__dict__.update(more, **({"event": event} if event else {}))
+    handler.handle(record)
+
+
+def begin(handler, number, rule="simulate", log="log"):
+    files = {"log": [str(log)] if log else [], "output": [f"file {number}"]}
+    send(handler, LogEvent.JOB_INFO, jobid=number, rule_name=rule, **files)
+
+
+def fail(handler, number, log="log", command="brownpipe simulate x.yaml", **more):
+    told = {"rule_name": "simulate", "shellcmd": command, "log": [str(log)], "jobid": number}
+    send(handler, LogEvent.JOB_ERROR, "Error in rule simulate", logging.ERROR, **told | more)
+
+
+def start(handler, runs=400, seconds=None):
+    """Announce the runs of a study, 100 in each job, and the times expected of the jobs, as the Snakefile does."""
+    seconds = seconds or {f"file {number}": 100.0 for number in range(1, 1 + runs // 100)}
+    send(handler, message="brownpipe: the study", runs=dict.fromkeys(seconds, 100), seconds=seconds)
+
+
+def last_line(screen):
+    return screen.getvalue().rpartition("\r")[2].rstrip()
+
+
+def test_the_time_left_follows_from_the_times_expected_of_the_jobs_and_remarks_are_shown_once(
+    monkeypatch, clock, tmp_path
+):
+    """Of 100 s in all, 10 s were of the first job; by the number of runs, 4.5 s would be left."""
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler, seconds={"file 1": 10.0, "file 2": 90.0})
+    remark = "brownpipe: compiling the kernels for this kind of scene, once per machine: about 8 s"
+    for number in (1, 2):
+        (tmp_path / f"{number}.log").write_text(f"something else\n{remark}\n")
+        begin(handler, number, log=tmp_path / f"{number}.log")
+        handler.look()
+    assert screen.getvalue().count(f"{remark}\n") == 1
+    clock.now += 1.0
+    (tmp_path / "2.log").write_text("simulate: 10 of 100 runs, 1 s\n")
+    send(handler, LogEvent.JOB_FINISHED, job_id=1)
+    clock.now += 4.0
+    handler.look()
+    assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 21 s to go"  # 5 s / 19 x 81
+
+
+def test_without_a_terminal_there_is_a_line_every_half_a_minute(monkeypatch, clock):
+    handler, screen = display(monkeypatch)
+    start(handler)
+    begin(handler, 4)
+    handler.look()
+    for number in range(1, 4):
+        begin(handler, number)
+        send(handler, LogEvent.JOB_FINISHED, job_id=number)
+    for _ in range(59):
+        clock.now += 1.0
+        handler.look()
+    lines = ["brownpipe: the study", "simulate: 300 of 400 runs, 30 s, about 10 s to go"]
+    assert screen.getvalue().splitlines() == lines
+
+
+def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_interruption(monkeypatch):
+    handler, screen = display(monkeypatch)
+    for number in (7, 8, 9, 7, 9):
+        begin(handler, number)
+        fail(handler, number, rule_msg="SLURM sbatch failed. 'invalid partition\x1b[2J: long'.")
+    begin(handler, 9)
+    send(handler, LogEvent.JOB_FINISHED, job_id=9)
+    handler.close()
+    explained = "brownpipe: the rule simulate failed: brownpipe simulate x.yaml\n    SLURM sbatch failed. "
+    explained += "'invalid partition\\x1b[2J: long'.\n"
+    assert screen.getvalue() == 2 * explained
+    handler, screen = display(monkeypatch)
+    send(handler, message="Terminating processes on user request, this might take some time.")
+    fail(handler, 1)
+    handler.close()
+    assert screen.getvalue().splitlines()[1:] == ["brownpipe: interrupted; the same command goes on from here"]
+
+
+def test_no_control_character_of_others_reaches_the_terminal(monkeypatch, clock, tmp_path):
+    codes = "\x1b]0;title\x07\x9b2J\u202e\b\r\udcff"
+    (tmp_path / "log").write_bytes(b"brownpipe: compiling \x1b[2J\xff\r\x9b\nbrownpipe: second\x07\n")
+    handler, screen = display(monkeypatch, terminal=True)
+    start(handler)
+    begin(handler, 1, log=tmp_path / "log")
+    handler.look()
+    send(handler, message=f"a warning {codes}", level=logging.WARNING)
+    send(handler, message=f"LockException {codes}", level=logging.ERROR)
+    fail(handler, 1, log=tmp_path / "log", command=f"brownpipe simulate 'a\ncurl{codes}'")
+    handler.close()
+    shown = screen.getvalue()
+    assert "warning" in shown and "second" in shown
+    assert [char for char in shown if char != "\n" and not char.isprintable()] == []
+    assert [line for line in shown.splitlines() if line.startswith("curl")] == []
+
+
+WARNING, ERROR = logging.WARNING, logging.ERROR
+
+
+@pytest.mark.parametrize(
+    ("message", "more", "shown"),
+    [
+        ("Building DAG of jobs...", {}, False),
+        ("Complete log(s): x", {}, False),
+        ("brownpipe: the study: 0 runs in 0", {}, False),
+        ("SLURM run ID: 4fd69280", {}, False),
+        ("Job 8 has been submitted with SLURM jobid 2 (log: /a/2.log).", {}, False),
+        ("Unlocked working directory.", {}, True),
+        ("Guessed SLURM account: physics", {"level": WARNING}, True),
+        ("The DAG went wrong", {"level": ERROR}, True),
+        ("The DAG went wrong", {"event": LogEvent.ERROR, "level": ERROR}, True),
+    ],
+)
+def test_chatter_is_left_out_and_no_warning_and_no_error(monkeypatch, message, more, shown):
+    handler, screen = display(monkeypatch)
+    send(handler, message=message, **more)
+    assert screen.getvalue() == (f"{message}\n" if shown else "")
+    handler, screen = display(monkeypatch, dryrun=True)
+    send(handler, message=message, **more)
+    assert screen.getvalue() == f"{message}\n"
+
+
+@pytest.mark.parametrize(
+    ("log", "reason"),
+    [
+        ("brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\nbrownpipe: no\n", "brownpipe: no"),
+        ("", "brownpipe: killed, most likely out of memory; "),
+        ("brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\n", "brownpipe: killed, most likely out of me"),
+    ],
+)
+def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path, log, reason):
+    handler, screen = display(monkeypatch)
+    (tmp_path / "log").write_text(log)
+    begin(handler, 1, log=tmp_path / "log")
+    fail(handler, 1, log=tmp_path / "log")
+    send(handler, LogEvent.ERROR, 'RuleException:\nCalledProcessError in file "Snakefile", line 3', ERROR)
+    handler.close()
+    command, explained = screen.getvalue().splitlines()
+    assert command == "brownpipe: the rule simulate failed: brownpipe simulate x.yaml"
+    assert explained.startswith(f"    {reason}")

@@ -2,7 +2,7 @@
 
 import getpass
 import json
-import os
+import platform
 import re
 import socket
 import subprocess
@@ -16,9 +16,8 @@ from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.figures import origin
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene import parse_scene, read_scene
-from brownpipe.storage.datasets import read_dataset
+from brownpipe.storage.datasets import commit_of, read_dataset
 from brownpipe.storage.files import seal_of
-from brownpipe.storage.origin import _commit, installation
 from brownpipe.storage.trajectories import read_trajectories
 
 pytestmark = pytest.mark.slow
@@ -58,35 +57,25 @@ def test_a_dataset_has_scenes_seeds_engines_options_and_installation(finished):
     assert entry["command"] == "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
     options = {"fit_windows": [[0.1, 1.0]], "ring_width": None, "rings": None, "displacement_times": []}
     assert json.loads(attributes["options"]) == options
-    assert attributes["python"] == installation()["python"] and attributes["scipy_version"]
+    assert attributes["python"] == platform.python_version() and attributes["scipy_version"]
 
 
-def test_figures_tables_summary_and_page_say_what_their_dataset_says(finished):
+def test_figures_tables_summary_and_page_say_what_their_dataset_says(finished, capsys):
     attributes = read_dataset(finished / PRODUCTS[0]).attrs
     folder = finished / "results/s/figures"
     records = {name: origin.read_record(folder / name) for name in (*NAMES, "../report.html")}
-    for record in records.values():
+    for name, record in records.items():
         assert record["dataset"]["sha256"] == seal_of(finished / PRODUCTS[0])
         assert record["dataset"]["made_from"] == json.loads(attributes["made_from"])
         assert record["dataset"]["options"] == json.loads(attributes["options"])
         assert (record["figures"], record["particles"]) == (["msd"], None)
         assert record["made_by"]["matplotlib_version"] and record["made_by"]["python"]
+        assert main(["inspect", str(folder / name)]) == DONE
+        command = "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
+        assert capsys.readouterr().out.endswith(f"runs         {command}\n")
     assert records["msd.csv"]["files"] == sorted(set(NAMES) - {"provenance.json"})
-    with Image.open(finished / "results/s/figures/msd.png") as picture:
-        assert json.loads(picture.text["Source"]) == records["msd.png"]
-    made, where = (finished / "results/s/figures/summary.txt").read_text().splitlines()[-2:]
-    assert re.fullmatch(r"Made by brownpipe \S+, source \w{12}.*, Python 3\S+ from the dataset \w{12}\.", made)
-    assert where.endswith("provenance.json")
-
-
-def test_products_say_in_words_what_they_were_made_from(finished, capsys):
-    for product in PRODUCTS[1:]:
-        capsys.readouterr()
-        assert main(["inspect", str(finished / product)]) == DONE
-        made, dataset, *runs = capsys.readouterr().out.splitlines()
-        assert re.fullmatch(r".*  made by brownpipe \S+, source \w{12},.* Python 3\S+", made)
-        assert re.fullmatch(r"dataset      \w{12}", dataset)
-        assert runs == ["runs         brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"]
+    made, where = (folder / "summary.txt").read_text().splitlines()[-2:]
+    assert made.startswith("Made by brownpipe ") and where.endswith("provenance.json")
 
 
 @pytest.mark.parametrize("name", ["table.csv", "figure.png", "none.svg"])
@@ -113,53 +102,39 @@ def test_movies_and_exports_say_how_their_run_is_made_again(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     assert main(["simulate", str(SCENE), "--particles", "3", "--seeds", "4-5", "--record", "all"]) == DONE
     command = "brownpipe simulate harrison2020.yaml --particles 3 --seeds 5 --engine exact --record all"
-    for kind in ("gif", "png"):
-        assert main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", f"m.{kind}"]) == DONE
-        record = origin.read_record(f"m.{kind}")
-        assert record["movie"] == {"seed": 5, "frames": 2, "fps": 25.0}
-        assert record["made_from"][0]["command"] == command
-        with Image.open(f"m.{kind}") as picture:
-            assert picture.format.lower() == kind and getattr(picture, "n_frames", 1) == (2 if kind == "gif" else 1)
-    ffmpeg = tmp_path / "ffmpeg"
-    ffmpeg.write_text('#!/bin/sh\ncat > raw\nfor last; do :; done\nprintf "%s\\n" "$@" > "$last"\n')
-    ffmpeg.chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    assert main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", "m.mp4"]) == DONE
-    (comment,) = re.findall("^-metadata\ncomment=(.*)$", Path("m.mp4").read_text(), re.MULTILINE)
-    assert json.loads(comment)["movie"] == record["movie"]
+    for name in ("m.gif", "m.png"):
+        assert main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", name]) == DONE
+        assert origin.read_record(name)["movie"] == {"seed": 5, "frames": 2, "fps": 25.0}
+        capsys.readouterr()
+        assert main(["inspect", name]) == DONE and capsys.readouterr().out.endswith(f"runs         {command}\n")
     assert main(["export", "harrison2020.h5", "--seed", "5", "--to", "xyz"]) == DONE
     assert Path("harrison2020.xyz").read_text().count(f'command="{command}"') == 1
-    for file in ("m.gif", "m.png"):
-        capsys.readouterr()
-        assert main(["inspect", file]) == DONE
-        assert capsys.readouterr().out.endswith(f"runs         {command}\n")
-
-
-def git(folder, *words):
-    who = ["-c", "user.name=a", "-c", "user.email=b", "-c", "init.defaultBranch=main"]
-    done = subprocess.run(["git", *who, *words], cwd=folder, capture_output=True, text=True, check=True, timeout=60)
-    return done.stdout.strip()
 
 
 def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypatch):
+    def git(*words):
+        who = ["-c", "user.name=a", "-c", "user.email=b", "-c", "init.defaultBranch=main"]
+        command = ["git", *who, *words]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.strip()
+
     package = tmp_path / "src" / PACKAGE.name
     package.mkdir(parents=True)
     (package / "a.py").write_text("1\n")
-    assert _commit(package) is None
+    assert commit_of(package) is None
     git(tmp_path, "init")
-    assert _commit(package) is None  # no commit yet
+    assert commit_of(package) is None  # no commit yet
     git(tmp_path, "add", "src")
     git(tmp_path, "commit", "-m", "one")
     commit = git(tmp_path, "rev-parse", "HEAD")
-    assert _commit(package) == commit
+    assert commit_of(package) == commit
     (tmp_path / "notes").write_text("not of the source")
-    assert _commit(package) == commit
+    assert commit_of(package) == commit
     (package / "a.py").write_text("2\n")
-    assert _commit(package) == f"{commit}, modified"
+    assert commit_of(package) == f"{commit}, modified"
     git(tmp_path, "checkout", "src")
-    assert _commit(package) == commit
+    assert commit_of(package) == commit
     inside = tmp_path / ".venv" / "lib" / PACKAGE.name  # installed in a folder that somebody keeps in git
     inside.mkdir(parents=True)
-    assert _commit(inside) is None
+    assert commit_of(inside) is None
     monkeypatch.setenv("PATH", "")
-    assert _commit(package) is None
+    assert commit_of(package) is None

@@ -63,15 +63,6 @@ def test_check_says_what_the_centre_of_mass_does_to_d(tmp_path):
     assert f"adds 0.19 to a D of {expected:.2g} " in line(False)  # kT t/M = 1.5 * 4/32
 
 
-def test_windows_begin_when_motion_is_diffusive():
-    starts = [friction.diffusive_from(one) for one in (scene(), scene(duration=40.0))]
-    assert starts[0] == starts[1] == pytest.approx(3 * 24 / 32 / friction.friction_rate(scene(), "enskog"))
-    (first, end), (second, _) = friction.default_windows([scene(duration=40.0)])
-    assert (first, end) == (pytest.approx(starts[0], rel=0.05), 40.0)
-    assert second == pytest.approx(2 * first)
-    assert friction.default_windows([scene(), scene(duration=40.0)]) == ((2.0, 4.0), (3.0, 4.0))
-
-
 @pytest.mark.parametrize(("window", "ring"), [((0.2, 4.0), True), (None, False)])
 def test_a_window_before_is_marked(window, ring):
     long = scene(duration=4.0 if ring else 60.0)
@@ -83,14 +74,13 @@ def test_a_window_before_is_marked(window, ring):
     assert ("° the fit window [0.2, 4] begins before 3/gamma of the tracer" in text) == ring
 
 
-def test_check_cautions_of_runs_that_end_before(tmp_path):
-    (tmp_path / "one.yaml").write_text(scene_yaml(scene(disks={"tracer": THIN, "species": [BATH]})))
-    assert "caution   the fit window [2, 4] begins before 3/gamma" in describe_scene_or_study(
-        str(tmp_path / "one.yaml")
-    )
-
-
-def test_a_list_of_disks_and_a_lone_disk_have_no_such_time():
+def test_windows_begin_when_motion_is_diffusive(tmp_path):
+    long = scene(duration=40.0)
+    start = friction.diffusive_from(long)
+    assert start == pytest.approx(3 * 24 / 32 / friction.friction_rate(scene(), "enskog"))
+    assert friction.default_windows([long])[0] == (pytest.approx(start, rel=0.05), 40.0)
     alone = scene(disks={"tracer": TRACER})
-    assert np.isnan(friction.diffusive_from(alone))
-    assert friction.default_windows([alone]) == ((0.4, 4.0), (2.0, 4.0))
+    assert np.isnan(friction.diffusive_from(alone)) and friction.default_windows([alone])[0] == (0.4, 4.0)
+    (tmp_path / "one.yaml").write_text(scene_yaml(scene(disks={"tracer": THIN, "species": [BATH]})))
+    caution = "caution   the fit window [2, 4] begins before 3/gamma"
+    assert caution in describe_scene_or_study(str(tmp_path / "one.yaml"))

@@ -126,14 +126,6 @@ def test_a_replay_with_too_many_collisions_ends_earlier_and_says_so(runs, monkey
     assert error <= 1e-9 * scene.radius.min()
 
 
-def test_without_a_tracer_only_the_first_disk_has_its_colour():
-    box = {"x": [0.0, 4.0], "y": [0.0, 4.0]}
-    disks = {"species": [{"name": "alike", "count": 5, "radius": 0.2, "mass": 1.0}]}
-    mapping = {"box": box, "disks": disks, "velocities": {"temperature": 1.0}, "duration": 1.0}
-    data = data_of(section_of(run_of(parse_scene(mapping, "alike.yaml"))))
-    assert data["shade"] == [0, 1, 1, 1, 1]
-
-
 def test_a_page_of_the_note_is_small_and_says_what_it_was_made_from(tmp_path, monkeypatch, capsys):
     write_trajectories(tmp_path / "run.h5", *run_of(read_scene(NOTE))[:3])
     monkeypatch.chdir(tmp_path)

@@ -41,15 +41,36 @@ RECORD = {"made_by": {"brownpipe_version": "0"}, "dataset": {"sha256": "0" * 64,
 def results(tmp_path_factory):
     """A folder with a dataset, two figures and the page, as the workflow makes them."""
     folder = tmp_path_factory.mktemp("results")
-    write_dataset(folder / "s.nc", aggregate(study(folder, runs=20, failed=(7, 13))))
-    words = ["figures", str(folder / "s.nc"), "--output", str(folder / "figures"), "--figures", ",".join(SHOWN)]
-    assert main([*words, "--page", str(folder / "report.html")]) == DONE
+    write_dataset(folder / "s.nc", aggregate(study(folder, runs=20, failed=(7, 13)), displacement_times=[1.0]))
+    assert main(words(folder, "figures")) == DONE
     return folder
+
+
+def words(results, folder, *further):
+    """The arguments that draw the dataset of `results`, with the page, into a folder of it."""
+    options = {
+        "figures": ",".join(SHOWN),
+        "title": "Two baths",
+        "note": "A hot one.\n\nSecond <part>.",
+        "panel": "scene",
+    }
+    given = [word for name, value in options.items() for word in (f"--{name}", value)]
+    output = results / folder
+    return [
+        "figures",
+        str(results / "s.nc"),
+        "--output",
+        str(output),
+        "--page",
+        f"{output}/report.html",
+        *given,
+        *further,
+    ]
 
 
 @pytest.fixture(scope="module")
 def written(results):
-    return (results / "report.html").read_text(encoding="utf-8")
+    return (results / "figures" / "report.html").read_text(encoding="utf-8")
 
 
 class Elements(HTMLParser):
@@ -103,20 +124,12 @@ def check(text):
 def test_the_page_is_well_formed_and_loads_nothing(written):
     elements = check(written)
     assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Health of the runs", "Make it again"]
+    assert elements.named("h1")[0][1] == "Two baths" and '<p class="note">Second &lt;part&gt;.</p>' in written
     assert len(elements.named("img")) == len(SHOWN)
 
 
-@pytest.mark.slow
-def test_same_bytes_in_another_folder_and_language(results, tmp_path, monkeypatch):
-    monkeypatch.setenv("TZ", "Asia/Kathmandu")
-    monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
-    words = ["figures", str(results / "s.nc"), "--output", str(tmp_path), "--figures", ",".join(SHOWN)]
-    assert main([*words, "--page", str(tmp_path / "report.html")]) == DONE
-    assert (tmp_path / "report.html").read_bytes() == (results / "report.html").read_bytes()
-
-
 def test_the_page_says_what_it_was_made_from(results, written):
-    record = origin.read_record(results / "report.html")
+    record = origin.read_record(results / "figures" / "report.html")
     beside = json.loads((results / "figures" / origin.RECORD).read_text())
     assert beside.pop("files")
     assert record == beside
@@ -150,7 +163,7 @@ def test_figures_that_are_not_drawn_again_go(results, tmp_path):
     assert main(words) == DONE
     assert {name: (tmp_path / name).read_text() for name in mine} == mine
     drawn = json.loads((tmp_path / origin.RECORD).read_text())["files"]
-    assert {*os.listdir(tmp_path)} == {*drawn, *mine, origin.RECORD}
+    assert {*os.listdir(tmp_path)} == {*drawn, *mine, origin.RECORD, "report.html"}
 
 
 def test_the_answer_is_that_of_the_summary(results, written):
@@ -176,7 +189,8 @@ def _new(scenes, k):
 def test_a_figure_has_its_caption_and_its_numbers(written):
     for name in SHOWN:
         title, paragraphs = page.caption_of(name)
-        assert all(str(escape(text)) in written for text in (title, *paragraphs))
+        shown = [text for text in paragraphs if not text.startswith("The note ")]
+        assert all(str(escape(text)) in written for text in (title, *shown)), "but for what the note found"
         assert not re.search(r"[*`_]{2}|::", title + "".join(paragraphs)), "marks that the page does not know"
     tables = re.findall(r"The numbers: (\d+) rows", written)
     assert len(tables) == len(SHOWN)
@@ -211,12 +225,6 @@ def test_a_long_table_is_cut(results):
     assert shown.count("<tr>") == 1 + page.MOST_ROWS and ">0.142857<" in shown and ">nan<" not in shown
 
 
-def test_a_page_needs_the_suffix_of_one(results, capsys):
-    words = ["figures", str(results / "s.nc"), "--output", "figures", "--page", "report.pdf"]
-    assert main(words) == WRONG_REQUEST
-    assert capsys.readouterr().err == "brownpipe: report.pdf: the output must end in .html, not '.pdf'\n"
-
-
 @pytest.mark.slow
 def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -245,20 +253,15 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def words(results, folder, *further):
-    """The arguments of `made`, with another folder beside that one."""
-    figures = ["figures", str(results / "s.nc"), "--output", str(results / folder), "--figures", ",".join(SHOWN)]
-    return [*figures, "--page", str(results / folder / "report.html"), *further]
-
-
 @pytest.mark.slow
-def test_figures_drawn_at_the_same_time_are_the_same(results):
-    folders = [results / f"{cores}_cores" for cores in (1, 2)]
-    for cores, folder in enumerate(folders, 1):
-        assert main(words(results, folder.name, "--cores", str(cores))) == DONE
-    one, two = ({file.name: file.read_bytes() for file in folder.iterdir()} for folder in folders)
-    assert one == two and {"msd.svg", "health.png", "report.html"} <= one.keys()
-    assert one["msd.svg"] == (results / "figures" / "msd.svg").read_bytes()
+def test_same_bytes_in_another_folder_and_language_on_two_cores(results, monkeypatch):
+    monkeypatch.setenv("TZ", "Asia/Kathmandu")
+    monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
+    assert main(words(results, "again", "--cores", "2")) == DONE
+    first, again = (
+        {file.name: file.read_bytes() for file in (results / name).iterdir()} for name in ("figures", "again")
+    )
+    assert first == again and {"msd.svg", "health.png", "report.html"} <= first.keys()
 
 
 @pytest.mark.slow
@@ -287,21 +290,3 @@ def test_an_edit_of_style_template_or_caption_is_another_source(tmp_path):
         provenance.source_digest.cache_clear()
         digests.append(provenance.source_digest(*provenance.STEPS["figures"], folder=package))
     assert len({*digests}) == 4
-
-
-def luminance(colour):
-    """Relative luminance of #rrggbb, as the Web Content Accessibility Guidelines define it."""
-    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
-    return sum(weight * part for weight, part in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
-
-
-@pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
-def test_text_has_enough_contrast(scheme):
-    block = re.findall(r":root \{([^}]*)\}", (provenance.PACKAGE / "report/page.css").read_text())[scheme]
-    colours = dict(re.findall(r"--([\w-]+): (#\w{6})", block))
-    on = {"ground": ("ink", "soft", "link"), "card": ("ink", "soft"), "warning": ("ink",)}
-    for ground, inks in on.items():
-        for ink in inks:
-            low, high = sorted(luminance(colours[name]) for name in (ground, ink))
-            assert (high + 0.05) / (low + 0.05) >= 4.5, (ground, ink)

@@ -9,10 +9,13 @@ from pathlib import Path
 import pytest
 
 from brownpipe.cli import main
+from brownpipe.engines import forecast
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
-from brownpipe.study import workflow
+from brownpipe.study import read_study, workflow
+from brownpipe.study.run_sets import requests, run_sets
 
 ROOT = Path(__file__).parent.parent
+CONFIG = ROOT / "config"
 
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -58,32 +61,14 @@ def test_new_writes_a_scene_and_a_study_that_are_valid_and_names_the_next_comman
     assert Path(readme) == ROOT / "config" / "README.md" and Path(readme).is_file()
 
 
-def test_every_key_that_the_templates_only_mention_may_be_given(capsys):
-    assert main(["new", "first"]) == DONE
-    for path in (Path("first.yaml"), Path("first_scene.yaml")):
-        text, count = re.subn(r"^( *)# (position|observables|figures):", r"\1\2:", path.read_text(), flags=re.MULTILINE)
-        assert count == {"first.yaml": 2, "first_scene.yaml": 1}[path.name]
-        path.write_text(text)
-    assert said(capsys, "check", "first.yaml")[0] == DONE
-    text, count = re.subn("^seeds:.*\n# tolerance:", "tolerance:", Path("first.yaml").read_text(), flags=re.MULTILINE)
-    Path("first.yaml").write_text(text)
-    assert count == 1 and said(capsys, "check", "first.yaml")[0] == DONE
-
-
 @pytest.mark.parametrize("there", ["first.yaml", "first_scene.yaml"])
-def test_new_replaces_no_file(capsys, there):
+@pytest.mark.parametrize("name", ["first", "a b", "../a", "", "---a", "a" * 60])
+def test_new_replaces_no_file_and_refuses_what_is_no_name(capsys, name, there):
     Path(there).symlink_to("nowhere")
-    status, out, err = said(capsys, "new", "first.yaml")
-    assert (status, out, err) == (WRONG_REQUEST, "", f"brownpipe: {there}: exists; choose another name or folder\n")
-    assert [path.name for path in Path().iterdir()] == [there]
-
-
-@pytest.mark.parametrize("name", ["a b", "../a", "", "-" * 3 + "a", "a" * 60])
-def test_new_refuses_what_is_no_name(capsys, name):
     status, out, err = said(capsys, "new", "--", name)
-    assert (status, out) == (WRONG_REQUEST, "")
-    assert re.fullmatch(r"brownpipe: (NAME|name of the scene): must be a name: .*, not '.*'\n", err)
-    assert not list(Path().iterdir())
+    assert (status, out) == (WRONG_REQUEST, "") and err.count("\n") == 1
+    assert (f"{there}: exists" if name == "first" else "must be a name: ") in err
+    assert [path.name for path in Path().iterdir()] == [there]
 
 
 # -- run ------------------------------------------------------------------------------------------------------------
@@ -114,13 +99,6 @@ def test_run_refuses_at_once(capsys, study, started, monkeypatch):
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # to root every folder is writable
     line = f"brownpipe: {Path.cwd()}: cannot be written to; run the study from another folder\n"
     assert said(capsys, "run", study) == (FAILED, "", line) and not started
-
-
-def test_an_installed_pipeline_comes_before_a_checkout(monkeypatch, tmp_path):
-    assert workflow.pipeline_folder() == ROOT
-    (tmp_path / "pipeline").mkdir()
-    monkeypatch.setattr(workflow, "PACKAGE", tmp_path)
-    assert workflow.pipeline_folder() == tmp_path / "pipeline"
 
 
 def test_a_lock_of_a_study_that_runs_outlives_a_dry_run_that_began_before(monkeypatch):
@@ -176,3 +154,32 @@ def test_a_profile_that_cannot_be_used(capsys, study, started, plugin, name, mes
         status, out, err = said(capsys, "run", study, "--profile", name, *further)
         assert (status, out, started) == (WRONG_REQUEST, "", [])
         assert err.startswith("brownpipe: ") and err.endswith(f"{message}\n")
+
+
+def test_a_job_asks_for_twice_the_forecast_and_twice_as_much_at_each_retry():
+    study = read_study(CONFIG / "small.yaml", {"particles": 50, "scenes": "scenes/harrison2020.yaml"})
+    asked, (runs,) = requests(study)["simulate"], run_sets(study)
+    wildcards = {"digest": runs.key, "first": "0", "last": "999999"}
+    cost = forecast.of_run(study.cases[0])
+    expected = forecast.memory(cost, 10**6) / 1e6
+    assert 2 * expected < asked["mem_mb"](wildcards, attempt=1) < 2.2 * expected
+    minutes = 10**6 * (cost.seconds + cost.storing) / 60
+    assert 2 * minutes < asked["runtime"](wildcards, attempt=1) < 2 * minutes + 10
+    for key in ("mem_mb", "runtime"):
+        assert asked[key](wildcards, attempt=3) == 4 * asked[key](wildcards, attempt=1)
+    assert asked["cpus_per_task"] == 1
+    assert asked["mem_mb"](wildcards | {"last": "9"}, attempt=1) < 700
+
+
+def test_analyses_ask_for_more_with_more_runs_quantities_and_larger_files():
+    def asked(rule="aggregate", key="mem_mb", **more):
+        return requests(read_study(CONFIG / "small.yaml", {"particles": 50} | more))[rule][key]({}, 1)
+
+    assert asked() < 1500 and asked(key="runtime") < 10
+    assert asked() < asked(observables=["velocity_autocorrelation"])
+    assert (
+        asked(seeds=10**5, batch=10**3) < asked(seeds=10**5, batch=10**4) < asked("tradeoff", seeds=10**5, batch=10**4)
+    )
+    assert asked("aggregate", "runtime", seeds=10**7, batch=10**5) > 60
+    tolerance = {"seeds": None, "tolerance": 0.001}
+    assert asked("plan", "runtime", **tolerance) < asked("tradeoff", "runtime", **tolerance)  # the pilot alone

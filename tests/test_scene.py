@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from brownpipe.engines.exact import layout
+from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import RequestError
-from brownpipe.scene import Disk, Scene, Species, parse_scene, read_scene, scene_yaml
-from brownpipe.scene.yaml_file import read_yaml
+from brownpipe.scene import Scene, Species, parse_scene, read_scene, scene_yaml
+from brownpipe.scene.reading import read_yaml
 
 CONFIG = Path(__file__).parent.parent / "config"
 BOX = {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": "reflecting"}
@@ -50,40 +53,7 @@ def test_note_as_published():
     assert scene.times.tolist() == [k * 0.01 for k in range(100)] + [1.0]
 
 
-def test_thermal_variant_differs_in_the_velocities_alone():
-    published, thermal = (read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml") for end in ("", "_thermal"))
-    assert thermal.velocities.temperature == 1.6
-    assert thermal.replace(velocities=published.velocities).digest == published.digest
-
-
-def test_particles_replace_the_total():
-    scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml", particles=50)
-    assert [one.count for one in scene.species] == [1, 49]
-    assert read_scene(CONFIG / "scenes" / "harrison2020.yaml", particles=1).radius.tolist() == [0.3]
-
-
 # -- defaults, text and digest ---
-
-
-def test_empty_list_is_a_scene_of_no_disks():
-    scene = explicit()
-    assert (scene.particles, scene.radius.shape, scene.mass.shape, scene.packing_fraction) == (0, (0,), (0,), 0.0)
-
-
-def test_defaults():
-    scene = parse_scene({"box": {"x": [0, 1], "y": [0, 1]}, "disks": [], "duration": 2}, "some/folder/a.b.yaml")
-    assert (scene.name, scene.box.boundary, scene.sample_interval, scene.equilibrate.time) == (
-        "a.b",
-        "reflecting",
-        2.0,
-        0.0,
-    )
-    assert scene.times.tolist() == [0.0, 2.0]
-
-
-def test_tracer_is_pinned_only_where_there_is_one():
-    assert species(kind(3)).equilibrate.tracer == "free"
-    assert species(kind(3), tracer={"radius": 0.1, "mass": 1}).equilibrate.tracer == "pinned"
 
 
 def test_who_is_pinned_does_not_matter_without_equilibration():
@@ -163,12 +133,6 @@ def test_a_scene_written_as_yaml_is_the_same_scene(path, tmp_path):
     assert (again, again.digest) == (scene, scene.digest)
 
 
-@pytest.mark.parametrize("name", ["1e3", "0x10", "089", "1.5", "null", "true", "yes", "1_000", "2026-01-01"])
-def test_names_that_look_like_other_values_stay_names(name):
-    scene = species(kind(3, name=name))
-    assert parse_scene(read_text(scene_yaml(scene)), "test.yaml") == scene
-
-
 # -- sample times ---
 
 
@@ -204,14 +168,6 @@ def test_logarithmic_times_go_up_by_one_ratio_and_end_at_the_duration(duration, 
     assert parse_scene(json.loads(scene.text), "test.yaml") == scene
 
 
-def test_logarithmic_times_of_a_few_decades():
-    times = explicit(duration=10.0, samples={"per_decade": 2, "first": 0.1}).times
-    assert times == pytest.approx([0, 0.1, 0.1 * 10**0.5, 1, 10**0.5, 10], rel=1e-15)
-    assert len(explicit(duration=math.nextafter(10, 11), samples={"per_decade": 2, "first": 0.1}).times) == 6
-    assert len(explicit(duration=10.01, samples={"per_decade": 2, "first": 0.1}).times) == 7
-    assert explicit(duration=20.0, samples={"per_decade": 1}).times[1] == 20.0 * 1e-4
-
-
 def test_digests_of_the_notes_scenes_do_not_change():
     """As published with the first results: files are found by them."""
     digests = [read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml").digest for end in ("", "_thermal")]
@@ -243,7 +199,7 @@ def test_wall_contact_is_accepted_to_round_off():
     assert explicit(disk(radius=3.0)).particles == 1
     far = {"x": [1e6 - 3, 1e6 + 3], "y": [-3, 3]}
     assert explicit(disk(math.nextafter(1e6 + 2.9, 2e6)), box=far).particles == 1
-    with pytest.raises(RequestError, match=r"disks\[0\].position: must be inside the walls, -3.0 <= x <= 3.0"):
+    with pytest.raises(RequestError, match=r"disks\[0\].position: must be inside the box, -3.0 <= x <= 3.0"):
         explicit(disk(x=2.9 + 1e-9))
 
 
@@ -290,18 +246,9 @@ def test_masses_up_to_a_factor_of_1e200(masses):
     ):
         with pytest.raises(RequestError) as refusal:
             disks()
-        found = f"masses {light:g} and {1.01 * heavy:g} are too far apart"
-        assert str(refusal.value) == f"test.yaml: disks: {found}; must be within a factor of 1e+200"
-    with pytest.raises(RequestError, match=r"masses 1e-200 and 1e\+200 are too far apart"):
+        assert str(refusal.value).startswith("test.yaml: disks: must be masses within a factor of 1e+200, not ")
+    with pytest.raises(RequestError, match=r"disks: must be masses within a factor"):
         species(kind(1, mass=1e-200), kind(1, name="other", mass=1e200))
-
-
-def test_records_are_what_the_engines_need():
-    scene = explicit(disk(1, 2, 0.1, 3, (4, 5)))
-    assert scene.listed == (Disk(position=(1, 2), velocity=(4, 5), radius=0.1, mass=3),)
-    assert (scene.box.width, scene.box.height, scene.box.area, scene.box.origin) == (6.0, 6.0, 36.0, (-3.0, -3.0))
-    assert not scene.box.periodic
-    assert scene.velocities is None
 
 
 def test_a_scene_with_another_value_of_a_key():
@@ -313,9 +260,65 @@ def test_a_scene_with_another_value_of_a_key():
     heavy = scene.replace(disks=scene.disks.replace(tracer={"radius": 0.3, "mass": 3.0}))
     assert (heavy.mass[0], heavy.name, heavy.particles) == (3.0, scene.name, 150)
     assert scene.replace(box=scene.box.replace(boundary="periodic")).box.periodic
+    assert scene.replace(**{"disks.tracer.mass": np.float64(3), "disks.species.bath.radius": 0.05}).mass[0] == 3.0
+    assert scene.replace(**{"equilibrate.time": 1}) == scene.replace(equilibrate=1)
+    with pytest.raises(RequestError, match=r"^disks.species.bat.mass: must be .* mass of disks.species.bath"):
+        scene.replace(**{"disks.species.bat.mass": 2})
     assert species(kind(3)).replace(duration=0.5).sample_interval == 0.5
 
 
-def test_arrays_of_many_disks_are_made_once():
-    scene = species(kind(9))
-    assert scene.radius is scene.radius and scene.mass is scene.mass and not scene.radius.flags.writeable
+# -- scenes with known outcomes: tests/scenes/*.yaml lead to what tests/scenes/expected.yaml says --------------------
+
+FOLDER = Path(__file__).parent / "scenes"
+EXPECTED = yaml.load((FOLDER / "expected.yaml").read_text(), yaml.CSafeLoader)
+
+
+def test_every_scene_has_an_outcome():
+    assert {path.stem for path in FOLDER.glob("*.yaml")} - {"expected"} == set(EXPECTED)
+
+
+@pytest.mark.parametrize("lists_from", [0.0, np.inf], ids=["lists", "cells"])
+@pytest.mark.parametrize("name", EXPECTED)
+def test_scene(name, lists_from, monkeypatch):
+    """With neighbour lists (where they can be) and with cells alone, whatever the packing fraction."""
+    monkeypatch.setattr(layout, "LISTS_FROM", lists_from)
+    expected, path = EXPECTED[name], FOLDER / f"{name}.yaml"
+    if "refused" in expected:
+        with pytest.raises(RequestError) as refusal:
+            read_scene(path)
+        assert str(refusal.value).startswith(str(path))
+        assert expected["refused"] in str(refusal.value)
+        assert "\n" not in str(refusal.value)
+        return
+    scene = read_scene(path)
+    result = simulate(scene, [0], {"tracer", "all"} | ({"events"} if "collision_time" in expected else set()))
+    seen = {key: column[0] for key, column in result.observables.items()}
+    assert not seen["failed"]
+    check_counts(expected, seen)
+    if "collision_time" in expected:
+        assert result.events[0].time.tolist() == pytest.approx([expected["collision_time"]], rel=1e-14, abs=1e-15)
+    if expected["final"]:
+        check_state(expected, result.whole[0], scene.mass)
+
+
+def check_counts(expected, seen):
+    for key in ("pair_collisions", "wall_collisions"):
+        assert seen[key] == expected.get(key, seen[key])
+    both = seen["pair_collisions"] + seen["wall_collisions"]
+    assert both == expected.get("collisions", both)
+
+
+def check_state(expected, track, mass):
+    """The last sample against `final`, within `tolerance`."""
+    position = np.array([disk["position"] for disk in expected["final"]])
+    off = {"position": np.abs(track.position[-1] - position)}
+    off["transverse"] = off["position"][:, 1]
+    if "velocity" in expected["final"][0]:
+        velocity = np.array([disk["velocity"] for disk in expected["final"]])
+        off["velocity"] = np.abs(track.velocity[-1] - velocity)
+        off["velocity_relative"] = off["velocity"] / (np.abs(velocity).max() or 1)
+        off["transverse"] = np.concatenate([off["transverse"], off["velocity"][:, 1]])
+        energy, right = (float(mass @ np.sum(v**2, axis=1)) for v in (track.velocity[-1], velocity))
+        off["energy_relative"] = abs(energy - right) / (right or 1)
+    for key, most in expected["tolerance"].items():
+        assert np.max(off[key]) <= float(most), key  # float: YAML 1.1 takes 1e-12 for a word

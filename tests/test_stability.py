@@ -1,18 +1,15 @@
 """Numerical stability, by small versions of the experiments of docs/stability.md; and the page of their tables."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from validation.stability import packings
-from validation.stability import table as tables
 from validation.stability.catalogue import EXPERIMENTS
 from validation.stability.outcome import brownpipe
 from validation.stability.programs import OTHERS
 from validation.stability.start import gas, listed
-from validation.stability.table import Row, count, shown, table
 
 ROOT = Path(__file__).parent.parent
 
@@ -46,20 +43,3 @@ def test_a_program_that_drops_collisions_breaks_a_promise(monkeypatch):
     monkeypatch.setattr(packings, "EVENT_DRIVEN", {"brownpipe": OTHERS["note's loop"]})
     (row,) = packings.rows(packings.measure(gaps=(1e-12,), crossings=1000.0, steps=10))
     assert not row.is_kept
-
-
-def test_a_broken_promise_shows(monkeypatch):
-    monkeypatch.setattr(tables, "IS_INSTALLED", False)
-    row = Row("gap", shown(1e-9), ["2e-9", "1", "2", "3"], is_kept=False)
-    assert table([row]).splitlines()[-1] == "| gap | 1e-9 | **2e-9: broken** | 1 | 2 | not installed |"
-    assert [shown(0.0, -3.1e-14), count(1e8), count(314.0)] == ["0, 3e-14", "1e8", "314"]
-
-
-def test_the_page_has_every_table_and_figure():
-    page = (ROOT / "docs" / "stability.md").read_text()
-    found = dict(re.findall(r"<!-- (\w+) -->\n(.*?)<!-- end of \1 -->", page, re.DOTALL))
-    assert list(found) == list(EXPERIMENTS)
-    assert all(text.startswith(tables.HEAD) for text in found.values())
-    for name in EXPERIMENTS:
-        assert f"(figures/stability_{name}.png)" in page
-        assert (ROOT / "docs" / "figures" / f"stability_{name}.png").stat().st_size < 100_000

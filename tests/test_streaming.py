@@ -8,7 +8,7 @@ from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble, Track
 from brownpipe.errors import AnalysisError
 from brownpipe.storage.datasets import write_dataset
-from brownpipe.storage.trajectories import Trajectories, read_outline, read_trajectories, write_trajectories
+from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_scene, walk
 
 SEEDS = np.r_[100:2300, 5000:5010]  # four blocks of 1,024, the last two of them with gaps before
@@ -42,47 +42,21 @@ def written(folder, ensemble, batches):
 
 
 def layouts():
-    """Rows of the runs in each file: one file, batches, batches backwards, and two kinds of interleaved files."""
+    """Rows of the runs in each file: one file, batches, batches backwards, and interleaved files."""
     rows = np.arange(len(SEEDS))
     batches = np.split(rows, [300, 600, 900, 924, 2205])
     shuffled = np.random.default_rng(2).permutation(rows)
-    return {
-        "one": [rows],
-        "batches": batches,
-        "backwards": batches[::-1],
-        "interleaved": [rows[k::3] for k in range(3)],
-        "shuffled": np.split(shuffled, [500, 510]),
-    }
+    return {"one": [rows], "batches": batches, "backwards": batches[::-1], "shuffled": np.split(shuffled, [500, 510])}
 
 
 @pytest.mark.slow
 def test_the_layout_of_files_does_not_matter(everything, tmp_path):
     images = set()
-    for name, batches in layouts().items():
+    for name in ("one", "backwards", "shuffled"):
+        batches = layouts()[name]
         write_dataset(tmp_path / f"{name}.nc", aggregate(written(tmp_path / name, everything, batches)))
         images.add((tmp_path / f"{name}.nc").read_bytes())
     assert len(images) == 1
-
-
-@pytest.mark.slow
-def test_blocks_are_those_of_the_seeds(everything, tmp_path):
-    (group,) = runs.groups_of(written(tmp_path / "shuffled", everything, layouts()["shuffled"]))
-    blocks = list(runs.blocks_of(group))
-    ends = [(block.seeds[0], block.seeds[-1]) for block in blocks]
-    assert ends == [(100, 1023), (1024, 2047), (2048, 2299), (5000, 5009)]
-    assert np.array_equal(np.concatenate([block.seeds for block in blocks]), SEEDS)
-    positions = np.concatenate([block.tracer.position for block in blocks], axis=1)
-    assert np.array_equal(positions, everything.tracer.position)
-
-
-@pytest.mark.parametrize(("layout", "reads"), [("one", 1), ("batches", 6), ("backwards", 6), ("interleaved", 12)])
-def test_files_in_the_usual_layout_are_read_once(everything, tmp_path, monkeypatch, layout, reads):
-    """Besides the header pass. Interleaved files, more than are kept in memory, are read for every block."""
-    (group,) = runs.groups_of(written(tmp_path / layout, everything, layouts()[layout]))
-    read, load = [], runs.read_trajectories
-    monkeypatch.setattr(runs, "read_trajectories", lambda path: read.append(path) or load(path))
-    list(runs.blocks_of(group))
-    assert len(read) <= reads + (layout == "interleaved")
 
 
 def test_a_file_that_is_replaced_meanwhile_is_refused(everything, tmp_path):
@@ -101,14 +75,3 @@ def test_files_with_other_observables_are_refused(everything, tmp_path):
     write_trajectories(paths[-1], SCENE, Engine("exact"), more)
     with pytest.raises(AnalysisError, match=r"5\.h5: has other observables than .*0\.h5 \(virial\)"):
         aggregate(paths)
-
-
-def test_outline_is_that_of_the_trajectories(everything, tmp_path):
-    (path,) = written(tmp_path / "one", everything, [np.arange(40)])
-    outline, trajectories = read_outline(path), read_trajectories(path)
-    assert isinstance(trajectories, Trajectories)
-    for name in ("scene", "engine", "source"):
-        assert getattr(outline, name) == getattr(trajectories, name)
-    for name in ("seeds", "times"):
-        assert np.array_equal(getattr(outline, name), getattr(trajectories.ensemble, name))
-    assert outline.tracer

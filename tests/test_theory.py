@@ -5,7 +5,6 @@ Monte-Carlo tolerances are 4.5 standard errors: a false alarm in 1 of 150,000 co
 
 import math
 from fractions import Fraction
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from numpy.polynomial.legendre import leggauss
 from scipy.special import eval_genlaguerre, roots_genlaguerre
 
 from brownpipe import theory
-from closed_forms import langevin_msd, pair_distance_density, propagator
+from closed_forms import pair_distance_density, propagator
 
 SIGMAS = 4.5
 
@@ -80,14 +79,6 @@ def test_propagator_is_normalised_and_has_the_diffusive_msd():
     assert second == pytest.approx(theory.diffusive_msd(t, diffusion), rel=1e-6)
 
 
-def test_propagator_solves_the_diffusion_equation():
-    r, t, diffusion, h = 0.8, 1.1, 0.4, 1e-3
-    rate = (propagator(r, t + h, diffusion) - propagator(r, t - h, diffusion)) / (2 * h)
-    here, out, back = (propagator(x, t, diffusion) for x in (r, r + h, r - h))
-    laplacian = (out - 2 * here + back) / h**2 + (out - back) / (2 * h * r)
-    assert rate == pytest.approx(diffusion * laplacian, rel=1e-5)
-
-
 def test_rings_and_overflow_share_out_all_runs():
     edges = np.append(np.arange(25) * 0.04, np.inf)
     assert theory.ring_probability(edges[:-1], edges[1:], 1.0, 0.249).sum() == pytest.approx(1.0, abs=1e-14)
@@ -127,37 +118,6 @@ def test_reflecting_square_against_folded_gaussians():
     free = rng.normal(0.0, np.sqrt(2 * diffusion * t), (400_000, 2))
     folded = np.abs((free + a) % (4 * a) - 2 * a) - a
     assert_mean((folded**2).sum(axis=1), theory.reflecting_square_msd(t, diffusion, a))
-
-
-# --- from ballistic flight to diffusion
-
-
-def test_langevin_limits():
-    assert langevin_msd(1e-6, 3.0, 8.0, 3.2) == pytest.approx(theory.ballistic_msd(1e-6, 8.0), rel=1e-5)
-    assert langevin_msd(2.0, 0.0, 8.0, 3.2) == theory.ballistic_msd(2.0, 8.0)
-    late = langevin_msd(np.array([1e4, 1e4 + 1]), 3.0, 8.0, 3.2)
-    assert np.diff(late)[0] == pytest.approx(2 * 3.2 / 3.0, rel=1e-6)
-
-
-def test_langevin_has_no_seam():
-    """At gamma t = 0.1 the series hands over to the closed form: the slope changes by what the curve bends, no more."""
-    t = 0.1 + np.array([-2e-6, -1e-6, 1e-6, 2e-6])
-    before, across, after = np.diff(langevin_msd(t, 1.0, 0.0, 1.0)) / np.diff(t)
-    assert before < across < after
-    assert across == pytest.approx((before + after) / 2, rel=1e-8)
-
-
-def test_langevin_against_its_own_equation():
-    """Exact Ornstein-Uhlenbeck steps of velocity, positions by the midpoint rule: its bias is far below the noise."""
-    rng, gamma, v0sq, veqsq, steps, dt = np.random.default_rng(12), 2.2, 8.0, 3.2, 200, 0.005
-    v = rng.normal(0.0, np.sqrt(v0sq / 2), (40_000, 2))
-    x = np.zeros_like(v)
-    keep, kick = np.exp(-gamma * dt), np.sqrt(veqsq / 2 * -np.expm1(-2 * gamma * dt))
-    for _ in range(steps):
-        after = keep * v + kick * rng.standard_normal(v.shape)
-        x += (v + after) * dt / 2
-        v = after
-    assert_mean((x**2).sum(axis=1), langevin_msd(steps * dt, gamma, v0sq, veqsq))
 
 
 # --- Enskog
@@ -221,37 +181,6 @@ def test_diffusion_of_equal_disks():
     expected = np.sqrt(temperature / (np.pi * m)) / (2 * n * s * chi)
     zeta = theory.enskog_friction(n, s, chi, theory.reduced_mass(m, m), temperature)
     assert temperature / zeta == pytest.approx(expected, rel=1e-14)
-
-
-# --- two uniform points in a box
-
-
-@pytest.mark.parametrize(("width", "height"), [(5.4, 5.4), (3.0, 1.0), (0.2, 7.0)])
-def test_pair_distances_are_normalised(width, height):
-    total = integral(lambda r: pair_distance_density(r, width, height), 0, np.hypot(width, height), 400_001)
-    assert total == pytest.approx(1.0, abs=1e-6)
-
-
-def test_pair_distances_in_a_square():
-    r, side = np.linspace(0.01, 5.4, 50), 5.4
-    expected = 2 * r / side**2 * (np.pi - 4 * r / side + r**2 / side**2)
-    assert pair_distance_density(r, side, side) == pytest.approx(expected, rel=1e-12)
-
-
-def test_pair_distances_end_at_the_diagonal():
-    assert pair_distance_density([-1.0, 0.0, 5.0, 6.0], 3.0, 4.0) == pytest.approx([0, 0, 0, 0])
-    assert pair_distance_density(4.99, 3.0, 4.0) > 0
-
-
-def test_pair_distances_against_random_points():
-    rng, width, height, runs = np.random.default_rng(14), 3.0, 1.0, 400_000
-    first, second = (rng.random((runs, 2)) * (width, height) for _ in range(2))
-    distance = np.hypot(*(first - second).T)
-    edges = np.linspace(0.0, 3.2, 17)
-    for low, high in pairwise(edges):
-        p = integral(lambda r: pair_distance_density(r, width, height), low, high)
-        inside = np.count_nonzero((distance >= low) & (distance < high))
-        assert abs(inside - runs * p) <= SIGMAS * np.sqrt(runs * p) + 1
 
 
 # --- two sizes of disks

@@ -2,12 +2,7 @@
 
 import json
 import math
-import os
-import pickle
-import subprocess
-import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +16,7 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.tradeoff.compare import departure_time
+from test_exact import in_plain_python
 
 W, P = "reflecting", "periodic"
 EPSILON = np.finfo(float).eps
@@ -229,22 +225,6 @@ def test_a_disk_without_room_stays():
     assert not run.observables["failed"][0] and np.abs(run.whole[0].position).max() < 2e-3
 
 
-@pytest.mark.parametrize("share", [0.4, 0.95])
-def test_lists_change_no_bit_at_long_steps(share):
-    """Between walls, equal and of two sizes, 12 seeds each: short and long lists, in steps near the largest."""
-    for phi, ratio in ((0.4, 1.0), (0.45, 1.5), (0.3, 2.0)):
-        radius = math.sqrt(phi * 4.0 / (12 * math.pi * (1 + ratio**2) / 2))
-        scene = make(W, 2.0, [(6, radius, 1.0), (6, radius * ratio, 0.3)], 2.0)
-        engine = timestep.prepared(scene, share * largest_step(scene))
-        for seed in range(12):
-            state, ends = draw(scene, seed), []
-            for skin in (engine.workspace.skin, 0.0, 10.0):
-                w = engine.workspace._replace(skin=skin)
-                run = timestep.run(engine._replace(workspace=w), state, scene.times, {"all"})
-                ends.append(run.whole.position[-1])
-            assert np.array_equal(ends[0], ends[1]) and np.array_equal(ends[0], ends[2])
-
-
 def test_a_dense_fluid_loses_no_collisions_in_a_step_of_a_fiftieth():
     """phi = 0.72, steps of a fiftieth of the largest: pairs that third disks push together meet, too; 3 % at most."""
     scene = make(P, 10.0, [(92, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0)
@@ -395,13 +375,8 @@ def few():
 
 @pytest.mark.slow
 def test_the_compiler_changes_no_bit():
-    plain = os.environ | {
-        "NUMBA_DISABLE_JIT": "1",
-        "PYTHONPATH": os.pathsep.join([*sys.path, str(Path(__file__).parent)]),
-    }
-    code = "import pickle; from test_timestep import few; print(pickle.dumps(few()).hex())"
-    done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, check=True)
-    for run, other in zip(few(), pickle.loads(bytes.fromhex(done.stdout)), strict=True):
+    others = in_plain_python("import pickle; from test_timestep import few; print(pickle.dumps(few()).hex())")
+    for run, other in zip(few(), others, strict=True):
         assert run.observables["pair_collisions"][0] > 2
         assert all(np.array_equal(a, b) for a, b in zip(run.whole[3], other.whole[3], strict=True) if a is not None)
         assert run.observables == other.observables
@@ -415,6 +390,8 @@ def test_the_compiler_changes_no_bit():
     [
         (0.5, {}, r"time_step: must be at most 0\.07\d+, .* found 0.5"),
         (1e-12, {}, "time_step: must be at least 4e-10, for"),
+        (np.nan, {}, "time_step: must be at most"),
+        (1e-3, {"collisions": "x"}, r"^collisions: must be one of at_contact, late, found 'x'$"),
         (1e-3, {"record": {"events"}}, "--record events: the timestep engine knows no instants of collisions"),
     ],
 )
@@ -422,12 +399,6 @@ def test_bad_settings_are_refused_in_one_line(time_step, more, message):
     with pytest.raises(RequestError, match=message) as refused:
         timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=time_step, **more)
     assert "\n" not in str(refused.value)
-
-
-def test_disks_at_rest_allow_any_step():
-    scene = explicit(W, 2.0, [((0.0, 0.0), (0.0, 0.0), 0.1, 1.0)], 1.0)
-    assert largest_step(scene) == np.inf
-    assert not timestep.simulate(scene, [0], time_step=5.0).observables["failed"][0]
 
 
 # -- departure ------------------------------------------------------------------------------------------------------
@@ -441,13 +412,3 @@ def test_departure_is_the_first_sample_beyond_the_bound():
     position[:, 2, 1] = 10.0 * (times > 0.25)
     position[5:, 3, 0] = np.nan
     assert departure_time(times, position, reference, 0.3).tolist() == [np.inf, 0.6000000000000001, times[3], 0.5]
-
-
-def test_a_time_step_that_is_no_number_is_refused():
-    with pytest.raises(RequestError, match="time_step: must be at most"):
-        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=np.nan)
-
-
-def test_unknown_words_are_refused():
-    with pytest.raises(RequestError, match=r"^collisions: must be one of at_contact, late, found 'x'$"):
-        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=1e-3, collisions="x")

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 import brownpipe as bp
 from brownpipe.cli import main
-from brownpipe.errors import RequestError
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.scan import axis_of, series_of, table
 from brownpipe.figures.summary import summary
 from brownpipe.scene import parse_scene
-from brownpipe.scene.variation import combinations, scene_with
+from brownpipe.scene.reading import validated
+from brownpipe.scene.variation import Vary, scene_with
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import batches_of, commands, run_sets
 
@@ -55,28 +55,15 @@ def result():
     return bp.scan(bp.Scene(**FLUID, name="fluid"), VARY, seeds=12, quiet=True)
 
 
-@pytest.mark.parametrize(
-    ("values", "edited"),
-    [
-        ({MASS: 10.0}, lambda keys: keys["disks"]["tracer"].update(mass=10.0)),
-        ({"disks.species.bath.count": 5}, lambda keys: keys["disks"]["species"][0].update(count=5)),
-        ({"velocities.temperature": 2.0}, lambda keys: keys["velocities"].update(temperature=2.0)),
-        ({"equilibrate.time": 2.0}, lambda keys: keys.update(equilibrate={"time": 2.0})),
-        (
-            {"duration": 2.0, "box.x": [0.0, 9.0]},
-            lambda keys: (keys.update(duration=2.0), keys["box"].update(x=[0, 9.0])),
-        ),
-    ],
-)
-def test_a_variant_is_the_scene_with_these_values_in_its_file(values, edited):
-    keys = json.loads(json.dumps(FLUID))
-    edited(keys)
-    assert scene_with(FLUID, "fluid.yaml", values).text == parse_scene(keys, "fluid.yaml").text
-
-
-def test_names_of_variants_tell_the_values():
-    assert scene_with(FLUID, "a/fluid.yaml", {MASS: 10, PHI: 0.3}).name == "fluid,tracer_mass=10,packing_fraction=0.3"
-    assert scene_with(FLUID, "fluid.yaml", {}).name == "fluid"
+def test_a_variant_is_the_scene_with_these_values_in_its_file():
+    keys = json.loads(json.dumps(FLUID)) | {"duration": 2.0, "equilibrate": {"time": 2.0}}
+    keys["disks"]["tracer"]["mass"], keys["disks"]["species"][0]["count"], keys["box"]["x"] = 10.0, 5, [0.0, 9.0]
+    values = {MASS: 10.0, "disks.species.bath.count": 5, "duration": 2.0, "equilibrate.time": 2.0, "box.x": [0, 9.0]}
+    variant = scene_with(FLUID, "a/fluid.yaml", values)
+    assert variant.text == parse_scene(keys, "fluid.yaml").text
+    assert variant.name == "fluid,tracer_mass=10,bath_count=5,duration=2,equilibrate_time=2,box_x=0-9"
+    span = {"from": 1, "to": 100, "count": 3, "spacing": "log"}
+    assert validated(Vary, {MASS: span}) == {MASS: pytest.approx((1.0, 10.0, 100.0))}
 
 
 @given(st.floats(1e-3, 0.5))
@@ -87,76 +74,6 @@ def test_packing_fraction_scales_the_box_and_the_place_of_the_tracer(phi):
     assert scene.box.height / scene.box.width == pytest.approx(1.0)
     assert scene.disks.tracer.position == pytest.approx((2.0 * factor, 1.0 * factor))
     assert scene.radius.tolist() == [0.5] * 16
-
-
-@pytest.mark.parametrize(
-    ("span", "values"),
-    [
-        ({"from": 1.0, "to": 3.0, "count": 3}, [1.0, 2.0, 3.0]),
-        ({"from": 1, "to": 100, "count": 3, "spacing": "log"}, [1.0, 10.0, 100.0]),
-        ([5, 1], [5, 1]),
-    ],
-)
-def test_values_are_listed_or_at_equal_steps(folder, span, values):
-    write_study(vary={MASS: span})
-    assert [case.mass[0] for case in read_study("study.yaml").cases] == pytest.approx(values)
-
-
-def test_combinations_are_all_or_side_by_side():
-    assert combinations({"a": (1, 2), "b": (3, 4)}, False) == [
-        {"a": 1, "b": 3},
-        {"a": 1, "b": 4},
-        {"a": 2, "b": 3},
-        {"a": 2, "b": 4},
-    ]
-    assert combinations({"a": (1, 2), "b": (3, 4)}, True) == [{"a": 1, "b": 3}, {"a": 2, "b": 4}]
-
-
-@pytest.mark.parametrize(
-    ("keys", "said"),
-    [
-        ({"vary": {MASS: [-1.0]}}, ["vary: fluid.yaml with disks replaced: disks.tracer.mass: must be > 0, not -1"]),
-        ({"vary": {"disks.tracer.mas": [1.0]}}, ["disks.tracer.mas: unknown key", "did you mean mass?"]),
-        ({"vary": {"disks.species.b.mass": [1.0]}}, ["disks.species.b.mass: must name a species (bath)"]),
-        ({"vary": {PHI: [1.5]}}, ["packing_fraction: must be <= 1, not 1.5"]),
-        ({"vary": {MASS: [1.0, 1.0]}}, ["vary: must be values that differ"]),
-        ({"vary": {MASS: [1.0, 1.0 + 1e-13]}}, ["vary: must be values that differ"]),
-        ({"vary": {MASS: 3.0}}, ["vary.disks.tracer.mass: must be a list, not 3"]),
-        ({"vary": {MASS: {"from": 1, "to": 3}}}, ["vary.disks.tracer.mass.count: missing"]),
-        ({"vary": {MASS: {"from": 0, "to": 3, "count": 3, "spacing": "log"}}}, ["different from 0"]),
-        ({"vary": {MASS: [1, 2], PHI: [0.1]}, "vary_together": True}, ["vary: must be lists of the same length"]),
-        ({"vary": 3}, ["vary: must be a mapping, not 3"]),
-        ({"vary": {"particles": [16]}}, ["vary: particles must be varied by the key `particles`"]),
-    ],
-)
-def test_a_wrong_value_is_refused_before_anything_runs(folder, keys, said, capsys):
-    write_study(**keys)
-    assert main(["check", "study.yaml"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("brownpipe: study.yaml: line ") and all(part in line for part in said)
-
-
-@pytest.mark.parametrize("text", ["- a\n- b\n", "a text\n"])
-@pytest.mark.parametrize("words", [["check", "study.yaml"], ["simulate", "fluid.yaml"]])
-def test_a_scene_that_is_no_mapping_is_refused_in_one_line(folder, capsys, text, words):
-    Path("fluid.yaml").write_text(text)
-    assert main(words) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "fluid.yaml: must be a mapping with the keys box, disks" in line
-
-
-@pytest.mark.parametrize(
-    ("vary", "said"),
-    [
-        ({"disks.tracer.mas": [1]}, "disks.tracer.mas: unknown key"),
-        ({MASS: [1, 1]}, "vary: must be values that differ"),
-        ({MASS: 2}, "vary.disks.tracer.mass: must be a list, not 2"),
-        ([MASS], "vary: must be a mapping"),
-    ],
-)
-def test_python_refuses_wrong_values(vary, said):
-    with pytest.raises(RequestError, match=said.replace(".", r"\.")):
-        bp.scan(bp.Scene(**FLUID), vary, quiet=True)
 
 
 def test_a_value_added_later_runs_only_itself(folder):
@@ -218,8 +135,8 @@ def test_series_are_along_the_first_key(result):
     cases = cases_of(result)
     assert axis_of(cases) == "tracer_mass"
     series = series_of(cases, "tracer_mass")
-    assert [*series] == ["packing fraction 0.1", "packing fraction 0.2"]
-    assert [case.tracer_mass.item() for case in series["packing fraction 0.2"]] == [1.0, 10.0, 100.0]
+    assert [*series] == ["packing_fraction = 0.1", "packing_fraction = 0.2"]
+    assert [case.tracer_mass.item() for case in series["packing_fraction = 0.2"]] == [1.0, 10.0, 100.0]
 
 
 def test_differences_are_of_runs_with_the_same_seeds(result):
@@ -255,3 +172,11 @@ def test_the_answer_has_a_column_for_each_key(result):
     assert [line[1:3] for line in lines if line[:1] == ["fluid"]] == [
         [m, phi] for m in ("1", "10", "100") for phi in ("0.1", "0.2")
     ]
+
+
+def test_tables_of_a_scan_are_drawn_again_in_their_place(result, tmp_path):
+    bp.save(result, tmp_path / "scan.nc")
+    for names in ("scan,health", "health"):
+        words = ["figures", str(tmp_path / "scan.nc"), "--output", str(tmp_path / "figures"), "--figures", names]
+        assert main(words) == 0
+    assert not (tmp_path / "figures" / "scan.csv").exists() and (tmp_path / "figures" / "health.csv").exists()

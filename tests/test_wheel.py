@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import sysconfig
-import tarfile
 import zipfile
 from importlib.metadata import Distribution
 from pathlib import Path
@@ -23,7 +22,6 @@ class Installation(NamedTuple):
     """An installed wheel: its environment is not activated."""
 
     wheel: Path
-    sdist: Path
     bin: Path
     folder: Path  # an empty one, to work in
 
@@ -34,13 +32,6 @@ def run(*words, cwd, **more):
     done = subprocess.run([*map(str, words)], cwd=cwd, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
-
-
-def build(kind, source, target):
-    """The file that hatchling builds, as `python -m build` does; no network is needed."""
-    run(sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", target, cwd=source)
-    (file,) = target.iterdir()
-    return file
 
 
 def install(wheel, packages, programs):
@@ -63,7 +54,8 @@ def install(wheel, packages, programs):
 def installed(tmp_path_factory):
     """The wheel in an environment of its own, which shares the other packages with that of the tests."""
     folder = tmp_path_factory.mktemp("wheel")
-    wheel, sdist = build("wheel", ROOT, folder / "wheel"), build("sdist", ROOT, folder / "sdist")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "wheel", cwd=ROOT)  # as `build` does
+    (wheel,) = (folder / "wheel").iterdir()
     own = folder / "environment"
     run(sys.executable, "-m", "venv", "--without-pip", own, cwd=folder)
     (packages,) = own.glob("lib/python*/site-packages")
@@ -71,7 +63,7 @@ def installed(tmp_path_factory):
     shared = [path for path in sys.path if path.endswith("site-packages")] or [sysconfig.get_path("purelib")]
     (packages / "others.pth").write_text("\n".join(shared) + "\n")
     (folder / "my work").mkdir()
-    return Installation(wheel, sdist, own / "bin", folder / "my work")
+    return Installation(wheel, own / "bin", folder / "my work")
 
 
 @pytest.fixture(scope="session")
@@ -88,18 +80,11 @@ from brownpipe import stages
 from brownpipe.engines.exact import run as exact
 from brownpipe.scene import read_scene
 
-class Listener(event.Listener):
-    def on_start(self, each):
-        function = each.data["dispatcher"].py_func
-        if function.__module__.startswith("brownpipe"):
-            times[f"{function.__module__}.{function.__qualname__}"] += 1
-    def on_end(self, _):
-        pass
-
-times = Counter()
 stages.remark_listeners.append(print)
-with event.install_listener("numba:compile", Listener()):
+with event.install_recorder("numba:compile") as recorder:
     exact.prepare_scene(read_scene(sys.argv[1]))
+functions = [each.data["dispatcher"].py_func for _, each in recorder.buffer if each.is_start]
+times = Counter(f"{one.__module__}.{one.__qualname__}" for one in functions if one.__module__.startswith("brownpipe"))
 print(len(times), "kernels;", "more than once:", sorted(name for name in times if times[name] > 1))
 """
 
@@ -175,11 +160,3 @@ def test_the_workflow_and_the_examples_in_the_wheel_are_those_of_the_checkout(in
         pipeline = {name.removeprefix("brownpipe/pipeline/") for name in wheel.namelist() if "/pipeline/" in name}
         assert pipeline == files
         assert all(wheel.read(f"brownpipe/pipeline/{file}") == (ROOT / file).read_bytes() for file in files)
-
-
-def test_the_sdist_builds_the_same_wheel(installed, tmp_path):
-    with tarfile.open(installed.sdist) as sdist:
-        sdist.extractall(tmp_path, filter="data")
-    (source,) = tmp_path.iterdir()
-    again = build("wheel", source, tmp_path / "again")
-    assert again.read_bytes() == installed.wheel.read_bytes()

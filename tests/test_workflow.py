@@ -39,7 +39,6 @@ particles: [8, 12]
 seeds: 10
 batch: 10
 """
-PHYSICS = ("*.h5", "*.nc")
 PICTURES = ("*.png", "*.svg", "*.csv", "*.txt", "*.html")
 pytestmark = pytest.mark.slow
 
@@ -121,15 +120,6 @@ def test_everything_declared_is_there_and_the_answer_is_printed_last(finished):
     assert main(["verify", str(folder / "results/study")]) == DONE
 
 
-@pytest.mark.parametrize("study", ["config/harrison2020.yaml", "my studies/first one.yaml"])
-def test_make_report_calls_snakemake(study):
-    """Make is only asked what it would do: the Snakemake command is the one that a test below runs."""
-    command = ["make", "report", f"STUDY={study}", "REPORT=a page.html", "--dry-run"]
-    done = subprocess.run(command, cwd=ROOT, env=environment(), capture_output=True, text=True, check=True).stdout
-    words = shlex.split(next(line for line in done.splitlines() if line.startswith("snakemake ")))
-    assert words[words.index("--configfile") + 1 :] == [study, "--report", "a page.html"]
-
-
 def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_other_batches(finished, tmp_path):
     folder = write_study(tmp_path / "a folder of another name")
     (folder / "study.yaml").write_text(STUDY.replace("batch: 10", "batch: 5"))
@@ -166,12 +156,14 @@ ANALYSIS = {"simulate": 0, "aggregate": 1, "figures": 1}
     [
         ("scenes/hot.yaml", "# a hot tracer", "# another comment", NOTHING),
         ("scenes/hot.yaml", "mass: 0.4", "mass: 0.5", HALF),
-        ("scenes/thermal.yaml", "duration: 1.0", "duration: 1.1", HALF),
         ("study.yaml", "seeds: 10", "seeds: 20", ALL),  # the second batch of each case
         ("study.yaml", "seeds: 10", "seeds: 7", ANALYSIS),
         ("study.yaml", "seeds: 10", "seeds: 10\nfit_windows: [[0.2, 1.0]]", ANALYSIS),
         ("study.yaml", "seeds: 10", "seeds: 10\nfigures: [msd]", FIGURES),
         ("study.yaml", "seeds: 10", "seeds: 10\nobservables: [square_displacement]", ALL),
+        ("results/runs/hot/N8/*/0-9.h5", "", "deleted", ONE),
+        ("results/study/aggregate/study.nc", "", "deleted", ANALYSIS),
+        ("results/study/figures/health.svg", "", "deleted", FIGURES),
     ],
 )
 def test_a_change_makes_what_depends_on_it_and_nothing_else(study, file, old, new, jobs, is_remembered):
@@ -180,24 +172,13 @@ def test_a_change_makes_what_depends_on_it_and_nothing_else(study, file, old, ne
         shutil.rmtree(study / ".snakemake")
         for path in (study / "results/study").rglob("*.*"):
             os.utime(path, (2e9, 2e9))
-    text = (study / file).read_text()
-    assert old in text
-    (study / file).write_text(text.replace(old, new))
-    assert planned(study) == jobs
-
-
-@pytest.mark.parametrize(
-    ("deleted", "jobs"),
-    [
-        ("runs/hot/N8/*/0-9.h5", ONE),
-        ("study/aggregate/study.nc", ANALYSIS),
-        ("study/figures/health.svg", FIGURES),
-        ("study/report.html", FIGURES),
-    ],
-)
-def test_what_was_deleted_is_made_again(study, deleted, jobs):
-    (file,) = (study / "results").glob(deleted)
-    file.unlink()
+    (path,) = study.glob(file)
+    if new == "deleted":
+        path.unlink()
+    else:
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new))
     assert planned(study) == jobs
 
 
@@ -268,25 +249,6 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
     assert (study / "results/study/report.html").is_file()
 
 
-# -- a tolerance in place of seeds ----------------------------------------------------------------------------------
-
-
-def test_a_tolerance_is_determined_once_by_a_job_of_its_own(tmp_path):
-    folder = write_study(tmp_path / "study")
-    engines = "engines: [exact, {name: langevin, friction: enskog}]\n"
-    (folder / "study.yaml").write_text(f"scenes: scenes/thermal.yaml\ntolerance: 20%\nfigures: [health]\n{engines}")
-    for query in ("--dry-run", "--unlock", "--summary"):
-        snakemake(folder, query)
-        assert not (folder / "results").exists()
-    printed = snakemake(folder, "--cores", "1")
-    (plan,) = (folder / "results/study/plan").iterdir()
-    runs = int(re.search(r"^runs: (\d+)$", plan.read_text(), re.MULTILINE)[1])
-    for label in ("exact", "langevin-enskog"):
-        assert re.search(rf"^thermal +10 +{label} +{runs} ", printed, re.MULTILINE)
-    assert {file.name for file in folder.rglob("*.h5")} == {f"0-{runs - 1}.h5", "0-399.h5"}  # with the exact pilot
-    assert planned(folder) == NOTHING
-
-
 # -- what goes wrong ------------------------------------------------------------------------------------------------
 
 
@@ -305,19 +267,6 @@ def test_a_wrong_study_is_refused_in_one_line(tmp_path, arguments, message):
     assert lines[0].startswith("brownpipe: ")
     assert message in lines[0]
     assert not (tmp_path / "study" / "results").exists()
-
-
-def test_a_failed_job_says_why(tmp_path):
-    folder = write_study(tmp_path / "study")
-    crowd = "particles: [170]\nseeds: 1\nscenes: scenes/hot.yaml\n"  # they would fit, but not at random
-    (folder / "study.yaml").write_text(crowd)
-    dense = SCENE.replace("[-3.0, 3.0]", "[-1.5, 1.5]").replace("disks:", "disks:\n  placement: random")
-    (folder / "scenes" / "hot.yaml").write_text(dense)
-    printed = snakemake(folder, "--cores", "1", fails=True)
-    assert printed.splitlines()[-1].startswith("    brownpipe: hot, N = 170, seed 0: disks: ")  # below all else
-    assert "brownpipe: the rule simulate failed: brownpipe simulate scenes/hot.yaml --particles 170" in printed
-    assert "Traceback" not in printed
-    assert contents(folder, *PHYSICS) == {}
 
 
 # -- report and style -----------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -10,7 +11,7 @@ import brownpipe as bp
 from brownpipe.cli import main
 from brownpipe.errors import WRONG_REQUEST, RequestError
 from brownpipe.scene import Scene, read_scene
-from brownpipe.scene.yaml_file import read_yaml
+from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.study import read_study
 
 CONFIG = Path(__file__).parent.parent / "config"
@@ -56,47 +57,26 @@ allow_failed: 0
 """
 SCENES = [  # of which text, what in it, is replaced by what; line, key, and a word of the message
     (SPECIES, "x: [-3, 3]", "x: [3, -3]", 2, "box.x", "low < high"),
-    (SPECIES, "x: [-3, 3]", "x: [3]", 2, "box.x", "a list of two"),
-    (SPECIES, "x: [-3, 3]", "x: [1, 2, 3]", 2, "box.x", "a list of two"),
-    (SPECIES, "x: [-3, 3]", "x: 6", 2, "box.x", "a list"),
-    (SPECIES, "x: [-3, 3]", "x: [0, 1e141]", 2, "box.x", "1e-140 to 1e+140 long"),
+    (SPECIES, "x: [-3, 3]", "x: [3]", 2, "box.x[1]", "missing"),
+    (SPECIES, "x: [-3, 3]", "x: [1, 2, 3]", 2, "box.x", "a list of at most 2"),
     (SPECIES, "  x: [-3, 3]\n", "", 1, "box.x", "missing"),
     (SPECIES, "y: [-3, 3]", "y: [-3, 3]\n  boundary: periodc", 4, "box.boundary", "did you mean periodic?"),
     (SPECIES, "y: [-3, 3]", "y: [0, 1]\n  boundary: periodic", 7, "disks.tracer.radius", "at most a quarter of the"),
     (SPECIES, "particles: 150\n", "", 1, "particles", "missing"),
-    (SPECIES, "particles: 150", "particles: 1e2", 4, "particles", "an integer, not 100.0"),
     (SPECIES, "particles: 150", "particles: -1", 4, "particles", ">= 0, not -1"),
     (SPECIES, "particles: 150", "particles: 50, 100", 4, "particles", "an integer, not '50, 100'"),
-    (SPECIES, "particles: 150", "particles: 0", 4, "particles", "at least 1"),
     (SPECIES, "particles: 150", "N: 150", 4, "N", "did you mean particles? allowed: box,"),
     (SPECIES, "particles: 150", "particles: 2000", 5, "disks", "1999 disks of radius 0.1 (bath) cannot fit"),
-    (SPECIES, "particles: 150", "seeds: 3", 4, "seeds", "unknown key"),
     (SPECIES, "count: rest", "count: 5", 4, "particles", "must be 6"),
-    (SPECIES, "count: rest", "count: rset", 8, "disks.species[0].count", "a number or 'rest', not 'rset'"),
-    (SPECIES, "count: rest", "count: 1.5", 8, "disks.species[0].count", "an integer, not 1.5"),
+    (SPECIES, "count: rest", "count: rset", 8, "disks.species[0].count", "or 'rest', not 'rset'; did you mean rest?"),
     (SPECIES, "name: bath", "name: tracer", 8, "disks.species[0].name", "a name of its own"),
     (SPECIES, "name: bath", "name: ../bath", 8, "disks.species[0].name", "a name: letters"),
-    (SPECIES, "name: bath", "name: 3", 8, "disks.species[0].name", "a text, not 3"),
     (SPECIES, "mass: 0.4", "mas: 0.4", 8, "disks.species[0].mas", "did you mean mass?"),
     (SPECIES, "mass: 0.4", "mass: -1", 8, "disks.species[0].mass", "must be > 0, not -1"),
-    (SPECIES, "mass: 0.4", "mass: 1e303", 8, "disks.species[0].mass", "<= 1e+302"),
     (SPECIES, "mass: 0.4", "mass: 1e-210", 5, "disks", "within a factor of 1e+200"),
     (SPECIES, "radius: 0.3", "radius: 3.5", 6, "disks.tracer.radius", "at most half the shorter side of the box, 3.0"),
-    (
-        SPECIES,
-        "radius: 0.3",
-        "radius: 1e-11",
-        6,
-        "disks.tracer.radius",
-        "at least 1e-10 of the longer side of",
-    ),
     (SPECIES, "radius: 0.3", "radius: 0,3", 6, "disks.tracer.3", "unknown key; a number has a decimal point"),
-    (SPECIES, "radius: 0.3", "radius: '0.3'", 6, "disks.tracer.radius", "without quotes"),
-    (SPECIES, "position: [0, 0]", "position: [2.8, 0]", 6, "disks.tracer.position", "inside the walls, -3.0 <= x <= 3"),
-    (SPECIES, "  species:", "  placement: grid\n  species:", 7, "disks.placement", "'random' or 'lattice', not 'grid'"),
-    (SPECIES, "temperature: 1.6", "temperature: -1", 9, "velocities.temperature", ">= 0, not -1"),
     (SPECIES, "temperature: 1.6", "kT: 1.6", 9, "velocities.kT", "did you mean temperature?"),
-    (SPECIES, "temperature: 1.6", "temperature: 1e-301", 9, "velocities.temperature", "1e-300 to 1.8e308 times"),
     (SPECIES, "1.6", "1, standard_deviation: 2", 9, "velocities", "either standard_deviation or temperature"),
     (SPECIES, "1.6", "1, zero_momentum: yes", 9, "velocities.zero_momentum", "true or false, not 'yes'"),
     (SPECIES, "velocities: {temperature: 1.6}\n", "", 1, "velocities", "missing"),
@@ -104,8 +84,6 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (SPECIES, "duration: 1", "duration: 10 s", 10, "duration", "a number, not '10 s'; without quotes, unit or comma"),
     (SPECIES, "duration: 1", "duration: .inf", 10, "duration", "a finite number, not inf"),
     (SPECIES, "duration: 1\n", "", 1, "duration", "missing"),
-    (SPECIES, "duration: 1", "durations: 1", 10, "durations", "did you mean duration?"),
-    (SPECIES, "sample_interval: 0.1", "sample_interval: 2", 11, "sample_interval", "at most the duration, 1.0"),
     (
         SPECIES,
         "sample_interval: 0.1",
@@ -114,22 +92,14 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
         "sample_interval",
         "at least 1e-07, for",
     ),
+    (SPECIES, "sample_interval: 0.1", "sample_interval: 2", 11, "sample_interval", "at most the duration, 1.0"),
     (SPECIES, "sample_interval: 0.1", "samples: {first: 0.1}", 11, "samples.per_decade", "missing"),
-    (SPECIES, "sample_interval: 0.1", "samples: {per_decade: 2.5}", 11, "samples.per_decade", "an integer, not 2.5"),
     (SPECIES, "sample_interval: 0.1", "samples: {per_decade: 2, first: 1}", 11, "samples.first", "below the duration"),
     (SPECIES, "0.1\n", "0.1\nsamples: {per_decade: 2}\n", 12, "samples", "not be given with sample_interval"),
-    (SPECIES, "0.1\n", "0.1\nequilibrate: -1\n", 12, "equilibrate.time", ">= 0, not -1"),
-    (SPECIES, "0.1\n", "0.1\nequilibrate: {time: 1, tracer: fixed}\n", 12, "equilibrate.tracer", "'pinned' or 'free'"),
+    (SPECIES, "0.1\n", "0.1\nequilibrate: -1\n", 12, "equilibrate", ">= 0, not -1"),
     (SPECIES, "0.1\n", "0.1\nequilibrate: {tracer: free}\n", 12, "equilibrate.time", "missing"),
-    (SPECIES, "0.1\n", "0.1\nequilibrate: {time: 1, tracer: pined}\n", 12, "equilibrate.tracer", "mean pinned?"),
-    (LISTED, "radius: 0.1", "radios: 0.1", 4, "disks[0].radios", "did you mean radius?"),
-    (LISTED, "radius: 0.1, ", "", 4, "disks[0].radius", "missing"),
     (LISTED, "radius: 0.1", "radius: ", 4, "disks[0].radius", "missing"),
-    (LISTED, "radius: 0.1", "radius: true", 4, "disks[0].radius", "a number, not true"),
     (LISTED, "radius: 0.1", "radius: 0.95", 3, "disks", "disk 0 at [0.0, 0.0] and disk 1 at [1.0, 0.0] overlap"),
-    (LISTED, "position: [0, 0]", "position: [0, no]", 4, "disks[0].position[1]", "a number, not 'no'"),
-    (LISTED, "velocity: [1, 0]", "velocity: [.nan, 0]", 4, "disks[0].velocity[0]", "a finite number, not nan"),
-    (LISTED, "velocity: [1, 0]", "velocity: [1, -2e309]", 4, "disks[0].velocity[1]", "a finite number"),
     (
         LISTED,
         "disks:\n",
@@ -138,30 +108,22 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
         "disks[0]",
         "keys position, velocity, radius, mass, not 3",
     ),
-    (LISTED, "duration: 1", "duration: 1\nparticles: 3", 3, "particles", "2, the number of disks listed"),
+    (LISTED, "duration: 1", "duration: 1\nparticles: 3", 3, "particles", "must be 2, the number of disks in"),
     (LISTED, "duration: 1", "duration: 1\nvelocities: {temperature: 1}", 3, "velocities", "explicit list of disks"),
     (LISTED, "duration: 1", "duration: 1\nequilibrate: 1", 3, "equilibrate", "explicit list of disks"),
-    (LISTED, "y: [-3, 3]", "y: [-3, 0], boundary: periodic", 4, "disks[0].position", "inside the periodic box"),
+    (LISTED, "y: [-3, 3]", "y: [-3, 0], boundary: periodic", 4, "disks[0].position", "inside the box, -3.0 <= y < 0.0"),
 ]
 STUDIES = [
-    ("seeds: 60", "sed: 3", 8, "sed", "did you mean seeds?"),
     ("seeds: 60", "runs: 3", 8, "runs", "did you mean seeds?"),
-    ("seeds: 60\n", "", 1, "seeds", "missing; must be given, or a tolerance"),
-    ("seeds: 60", "seeds: 0", 8, "seeds", "an integer from 1 to 10000000, not 0"),
-    ("seeds: 60", "seeds: 9-3", 8, "seeds", "ranges that ascend"),
-    ("seeds: 60", "seeds: [a]", 8, "seeds", "a count like 2400, a range like 0-2399"),
-    ("seeds: 60", "seeds: 0-99999999", 8, "seeds", "at most 10000000 seeds"),
-    ("seeds: 60", "seeds: 3\ntolerance: 2%", 8, "seeds", "must not be given with a tolerance"),
-    ("seeds: 60", "tolerance: 2", 8, "tolerance", "< 1, not 2"),
+    ("seeds: 60\n", "", 1, "seeds", "must be given, or a tolerance in their place"),
+    ("seeds: 60", "seeds: 0", 8, "seeds", "a count like 2400, or seeds like"),
+    ("seeds: 60", "seeds: 0-99999999", 8, "seeds", "at most 10000000, not"),
+    ("seeds: 60", "seeds: 3\ntolerance: 2%", 8, "seeds", "or a tolerance in their place; not both"),
     ("seeds: 60", "tolerance: 2 percent", 8, "tolerance", "must be a number, not '2 percent'"),
-    ("seeds: 60", "tolerance: 1e-9", 8, "tolerance", ">= 0.000316227766"),
     ("seeds: 60", "tolerance: 2%\ntarget: mds", 9, "target", "did you mean msd?"),
-    ("batch: 30", "batch: 1.5", 9, "batch", "an integer, not 1.5"),
-    ("batch: 30", "batch: 0", 9, "batch", ">= 1, not 0"),
     ("seeds: 60\nbatch: 30", "seeds: 10000\nbatch: 1", 9, "batch", "at most 10000 jobs (80000 with this one)"),
     ("particles: [50, 150]", "particles: [50, 50]", 4, "particles", "differ"),
-    ("particles: [50, 150]", "particles: []", 4, "particles", "at least 1 item"),
-    ("particles: [50, 150]", "particles: ['50']", 4, "particles[0]", "an integer, not '50'"),
+    ("particles: [50, 150]", "particles: []", 4, "particles", "a list of at least 1"),
     (
         "particles: [50, 150]",
         "particles: 2000",
@@ -170,47 +132,50 @@ STUDIES = [
         "line 9: disks: 1999 disks of radius 0.1",
     ),
     ("scenes:\n", "scenes:\n- absent.yaml\n", 2, "scenes[0]", "absent.yaml: cannot be read: No such file"),
-    ("scenes:\n", "scenes:\n- 3\n", 2, "scenes[0]", "a text, not 3"),
     ("harrison2020_thermal", "harrison2020", 1, "scenes", "values that differ"),
     ("harrison2020_thermal", "../scenes/harrison2020", 3, "scenes[1]", "a name (file stem) of its own"),
-    ("- exact", "- exat", 6, "engines[0].name", "exact or timestep or langevin, not exat; did you mean exact?"),
-    ("- exact", "- {friction: enskog}", 6, "engines[0].name", "must be exact or timestep or langevin"),
+    ("- exact", "- exat", 6, "engines[0].name", "'exact', 'timestep', 'langevin', not 'exat'; did you mean exact?"),
+    ("- exact", "- {friction: enskog}", 6, "engines[0].name", "missing"),
     ("- exact", "- {name: exact, time_step: 1}", 6, "engines[0].time_step", "allowed: name, scenes, seeds"),
     ("- exact", "- exact\n- exact", 5, "engines", "differ"),
     ("- exact", "- {name: exact, scenes: dense}", 6, "engines[0].scenes", "a scene of the study"),
-    ("- exact", "- {name: langevin, friction: stokes}", 6, "engines[0].friction", "'measured', not 'stokes'"),
     ("time_step: 0.001", "time_step: 0", 7, "engines[1].time_step", "> 0, not 0"),
-    (", time_step: 0.001", "", 7, "engines[1].time_step", "missing"),
     ("time_step: 0.001", "time_step: 1", 7, "engines[1]", "time_step: must be at most 0.03484"),
     ("record: tracer", "record: all", 10, "record", "'tracer' or 'none', not 'all'"),
-    ("average: runs", "average: runes", 11, "average", "did you mean runs?"),
     ("average: runs\nobs", "average: origins\nobs", 11, "average", "origins needs square_displacement"),
     ("observables: []", "observables: [species]", 12, "observables[0]", "did you mean species_energy?"),
     ("figures: [msd]", "figures: [helth]", 13, "figures[0]", "did you mean health?"),
-    ("figures: [msd]", "figures: [msd, msd]", 13, "figures", "differ"),
+    ("figures: [msd]", "panel: [scene, mass]", 13, "panel", "must be of scene, particles, engine, not 'mass'"),
     ("figures: [msd]", "figures: energy", 13, "figures", "needs the observable species_energy"),
     ("displacement_times: [0.5]", "displacement_times: 0.333", 14, "displacement_times[0]", "a sample time of some"),
-    ("displacement_times: [0.5]", "displacement_times: [0.5, 0.5]", 14, "displacement_times", "values that differ"),
-    ("- [0.1, 1]", "- [0.5, 0.1]", 16, "fit_windows[0]", "t0 < t1 <= 1.0"),
     ("- [0.1, 1]", "- [0.1, 0.115]", 16, "fit_windows[0]", "three samples or more of harrison2020"),
     ("- [0.1, 1]", "- 0.1", 16, "fit_windows[0]", "a list, not 0.1"),
-    ("- [0.1, 1]", "- [0.1, 1]\n- [0.1, 1]", 15, "fit_windows", "values that differ"),
     (", count: 20", "", 17, "rings.count", "missing"),
-    ("dr: 0.1", "dr: 0", 17, "rings.dr", "> 0, not 0"),
-    ("allow_failed: 0", "allow_failed: some", 18, "allow_failed", "an integer, not 'some'"),
     ("allow_failed: 0", "instead_of: {harrison2020: dense}", 18, "instead_of.harrison2020", "a scene of the study"),
 ]
+VARIED = [
+    ("{disks.tracer.mass: [-1]}", "vary", "with disks, particles replaced: disks.tracer.mass: must be > 0, not -1"),
+    ("{disks.tracer.mas: [1]}", "vary", "did you mean mass?"),
+    ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or mass of disks.species.bath"),
+    ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be <= 1, not 1.5"),
+    ("{duration: [1, 1.0000000000001]}", "vary", "must be values that differ"),
+    ("{duration: 3}", "vary.duration", "from, to, count, spacing or a list, not 3"),
+    ("{duration: {from: 1, to: 3}}", "vary.duration.count", "missing"),
+    ("{duration: {from: 0, to: 3, count: 3, spacing: log}}", "vary.duration.from", "different from 0"),
+    ("{particles: [16]}", "vary", "by the key `particles`"),
+    ("{duration: [1, 2], box.x: [[0, 1]]}\nvary_together: true", "vary", "lists of the same length"),
+]
+STUDIES += [("allow_failed: 0", f"vary: {new}", 18, key, word) for new, key, word in VARIED]
 BOTH = [
     (b"", None, "empty; must be a mapping"),
     (b"just words\n", None, "a mapping with the keys"),
-    (b"\x89HDF\r\n\x1a\n", None, "not text: byte 0 is not UTF-8"),
+    (b"\x89HDF\r\n\x1a\n", None, "not text; if it is an HDF5 file"),
     (b"a: [1, 2\n", 2, "not valid YAML"),
     (b"a: 1\n\tb: 2\n", 2, "found a tab"),
     (b"a: \x00", None, "not valid YAML"),
-    (b"a: 1\n---\nb: 2\n", None, "more than one YAML document"),
+    (b"a: 1\n---\nb: 2\n", 2, "found another document"),
     (b"a: 1\nb: 2\na: 3\n", 3, "duplicate key 'a'"),
-    (b"a: 1\nb: &here 1\n", 2, "anchors, aliases and tags are not allowed"),
-    (b"a: !!python/object/apply:os.system ['true']\n", 1, "anchors, aliases and tags are not allowed"),
+    (b"a: !!python/object/apply:os.system ['true']\n", 1, "tags are not allowed"),
     (b"? [a, b]\n: 1\n", 1, "a key must be a plain word"),
     (b"a: " + 5000 * b"1", None, "Exceeds the limit"),
     (b"a: " + 3000 * b"[", None, ""),
@@ -312,19 +277,59 @@ def test_a_value_of_the_command_line_has_no_line(tmp_path):
         read_scene(tmp_path / "scene.yaml", particles=3)
 
 
+# -- YAML 1.2, core schema -----------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("text", "value"),
     [
-        ({"duration": -1.0}, "duration: must be > 0, not -1.0"),
-        ({"durations": 1.0}, "durations: unknown key; did you mean duration?"),
-        ({"particles": 2000}, "disks: 1999 disks of radius 0.1 "),
-        ({"equilibrate": {"time": -1}}, "equilibrate.time: must be >= 0, not -1"),
-        ({"box": None}, "box: missing"),
-        ({"velocities": None}, "velocities: missing"),
-        ({"disks": {"tracers": 1}}, "disks.tracers: unknown key"),
+        ("1e-3", 1e-3),
+        (".5", 0.5),
+        ("-0.0", 0.0),
+        ("010", 10),
+        ("0x1F", "0x1F"),
+        ("no", "no"),
+        ("1_000", "1_000"),
+        ("2020-09-28", "2020-09-28"),
+        ("'1'", "1"),
+        ("true", True),
+        ("~", None),
+        ("", None),
+        ('"a\\nb"', "a\nb"),
     ],
 )
-def test_replaced_keys_of_a_scene_are_checked(change, message):
-    with pytest.raises(RequestError) as refused:
-        bp.read_scene(CONFIG / "scenes" / "harrison2020.yaml").replace(**change)
-    assert str(refused.value).startswith(message)
+def test_scalars_are_those_of_yaml_1_2(tmp_path, text, value):
+    path = tmp_path / "file.yaml"
+    path.write_text(f"a: {text}\n")
+    found = read_yaml(path)["a"]
+    assert found == value
+    assert type(found) is type(value)
+
+
+OTHERWISE = ["1.", "007", "0x10", "0o17", "0b1", "1_000", "12", "-3", "0"]
+OTHERWISE += ["yes", "No", "on", "OFF", "y", "true", "FALSE", "null", "Null", "~", "", ".inf", "-.INF", ".nan", "nan"]
+OTHERWISE += ["12:30", "1:30:00", "2020-09-28", "=", "<<", "- a", "a: b", "#", "'", '"', "\\", "é", "😀"]
+
+
+def test_texts_that_could_be_read_as_something_else_survive_being_written(tmp_path):
+    """Such as the names of scenes: they are in quotes where YAML 1.1 or 1.2 has another value."""
+    mapping = {"scenes": OTHERWISE, "one": {text: text for text in OTHERWISE}}
+    (tmp_path / "study.yaml").write_text(yaml_text(mapping), encoding="utf-8")
+    found = read_yaml(tmp_path / "study.yaml")
+    assert found["scenes"] == OTHERWISE and [*found["one"].items()] == [*mapping["one"].items()]
+    assert yaml.safe_load((tmp_path / "study.yaml").read_text(encoding="utf-8")) == mapping, "as YAML 1.1"
+
+
+def test_byte_order_mark_and_windows_line_ends(tmp_path):
+    path = tmp_path / "file.yaml"
+    path.write_bytes(b"\xef\xbb\xbfa: 1\r\nb: [2,\r\n  3]\r\n")
+    assert read_yaml(path) == {"a": 1, "b": [2, 3]}
+
+
+def test_both_parsers_of_pyyaml_read_the_same(monkeypatch):
+    folder = Path(__file__).parent / "scenes"
+    files = sorted(folder.glob("*.yaml"))
+    assert len(files) > 20
+    fast = [repr(read_yaml(file)) for file in files]
+    monkeypatch.setattr("brownpipe.scene.reading.LOADER", yaml.BaseLoader)
+    assert [repr(read_yaml(file)) for file in files] == fast

@@ -17,7 +17,7 @@ from PIL import Image
 
 from brownpipe.formatting import in_time
 from brownpipe.study import Study, read_study
-from brownpipe.study.cost import describe_workload
+from brownpipe.study.run_sets import describe_workload
 from markdown_text import plain
 
 ROOT = Path(__file__).parents[2]

@@ -16,19 +16,19 @@ ROOT = Path(__file__).parents[2]
 PAGES = {  # name on the site: file in the repository
     "index": "docs/site/index.md",
     "overview": "README.md",
-    "tutorial": "docs/tutorial.md",
     "guide": "docs/guide.md",
-    "cluster": "docs/cluster.md",
-    "theory": "docs/theory.md",
+    "tutorial": "docs/tutorial.md",
+    "configuration": "config/README.md",
     "results": "docs/results.md",
+    "cluster": "docs/cluster.md",
+    "python": "docs/site/python.md",
+    "theory": "docs/theory.md",
     "validation": "docs/validation.md",
-    "other_programs": "docs/other_programs.md",
     "stability": "docs/stability.md",
     "benchmarks": "docs/benchmarks.md",
-    "configuration": "config/README.md",
-    "python": "docs/site/python.md",
-    "contributing": "CONTRIBUTING.md",
+    "other_programs": "docs/other_programs.md",
     "decisions": "docs/decisions.md",
+    "contributing": "CONTRIBUTING.md",
 }
 NAMES = {file: name for name, file in PAGES.items()}
 FENCED = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)

@@ -11,7 +11,7 @@ from brownpipe.observables import ARRAYS, OBSERVABLES
 from brownpipe.scene import parse_scene
 from brownpipe.storage.layout import MEANING, described, dims_of, groups_of
 from brownpipe.storage.trajectories import Trajectories
-from brownpipe.tradeoff import variables as tradeoff
+from brownpipe.tradeoff import dataset as tradeoff
 from brownpipe.verbs import VERBS
 from markdown_text import code, plain, table
 

@@ -11,9 +11,11 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from brownpipe.interface import Scene, analyse, open, plot, read_scene, save, scan, simulate
+    from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
+    from brownpipe.interface import Scene, analyse, mean, open, plot, read_scene, run, save, scan, simulate, table
 
-__all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "scan", "simulate"]
+__all__ = ["AnalysisError", "BrownpipeError", "FigureError", "RequestError", "RunError", "StorageError"]
+__all__ += ["Scene", "analyse", "mean", "open", "plot", "read_scene", "run", "save", "scan", "simulate", "table"]
 
 
 def __getattr__(name: str) -> Any:
@@ -25,7 +27,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'brownpipe' has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module("brownpipe.interface"), name)
+    return getattr(import_module("brownpipe.errors" if name.endswith("Error") else "brownpipe.interface"), name)
 
 
 def __dir__() -> list[str]:

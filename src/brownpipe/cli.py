@@ -14,7 +14,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from typing import NoReturn
 
-from brownpipe import interrupts
+from brownpipe import processes
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.provenance import versions
 from brownpipe.quoting import printable
@@ -27,14 +27,14 @@ JOINED = "several values of an option are joined by commas"
 
 def main(argv: list[str] | None = None) -> int:
     """Run one verb; return the exit status. Without `argv` the process is that of the command."""
-    with interrupts.terminated_by_exception():
+    with processes.terminated_by_exception():
         if argv is not None:
             return _status(argv)
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
         os.environ["OPENBLAS_NUM_THREADS"] = "1"  # no verb gains from more
         gc.set_threshold(GARBAGE)
         status = _status(sys.argv[1:])
-    interrupts.leave()
+    processes.leave()
     gc.freeze()  # nor when it ends: a quarter of the start of a verb, a fifth of figures
     return status
 
@@ -49,7 +49,7 @@ def _status(argv: list[str]) -> int:
             sys.stdout.flush()
     except KeyboardInterrupt:
         return say("interrupted", 128 + signal.SIGINT)
-    except interrupts.Terminated:
+    except processes.Terminated:
         return say("terminated", 128 + signal.SIGTERM)
     except BrokenPipeError:  # nobody reads on; Python would report it once more when it ends
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -65,7 +65,7 @@ def _status(argv: list[str]) -> int:
 def _parsed(argv: list[str]) -> Namespace:
     """Return the arguments; `further` are those that a verb passes on to another program."""
     parser = build_parser(argv)
-    if not (argv and getattr(VERBS.get(argv[0]), "PASSES_ON", False)):
+    if argv[:1] != ["run"]:
         return parser.parse_args(argv, Namespace(argv=argv))
     arguments, further = parser.parse_known_args(argv, Namespace(argv=argv))
     arguments.further = [word for word in further if word != "--"]
@@ -81,14 +81,14 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
     version = f"brownpipe {versions()['brownpipe_version']}" if "--version" in argv else ""  # to look it up takes time
     parser.add_argument("--version", action="version", version=version, help="show the version and exit")
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
-    for name, module in VERBS.items():
-        verb = getattr(module, name)
-        brief, epilog = verb.__doc__.partition("\n")[0], f"example: brownpipe {name} {module.EXAMPLE}"
-        subparser = subparsers.add_parser(name, help=brief, description=verb.__doc__, epilog=epilog)
+    for name, verb in VERBS.items():
+        description, _, example = (verb.__doc__ or "").rpartition("\n\n")
+        brief = description.partition("\n")[0]
+        subparser = subparsers.add_parser(name, help=brief, description=description, epilog=example.strip())
         subparser.set_defaults(verb=verb)
         if name in argv[:1]:
             parser.of_verb = subparser
-            module.add_arguments(subparser.add_argument)
+            getattr(sys.modules[verb.__module__], f"add_{name}")(subparser.add_argument)
     return parser
 
 

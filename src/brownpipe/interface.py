@@ -6,45 +6,79 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 `brownpipe.errors`, a ValueError of one line that names the argument, before anything is computed.
 """
 
+import json
 import reprlib
+import sys
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import partial
+from functools import partial, wraps
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
-from xarray import Dataset, DataTree
+import numpy as np
+from xarray import DataArray, Dataset, DataTree
 
 from brownpipe import progress
 from brownpipe.analysis import aggregate
 from brownpipe.analysis.dataset import refuse_taken
-from brownpipe.engines import read_record, requested
-from brownpipe.engines.ensemble import failures
+from brownpipe.analysis.resampling import resample
+from brownpipe.engines import DEFINITIONS, read_record, requested
+from brownpipe.engines.ensemble import Ensemble, failures, joined, select
 from brownpipe.engines.saturation import growth_caution
-from brownpipe.errors import FigureError, RequestError
+from brownpipe.errors import FigureError, RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.figures.render import draw
+from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
+from brownpipe.figures.summary import summary_table
 from brownpipe.inspection import read_contents
 from brownpipe.observables.own import named
+from brownpipe.processes import calculated
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene
 from brownpipe.scene import read_scene as scene_of_file
-from brownpipe.scene.reading import NotNegative, Positive, plain, validated
+from brownpipe.scene.reading import AtLeastOne, NotNegative, Positive, did_you_mean, plain, validated
 from brownpipe.scene.seeds import read_seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
-from brownpipe.storage.datasets import write_dataset
+from brownpipe.storage.datasets import read_dataset, write_dataset
+from brownpipe.storage.store import runs_digest, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, from_tree, refuse_foreign, to_tree, write_trajectories
-from brownpipe.study import forecast_of_runs
+from brownpipe.study import forecast_of_runs, read_study
 from brownpipe.study.study import Rings
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
-__all__ = ["Scene", "analyse", "open", "plot", "read_scene", "save", "scan", "simulate"]
+BATCHES = 16  # of seeds for each core: so unlike runs are shared evenly, and progress is shown
 
 
+P = ParamSpec("P")
+R = TypeVar("R")
+SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings]  # of engines
+
+
+def _checked(*further: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let a function refuse keywords that neither it nor `further` has, with the one that was probably meant."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        names = [*signature(function).parameters, *further]
+
+        @wraps(function)
+        def checked(*values: P.args, **keywords: P.kwargs) -> R:
+            for name in keywords.keys() - names if "ax" not in keywords else ():  # which has keywords of matplotlib
+                hint = did_you_mean(name, names).strip() or f"see help(brownpipe.{function.__name__})"
+                raise RequestError(f"{name}: unknown; {hint}")
+            return function(*values, **keywords)
+
+        return checked
+
+    return decorate
+
+
+@_checked()
 def Scene(  # noqa: N802  # makes what its name says, like a class
     *,
     box: Mapping,
@@ -68,7 +102,8 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     equilibrate: {"time": t, "tracer": "free" or "pinned"}, simulated before t = 0.
     name: of the scene in datasets and figures.
 
-    `scene.replace(duration=5.0)` returns a scene with another value of a key; `box`, `velocities`, ... have it, too.
+    `scene.replace(duration=5.0)` returns a scene with other values of some keys, `scene.replace(**{"disks.tracer.mass":
+    3})` one with another value below a key: a path as in `scan`.
 
     Raises RequestError for anything that `read_scene` refuses.
     """
@@ -76,6 +111,7 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     return parse_scene(keys, "Scene", name=name)
 
 
+@_checked()
 def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
     """Return the scene of a YAML file, with `particles` disks in total if that is given.
 
@@ -84,6 +120,7 @@ def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
     return scene_of_file(validated(Path, path, key="path"), plain(particles))
 
 
+@_checked(*SETTINGS)
 def simulate(
     scene: SceneRecord | str | Path,
     seeds: int | str | Collection[int] = 1,
@@ -93,24 +130,32 @@ def simulate(
     record: str | Iterable[str] = "tracer",
     observables: Collection[str | Callable] = (),
     average: str = "runs",
+    cores: int = 1,
     quiet: bool = False,
     **settings: object,
 ) -> DataTree:
     """Run a scene once for every seed; return the runs.
 
+    Runs that studies have stored in `results` of the current folder are read, and verified, instead of made again, if
+    they are the same: scene and name, engine, seeds, `record`, `observables`, `average`, and source of brownpipe.
+    Nothing is written there.
+
     scene: a scene, or the path of a scene file.
     seeds: how many (seeds 0, 1, ...), or which: "17", "0-2399", a list or an array.
     particles: number of disks instead of that of the scene file.
     engine, settings: "exact", "timestep" (time_step=...) or "langevin" (friction=...), as in studies.
-    record: "tracer", "all", "events", "none", or several of them.
+    record: "tracer", "velocity" (of the tracer, too), "all", "events", "none", or several of them.
     observables, average: measured in each run, by names or functions of your own, and over what displacements are
     averaged within it.
+    cores: processes that share the seeds (on Linux); the runs are the same, to the bit.
     quiet: no progress on stderr.
 
-    Returns a tree with `position` (time, seed, component) of the tracer [length] and the engine's report on each run
-    (seed): `failed`, `worst_overlap`, `energy_drift`, numbers of collisions, ... With `record="all"`, `disks` holds
-    position and velocity (time, seed, disk, component) of all disks; with `record="events"`, `events` the
-    collisions (event) of all runs. Unwrapped positions in a periodic box are position + image * (width, height).
+    Returns a tree with `position` (time, seed, component) of the tracer [length], `velocity` if recorded, and the
+    engine's report on each run (seed): `failed`, `worst_overlap`, `energy_drift`, numbers of collisions, ... With
+    `record="all"`, `disks` holds position and velocity (time, seed, disk, component) of all disks; with
+    `record="events"`, `events` the collisions (event) of all runs. Displacements are differences of `unwrapped`, which
+    in a periodic box goes on where `position` comes back from the other side. `box_size` (component) is width and
+    height of the box [length].
 
     Raises RequestError for what `brownpipe simulate` refuses, RunError if the friction of the langevin engine cannot be
     measured. Warns of runs that failed their health check or could not go on (`stopped` says why, their numbers are
@@ -124,22 +169,29 @@ def simulate(
         raise RequestError("particles: must not be given with a scene, which has its number of disks")
     chosen = requested(engine, {key: plain(value) for key, value in settings.items()}, str)
     recorded = read_record(_words("record", record), "record")
-    given = observables.split(",") if isinstance(observables, str) else observables
-    names = tuple(filter(None, map(named, given)))
+    several = isinstance(observables, Iterable) and not isinstance(observables, str)
+    given = [*map(named, observables)] if several else observables
+    names = tuple(filter(None, _words("observables", given).split(",")))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
         seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
     numbers = read_seeds(plain(seeds))
+    cores = validated(AtLeastOne, plain(cores), key="cores")
     forecast_of_runs(chosen, scene, numbers, recorded, names, average)
     for remark in filter(None, (chosen.definition.caution(scene), growth_caution(scene, len(numbers)))):
-        warnings.warn(remark, stacklevel=2)
+        warnings.warn(remark, stacklevel=3)
+    make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average)
     with progress.shown("simulate", silent=quiet):
-        ensemble = chosen.simulate(scene, numbers, recorded, observables=names, average=average)
+        parts = stored_runs(scene, chosen, runs_digest(scene, chosen, recorded, names, average), np.asarray(numbers))
+        missing = without(np.asarray(numbers), [(part.seeds[0], part.seeds[-1]) for part in parts])
+        found = joined([*parts, *_made(make, missing, cores)])
+        ensemble = select(found, np.isin(found.seeds, numbers))
     refuse_taken(ensemble.own)
     if failed := failures(ensemble):
-        warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=2)
+        warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=3)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))
 
 
+@_checked()
 def analyse(
     runs: DataTree | str | Path | Sequence[DataTree | str | Path],
     *,
@@ -171,6 +223,7 @@ def analyse(
         return aggregate(sources, windows, width, count, times)
 
 
+@_checked(*signature(simulate).parameters, *SETTINGS)
 def scan(
     scene: SceneRecord | str | Path,
     vary: Mapping[str, Sequence | Mapping],
@@ -198,14 +251,85 @@ def scan(
     return aggregate(runs, _windows(fit_windows), vary=[*values], vary_together=together)
 
 
-def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) -> "Figure":
+@_checked()
+def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] | None = None) -> Dataset:
+    """Run a study as `brownpipe run` does, with all results in `results` of the current folder; return its dataset.
+
+    cores: jobs at the same time, by default as many as there are cores. config: values of keys in place of those of the
+    study file, such as {"seeds": 100}; they have results of their own.
+
+    What is there is not made again. Raises RequestError for a mistake in the study, RunError if a job fails.
+    """
+    path, values = validated(Path, study, key="study"), plain(config or {})
+    name = read_study(path, values).name
+    command = [sys.executable, "-P", "-m", "brownpipe", "run", str(path)]
+    command += ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))] if cores is not None else []
+    command += ["--config", *(f"{key}={json.dumps(value)}" for key, value in values.items())] if values else []
+    status, said = progress.relayed(command)
+    if status:
+        raise RunError(" ".join(said.rpartition("brownpipe: ")[2].split()))
+    return read_dataset(f"results/{name}/aggregate/{name}.nc")
+
+
+@_checked()
+def mean(array: DataArray) -> Dataset:
+    """Return the mean over runs of an array of your own with its errors: its dimension `seed` goes.
+
+    The Dataset has `value`, `standard_error` and the 95 % interval, `low` to `high`, with coordinates and attributes
+    of the array, as `analyse` estimates them: by a bootstrap over runs, not over time points (docs/theory.md, section
+    5). Runs that failed are left out, if the array has the coordinate `failed`, as all has that is calculated from the
+    tracer; and so are runs without a number.
+
+        square = ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2).sum("component")
+        msd = bp.mean(square)
+
+    Raises RequestError for an array without runs, or with a seed twice.
+    """
+    if not isinstance(array, DataArray) or "seed" not in array.dims or not array.size:
+        raise RequestError("array: must be an array with the dimension seed")
+    ordered = array.transpose("seed", ...).sortby("seed")
+    if (seeds := ordered.seed.values).dtype.kind not in "iu" or (np.diff(seeds) == 0).any():
+        raise RequestError("array: must have every seed once; take the mean of each scene and engine by itself")
+    values = ordered.values.astype(float)
+    is_kept = ~np.isnan(values.reshape(len(seeds), -1)).all(axis=1) & np.equal(ordered.coords.get("failed", 0), 0)
+    parts = zip(("value", "standard_error", "low", "high"), resample(values[is_kept], seeds[is_kept]), strict=True)
+    return Dataset({name: ordered.isel(seed=0, drop=True).copy(data=part) for name, part in parts})
+
+
+@_checked()
+def table(result: Dataset) -> "DataFrame":
+    """Return the results of an analysis as a pandas table, with a row for each scene, number of disks and engine.
+
+    Its columns are what was measured, each beside its standard error; fits are those in the first window. `attrs` has
+    their units.
+    """
+    frame = summary_table(result.isel(window=[0])).dropna(axis="columns", how="all")
+    shown = frame[[name for name in frame if name in result.variables]]
+    shown.attrs = {name: result[name].attrs["units"] for name in shown if "units" in result[name].attrs}
+    return shown
+
+
+@_checked()
+def plot(
+    result: Dataset,
+    figure: str = "msd",
+    *,
+    particles: int | None = None,
+    panel: str | Iterable[str] = (),
+    ax: "Axes | None" = None,
+    **looks: Any,
+) -> "Figure | Axes":
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation, velocity_distribution,
-    pair_distribution, energy, own_observables, thermodynamics, scan or health.
+    pair_distribution, density_profile, orientational_order, energy, own_observables,
+    thermodynamics, scan or health.
     particles: show the runs with this many disks; by default each scene's largest number.
+    panel: dimensions, such as scene or tracer_mass: cases that differ in them are drawn in panels of their own.
+    ax, looks: draw the main panel into these axes of yours, in your style, and return them; looks are those of the
+    lines, such as color="red", label="my runs".
 
-    Notebooks show it by themselves. Raises FigureError if the dataset has no data for it.
+    Notebooks show a figure by themselves. Raises FigureError if the dataset has no data for it.
     """
     validated(Literal[tuple(FIGURES)], figure, key="figure")
     if not _is_analysis(result):
@@ -215,11 +339,16 @@ def plot(result: Dataset, figure: str = "msd", *, particles: int | None = None) 
             raise FigureError(f"result: has no dimension {dim}; plot it before squeeze or sel, which remove it")
         if result.sizes.get(dim) == 0:
             raise FigureError(f"result: the dimension {dim} is empty; there is nothing to plot")
-    drawn = draw(result, figure, plain(particles))
+    if looks and ax is None:
+        raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
+    if ax is not None:
+        return draw_into(ax, result, figure, plain(particles), **looks)
+    drawn = draw(result, figure, plain(particles), _words("panel", panel).split(",") if panel else ())
     drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]  # by which notebooks show an object
     return drawn
 
 
+@_checked()
 def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it returns an object
     """Return the runs of a trajectory file, as `simulate` does, or the dataset of an analysis, verified byte by byte.
 
@@ -229,6 +358,7 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
     return to_tree(contents) if isinstance(contents, Trajectories) else contents
 
 
+@_checked()
 def save(data: DataTree | Dataset, path: str | Path) -> None:
     """Write runs to a trajectory file, or an analysis to a dataset, as the command line does.
 
@@ -247,6 +377,18 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
         write_dataset(path, data)
     else:
         raise RequestError("data: must be what simulate, analyse or open returns")
+
+
+# -- runs -----------------------------------------------------------------------------------------------------------
+
+
+def _made(make: Callable[[list[int]], Ensemble], seeds: np.ndarray, cores: int) -> list[Ensemble]:
+    """Return runs of these seeds, made on several cores in batches."""
+    if min(cores, len(seeds)) < 2:
+        return [make(seeds.tolist())] if len(seeds) else []
+    make([])  # compiles, once for all processes
+    batches = np.array_split(seeds, min(len(seeds), BATCHES * cores))
+    return calculated(lambda batch: make(batch.tolist()), batches, "batches", cores)
 
 
 # -- arguments ------------------------------------------------------------------------------------------------------

@@ -7,9 +7,10 @@ Everything goes to standard error. The display of a whole study is the same: sna
 """
 
 import os
+import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 from brownpipe import stages
@@ -46,6 +47,22 @@ def shown(title: str, silent: bool = False) -> Iterator[None]:
         stages.listeners.remove(update)
         stages.remark_listeners.remove(remark)
         display.erase()
+
+
+def relayed(command: Sequence[str]) -> tuple[int, str]:
+    """Run a command of brownpipe, and show what it says on standard error, in a notebook, too.
+
+    Return its exit status and what it said. Ctrl-C ends both.
+    """
+    said = ""
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace") as process:
+        try:
+            for line in process.stderr or ():
+                print(line, end="", file=sys.stderr, flush=True)
+                said += line
+            return process.wait(), said
+        finally:
+            process.terminate()
 
 
 class Display:

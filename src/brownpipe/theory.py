@@ -144,6 +144,17 @@ def contact_value(packing_fraction: Numbers) -> Broadcast:
     return contact_value_henderson(packing_fraction) - crowding
 
 
+def dilute_pair_distribution(r: Numbers, diameter: Numbers, packing_fraction: Numbers) -> Broadcast:
+    """Return g(r) of equal disks to first order in the density n: 1 + n A(r) beyond contact, 0 within.
+
+    A(r) is the area within a diameter of both of two points at distance r, 0 from two diameters on: a third disk
+    cannot have its centre there. docs/theory.md, section 3.
+    """
+    half = np.minimum(np.asarray(r, float) / (2 * np.asarray(diameter, float)), 1.0)
+    overlap = 2.0 * (arccos(half) - half * np.sqrt(1.0 - half * half))  # A(r) over the squared diameter
+    return np.where(np.asarray(r) < diameter, 0.0, 1.0 + 4.0 / np.pi * packing_fraction * overlap)
+
+
 def contact_value_mixture(
     diameter_i: Numbers, diameter_j: Numbers, number_densities: np.ndarray, diameters: np.ndarray
 ) -> Broadcast:

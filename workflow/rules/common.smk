@@ -5,9 +5,8 @@
 # their results, `made_from_DIGEST.txt`: if it is missing, the step is due. So nothing depends on times of modification or
 # on what Snakemake remembers (`rerun-triggers: input` in the profile).
 from brownpipe.study.workflow import forecast, read_workflow_study, remove_stale_locks
-from brownpipe.study.cost import requests
 from brownpipe.study.plan import settled
-from brownpipe.study.run_sets import commands, digests, files_of
+from brownpipe.study.run_sets import commands, digests, figure_options, files_of, requests
 from brownpipe.provenance import PACKAGE
 
 if workflow.is_main_process:

@@ -19,9 +19,8 @@ rule figures:
     resources:
         **request["figures"],
     params:
-        names=",".join(study.figures),
-        particles=["--particles", study.shown_particles] if study.shown_particles else [],
+        options=figure_options(study),
     shell:
         'rm -f "$(dirname {output.summary:q})"/made_from_*.txt'
         ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
-        " {params.particles:q} --figures {params.names} --cores {threads} > {log:q} 2>&1 && touch {output.made_from:q}"
+        " {params.options:q} --cores {threads} > {log:q} 2>&1 && touch {output.made_from:q}"

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
-from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.runs import RunBlock
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import EACH, Mean, Variable
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.observables import ARRAYS, AXES
 from brownpipe.observables.own import Own
 
@@ -13,6 +12,7 @@ NAMES = (
     *("bath_velocity_autocorrelation", "species_energy", "density_profile"),
     *("orientational_order", "orientational_order_squared"),
 )
+VARIABLES = {name: Mean((*EACH, *ARRAYS[name].dims), *ARRAYS[name][1:3]) for name in NAMES}
 
 
 def variables_of(own: Own) -> dict[str, Variable]:
@@ -23,17 +23,14 @@ def variables_of(own: Own) -> dict[str, Variable]:
     }
 
 
-def _columns(case: Case, runs: RunBlock) -> Columns:
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return these observables, and the user's own."""
     return Columns({name: runs.observables[name] for name in (*NAMES, *case.own) if name in runs.observables})
 
 
-def _of_own(case: Case, averages: Averages) -> dict[str, Estimate | np.ndarray]:
+def results(case: Case, averages: Averages) -> dict:
     """Return the averages of the user's own arrays, and numbers along their own dimensions."""
     own = {name: array for name, array in case.own.items() if name in averages}
     sizes = {dim: size for array in own.values() for dim, size in zip(array.dims, array.shape, strict=True)}
     counted = {dim: np.arange(size) for dim, size in sizes.items() if dim not in AXES}
     return {name: averages.estimate(name) for name in own} | counted
-
-
-VARIABLES = {name: Mean((*EACH, *ARRAYS[name].dims), *ARRAYS[name][1:3]) for name in NAMES}
-ESTIMATOR = Estimator(_columns, VARIABLES, _of_own)

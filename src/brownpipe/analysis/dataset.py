@@ -1,63 +1,46 @@
 """One labelled dataset from the trajectory files of a study: all estimates for each scene, particle count, engine."""
 
 from collections import ChainMap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate, chain, pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brownpipe import stages
-from brownpipe.analysis import (
-    averaged,
-    conditions,
-    displacement,
-    distribution,
-    drift,
-    non_gaussian,
-    pairs,
-    profile,
-    thermodynamics,
-    velocity,
-)
+from brownpipe.analysis import averaged, displacement, distribution, drift, pairs, thermodynamics, variables, velocity
 from brownpipe.analysis.displacement import labels as labels_of
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
-from brownpipe.analysis.estimator import NO_RUNS, Case, Columns, Options, add_runs
-from brownpipe.analysis.outer_join import Part, joined
-from brownpipe.analysis.runs import Group, RunBlock, Source, blocks_of, groups_of, reported, select
-from brownpipe.analysis.variables import (
-    ATTRIBUTES,
-    COORDINATES,
-    EACH,
-    FAILED,
-    KEPT,
-    SAME_TIME,
-    VARIABLES,
-    Variable,
-    names_of,
-    with_uncertainties,
-)
+from brownpipe.analysis.estimator import Averages, Case, Columns, results_of
+from brownpipe.analysis.goodness import holm
+from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported
+from brownpipe.analysis.variables import FAILED, KEPT, SAME_TIME, Variable, names_of, with_uncertainties
 from brownpipe.analysis.varied import over_keys
-from brownpipe.engines.ensemble import HEALTH
+from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError, RequestError
-from brownpipe.observables import AXES
+from brownpipe.observables import ARRAYS, AXES
 from brownpipe.observables.own import Own, OwnArray
+from brownpipe.storage.datasets import origin_attributes
 from brownpipe.storage.layout import MEANING
-from brownpipe.storage.origin import made_by, origin_attributes
-from brownpipe.storage.trajectories import Outline
+from brownpipe.storage.trajectories import Trajectories
 
 if TYPE_CHECKING:
     import xarray
 
-SINGLE = conditions, displacement, distribution, non_gaussian, velocity  # of single disks, above all the tracer
-COLLECTIVE = averaged, pairs, profile, thermodynamics, drift
-ESTIMATORS = [module.ESTIMATOR for module in (*SINGLE, *COLLECTIVE)]
-TABLES = [VARIABLES, *(estimator.variables for estimator in ESTIMATORS)]
-ALL_VARIABLES = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
-ALWAYS = {name for estimator in ESTIMATORS if estimator.always for name in with_uncertainties(estimator.variables)}
-ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | COORDINATES
-ALL_COORDINATES |= {name: one for estimator in ESTIMATORS for name, one in estimator.coordinates.items()}
+Part = dict[str, Any]  # results of one case: variable or coordinate -> array whose size is that of its dimensions
+
+ESTIMATORS = displacement, distribution, velocity, averaged, pairs, thermodynamics
+FIRST = (  # in a dataset, so that xarray shows these of its hundred variables, then other physics; health last
+    *("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation"),
+    *("orientational_order_squared", "kinetic_temperature", "packing_fraction"),
+)
+TABLES = [*(estimator.VARIABLES for estimator in (*ESTIMATORS, drift)), variables.VARIABLES]
+BY_NAME = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
+ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
+ALWAYS = with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES).keys()  # in every dataset
+ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | variables.COORDINATES
+ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 
 
@@ -89,59 +72,65 @@ def aggregate(
     """
     if (dr is None) != (rings is None):
         raise AnalysisError("rings: width and number must be given together")
-    edges = None if dr is None else ring_edges(dr, rings)
     groups = groups_of(sources)
-    outlines = [group.outline for group in groups]
-    fitted = windows or default_windows([outline.scene for outline in outlines])
-    options = Options(fitted, edges, tuple(displacement_times or ()))
-    own, cases = _own_of(outlines), [Case(*one[:2], one.times, options, one.average, own=one.own) for one in outlines]
-    _refuse_unfit(options, cases)
+    every = [group.contents for group in groups]
+    scenes, fixed = [one.scene for one in every], None if dr is None else ring_edges(dr, rings)
+    fitted, times = windows or default_windows(scenes), [*displacement_times]
+    cases = [
+        Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own)
+        for one, runs in ((one, one.ensemble) for one in every)
+    ]
+    own = averaged.variables_of(_own_of(groups))
+    _refuse_unfit(cases)
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
     parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
-    drift.adjust(parts)
-    times = [*options.displacement_times]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
-    made = made_by("aggregate") | origin_attributes(((group.outline, group.seeds) for group in groups), asked)
-    attributes = ATTRIBUTES | {"msd_of": " or ".join(sorted({_followed(one) for one in outlines}))} | made
-    variables = ALL_VARIABLES | with_uncertainties(averaged.variables_of(own))
-    dataset = joined(parts, variables, ALL_COORDINATES, attributes, ALWAYS)
-    return over_keys(dataset, [outline.scene for outline in outlines], vary, vary_together)
+    made = origin_attributes("aggregate", ((group.contents, group.seeds) for group in groups), asked)
+    attributes = variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({*map(_followed, every)}))} | made
+    dataset = joined(parts, ALL_VARIABLES | with_uncertainties(own), ALL_COORDINATES, attributes, ALWAYS)
+    if "drift_p_value" in dataset:  # all cases are one family of tests
+        p = dataset.drift_p_value
+        p.values = holm(p.values.ravel()).reshape(p.shape)
+    return over_keys(dataset, scenes, vary, vary_together)
 
 
-def _own_of(outlines: Sequence[Outline]) -> Own:
-    """Return the arrays of the user's own functions. Raises AnalysisError if cases differ in more than shapes."""
+def _own_of(groups: Sequence[Group]) -> Own:
+    """Return the arrays of the user's own functions. Raises AnalysisError if runs differ in more than shapes."""
     own: dict[str, OwnArray] = {}
-    for name, array in chain.from_iterable(outline.own.items() for outline in outlines):
-        if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):
-            raise AnalysisError(f"{name}: was measured by another function, or has other dimensions, in other runs")
+    for file in chain.from_iterable(group.files for group in groups):
+        for name, array in file.contents.ensemble.own.items():
+            if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):
+                wrong = "was measured by another function, or has other dimensions, in other runs"
+                raise AnalysisError(f"{file.path}: {name}: {wrong}")
     return own
 
 
 def refuse_taken(own: Own) -> None:
     """Raise RequestError for arrays of the user's own with names that variables of runs or datasets have."""
-    new = [(name, array.observable) for name, array in own.items() for name in (name, *array.dims) if name not in AXES]
-    for name, function in new:
-        taken = {*names_of(name)} & (ALL_VARIABLES.keys() | ALL_COORDINATES.keys() | MEANING.keys())
-        if taken:
-            raise RequestError(f"{function}: {name}: {min(taken)} is a name in runs or datasets; choose another one")
+    taken = {*ALL_VARIABLES, *ALL_COORDINATES, *MEANING, *ARRAYS}
+    for name, array in own.items():
+        for new in (*names_of(name), *(dim for dim in array.dims if dim not in AXES)):
+            if new in taken:
+                raise RequestError(f"{array.observable}: {name}: {new} is a name in runs or datasets; choose another")
 
 
-def _followed(outline: Outline) -> str:
+def _followed(runs: Trajectories) -> str:
     """Return in words whose squared displacement is averaged."""
-    over_disks = outline.average == "disks" and "square_displacement" in (outline.observables or ())
+    over_disks = runs.ensemble.average == "disks" and "square_displacement" in (runs.measured or ())
     return "all disks equal to the tracer" if over_disks else "the tracer"
 
 
-def _refuse_unfit(options: Options, cases: Sequence[Case]) -> None:
+def _refuse_unfit(cases: Sequence[Case]) -> None:
     """Refuse windows and times that coincide, windows that end after every run, and times that no run samples."""
-    names, last = labels_of(options.windows), max(case.times[-1] for case in cases)
+    windows, times = cases[0].windows, cases[0].displacement_times
+    names, last = labels_of(windows), max(case.times[-1] for case in cases)
     if len(set(names)) < len(names):
         raise AnalysisError(f"fit windows {', '.join(names)}: must differ in their first six digits")
-    for name, (_, end) in zip(names, options.windows, strict=True):
+    for name, (_, end) in zip(names, windows, strict=True):
         if end * (1 - SAME_TIME) > last:
             raise AnalysisError(f"fit window {name}: must end by {last:g}, when the longest run does")
     sampled = np.concatenate([case.times[chosen_times(case)] for case in cases])
-    for before, time in pairwise((-np.inf, *sorted(options.displacement_times))):
+    for before, time in pairwise((-np.inf, *sorted(times))):
         if time - before <= SAME_TIME * time:
             raise AnalysisError(f"displacement time {time:g}: must be given once")
         if not np.isclose(sampled, time, rtol=SAME_TIME, atol=0.0).any():
@@ -153,9 +142,9 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
 
     Those of the displacement distributions come as a part for each time, since each may have rings of its own.
     """
-    averages, health, stopped = NO_RUNS, list[np.ndarray](), dict[int, str]()
+    averages, health, stopped = Averages(), list[np.ndarray](), dict[int, str]()
 
-    def good_runs() -> Iterator[RunBlock]:
+    def good_runs() -> Iterator[Ensemble]:
         """Yield the runs that have not failed, block by block."""
         for runs in blocks_of(group):
             health.append(np.stack([reported(runs, name) for name in ("failed", *HEALTH)]))
@@ -165,28 +154,76 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
                 yield select(runs, good)
             stages.report("runs", before + sum(one.shape[1] for one in health), total)
 
-    blocks, first = good_runs(), list[RunBlock]()
+    blocks, first = good_runs(), list[Ensemble]()
     while sum(len(runs.seeds) for runs in first) < RUNS_FOR_RINGS and (runs := next(blocks, None)) is not None:
         first.append(runs)
-    case = case._replace(edges=rings_of(case, first))
-    of_runs: dict[str, np.ndarray] = {}
+    case = case._replace(rings=rings_of(case, first))
+    of_runs, quarters = dict[str, np.ndarray](), list[dict[str, np.ndarray]]()
     for runs in chain(first, blocks):
         parts = zip(*(estimator.columns(case, runs) for estimator in ESTIMATORS), strict=True)
         columns = Columns(*(dict(ChainMap(*part)) for part in parts))
-        averages = add_runs(averages, runs.seeds, columns)
+        averages.add(runs.seeds, columns)
+        quarters.append(drift.quarters_of(case.scene, case.times, runs.observables))
         for name, values in displacement.of_each_run(columns).items():
             of_runs.setdefault(name, np.full(len(group.seeds), np.nan))[np.isin(group.seeds, runs.seeds)] = values
     failed, *numbers = np.concatenate(health, axis=1)
-    labels: Part = {name: [label] for name, label in zip(EACH, group.files[0].key, strict=True)}
-    part = labels | {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
+    labels: Part = {"scene": [case.scene.name], "particles": [case.scene.particles], "engine": [case.engine.label]}
+    part = labels | of_runs | {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
     part |= {"runs": np.count_nonzero(failed == 0), "failed_runs": np.count_nonzero(failed)}
     part["run_status"] = np.where(failed == 0, KEPT, FAILED)
-    part |= of_runs
     if stopped:
         part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
-    for estimator in ESTIMATORS:
-        part |= estimator.estimate(case, averages)
+    part |= results_of(ESTIMATORS, case, averages) | drift.of_case(case, quarters)
     dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
     dims |= {dim for array in case.own.values() for dim in array.dims}
     part |= {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
     return [part, *(labels | of_time for of_time in distribution.at_each_time(case, averages))]
+
+
+# --- cases that differ in times, seeds, ...
+
+
+def joined(
+    parts: Sequence[Part],
+    variables: Mapping[str, Variable],
+    coordinates: Mapping[str, Variable],
+    attributes: dict,
+    always: Collection[str] = (),
+) -> "xarray.Dataset":
+    """Return the outer join of `parts`; where a part has no value, a variable has its value `absent`.
+
+    A variable is there if a part has it, or if it is one of `always`. Labels and particle counts come in order of
+    appearance; other numbers ascend. Numbers that differ by less than SAME_TIME count as equal.
+    `xarray.concat` and `unstack` give the same values, but sort all labels and hold every array twice.
+    """
+    import xarray
+
+    held = {name: one for name, one in variables.items() if name in always or any(name in part for part in parts)}
+    dims = {dim for one in held.values() for dim in one.dims}
+    held |= {name: one for name, one in coordinates.items() if dims.issuperset(one.dims)}
+    axes = {dim: _union([part[dim] for part in parts if dim in part], dim == "particles") for dim in dims}
+    data = {}
+    for name, variable in held.items():
+        full: np.ndarray = np.full([len(axes[dim]) for dim in variable.dims], variable.absent, variable.dtype)
+        for part in (part for part in parts if name in part and name not in axes):
+            places = [_positions(part[dim], axes[dim]) for dim in variable.dims]
+            full[np.ix_(*places)] = np.reshape(part[name], [len(rows) for rows in places])
+        data[name] = (variable.dims, axes.get(name, full), variable.attributes)
+    return xarray.Dataset(data, attrs=attributes).set_coords([name for name in coordinates if name in data])
+
+
+def _union(parts: Sequence[Any], in_order: bool) -> list | np.ndarray:
+    """All labels in order of appearance, or all numbers ascending unless `in_order`, each once."""
+    axis = np.concatenate(parts)
+    if in_order or axis.dtype.kind == "U":
+        return list(dict.fromkeys(axis.tolist()))
+    axis = np.unique(axis)
+    return axis if axis.dtype.kind in "iu" else axis[np.append(True, np.diff(axis) > SAME_TIME * np.abs(axis[1:]))]
+
+
+def _positions(values: Any, axis: list | np.ndarray) -> np.ndarray:
+    """Indices of a part's values in the union."""
+    if isinstance(axis, list):
+        return np.array([axis.index(label) for label in values])
+    values = np.asarray(values)
+    return np.searchsorted(axis, values - SAME_TIME * np.abs(values) if values.dtype.kind == "f" else values)

@@ -1,4 +1,4 @@
-"""Mean squared displacement of the tracer: the curve, straight-line fits in windows, the slope at each time.
+"""Mean squared displacement of the tracer: the curve, straight-line fits in windows; its limits, from the scene alone.
 
 S runs, n runs of a block, T sample times, W windows. Lengths and times in the reduced units of the scene. See
 docs/theory.md, section 5.
@@ -9,11 +9,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe.analysis import resampling
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
-from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, TIME, Mean, Variable
+from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, SPEED2, TIME, Mean, Variable
+from brownpipe.engines.ensemble import Ensemble
+from brownpipe.engines.friction import diffusive_from
 from brownpipe.observables import displacement as of_a_run
+from brownpipe.scene import Scene
+
+CENTRED = 1e-12  # relative distance from the centre, or difference of the sides, that counts as round-off
 
 
 def squared_displacement(
@@ -57,17 +60,53 @@ def labels(windows: Sequence[tuple[float, float]]) -> list[str]:
     return [f"[{start:g}, {end:g}]" for start, end in windows]
 
 
+# --- what is known before any run: box, disks, initial state of the tracer
+
+
+def initial_square_speed(scene: Scene) -> float:
+    """Return <v0^2> [length^2/time^2] of the tracer as the scene prescribes it: the coefficient of ballistic flight.
+
+    2 s^2 for components of standard deviation s, 2 kT/m for a temperature, the squared speed of explicit disks. With
+    zero total momentum the subtracted centre-of-mass velocity is accounted for. NaN if it is not known beforehand:
+    a tracer that exchanges energy before t = 0 with a bath of another temperature.
+    """
+    if scene.velocities is None:
+        return float(np.square(scene.listed[0].velocity).sum()) if scene.listed else np.nan
+    if scene.equilibrate.time and scene.equilibrate.tracer == "free" and scene.velocities.temperature is None:
+        return np.nan
+    share = scene.mass / scene.mass.sum()
+    if scene.velocities.temperature is None:
+        still = 1 - 2 * share[0] + (share**2).sum() if scene.velocities.zero_momentum else 1.0
+        return 2.0 * scene.velocities.standard_deviation**2 * still
+    still = 1 - share[0] if scene.velocities.zero_momentum else 1.0
+    return 2.0 * scene.velocities.temperature / scene.mass[0] * still
+
+
+def accessible_half_width(scene: Scene) -> float:
+    """Return half the side [length] of the square accessible to the tracer's centre; NaN if it starts elsewhere.
+
+    Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for a start in its centre.
+    """
+    box, start = scene.box, next((disk.position for disk in scene.listed or scene.species), None)
+    moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
+    if box.periodic or moved or start is None or abs(box.width - box.height) > CENTRED * box.width:
+        return np.nan
+    off_centre = np.abs(np.array(start) - [sum(box.x) / 2, sum(box.y) / 2]).max()
+    half_width = (box.width - 2 * scene.radius[0]) / 2
+    return half_width if off_centre <= CENTRED * box.width and half_width > 0 else np.nan
+
+
 # --- the estimator
 
 
-def squared_of(case: Case, runs: RunBlock) -> np.ndarray | None:
+def squared_of(case: Case, runs: Ensemble) -> np.ndarray | None:
     """Return the squared displacement (n, T) of every run: the observable, else from the tracer's track; else None."""
     if "square_displacement" in runs.observables:
         return runs.observables["square_displacement"]
     return tracer_square_displacement(case, runs)
 
 
-def tracer_square_displacement(case: Case, runs: RunBlock) -> np.ndarray | None:
+def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
     """Return the squared distance (n, T) of the tracer from its start, None if it was not recorded.
 
     Unlike `squared_of` it is never an average over time origins or disks.
@@ -77,40 +116,41 @@ def tracer_square_displacement(case: Case, runs: RunBlock) -> np.ndarray | None:
     return squared_displacement(runs.tracer.position, runs.tracer.image, (case.scene.box.width, case.scene.box.height))
 
 
-def _columns(case: Case, runs: RunBlock) -> Columns:
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return r^2 at all times, and the lines in all windows."""
     squared = squared_of(case, runs)
     if squared is None:
         return Columns()
-    return Columns({"msd": squared, "lines": per_run_lines(squared, case.times, case.options.windows)})
+    return Columns({"msd": squared, "lines": per_run_lines(squared, case.times, case.windows)})
 
 
-def of_each_run(columns: Columns) -> dict[str, np.ndarray]:
+def of_each_run(found: Columns) -> dict[str, np.ndarray]:
     """Return the square displacement of each run at its end, and its slope/4 in the first window, (n,)."""
-    if "msd" not in columns.means:
+    if "msd" not in found.means:
         return {}
-    return {"run_msd": columns.means["msd"][:, -1], "run_diffusion_coefficient": columns.means["lines"][:, 0, 0] / 4}
+    return {"run_msd": found.means["msd"][:, -1], "run_diffusion_coefficient": found.means["lines"][:, 0, 0] / 4}
 
 
-def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    windows, times = case.options.windows, case.times
+def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    """Return windows, MSD and fits, and what is known of the scene before any run."""
+    windows, times, scene = case.windows, case.times, case.scene
     values: dict[str, ArrayLike] = {
         "window": labels(windows),
         "window_start": [start for start, _ in windows],
         "window_end": [end for _, end in windows],
+        "box_width": scene.box.width,
+        "duration": times[-1],
+        "packing_fraction": scene.packing_fraction,
+        "initial_square_speed": initial_square_speed(scene),
+        "diffusive_from": diffusive_from(scene),
+        "accessible_half_width": accessible_half_width(scene),
     }
     if "msd" not in averages:
         return values
     msd, lines = averages.estimate("msd"), averages.estimate("lines")
-    slope, intercept = (resampling.Estimate(*(part[k] for part in lines)) for k in range(2))
-    over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
-    return {
-        **values,
-        "msd": msd,
-        "msd_over_4t": scaled(msd, over_4t),
-        "slope": slope,
-        "intercept": intercept,
-        "diffusion_coefficient": scaled(slope, 0.25),
-    }
+    slope, over_4t = lines.at(0), np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
+    values |= {"msd": msd, "msd_over_4t": msd.scaled(over_4t)}
+    return values | {"slope": slope, "intercept": lines.at(1), "diffusion_coefficient": slope.scaled(0.25)}
 
 
 WINDOW, SEED = (*EACH, "window"), (*EACH, "seed")
@@ -123,10 +163,17 @@ VARIABLES = {
     "run_msd": Variable(SEED, AREA, "squared displacement of a run at its end"),
     "run_diffusion_coefficient": Variable(SEED, RATE, "slope/4 of a run's squared displacement in the first window"),
     "diffusion_coefficient": Mean(WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
+    "box_width": Variable(EACH, "length", "width of the box"),
+    "duration": Variable(EACH, "time", "duration of a run"),
+    "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
+    "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
+    "diffusive_from": Variable(EACH, "time", "3/gamma of the tracer (Enskog): lines may be fitted to the MSD after it"),
+    "accessible_half_width": Variable(
+        EACH, "length", "half the side of the tracer's square, if it starts in its centre"
+    ),
 }
 COORDINATES = {
     "window": Variable(("window",), None, "time window of the straight-line fit"),
     "window_start": Variable(("window",), "time", "start of the window"),
     "window_end": Variable(("window",), "time", "end of the window"),
 }
-ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES, always=True)

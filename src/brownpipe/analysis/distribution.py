@@ -9,15 +9,15 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe import theory
-from brownpipe.analysis import goodness, resampling
-from brownpipe.analysis.conditions import accessible_half_width
-from brownpipe.analysis.displacement import labels, per_run_lines, squared_of, tracer_square_displacement
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
-from brownpipe.analysis.runs import RunBlock
-from brownpipe.analysis.variables import EACH, RATE, SAME_TIME, Mean, Variable, with_intervals
+from brownpipe.analysis import displacement, goodness, resampling
+from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
+from brownpipe.analysis.variables import EACH, ERROR, RATE, SAME_TIME, TIME, Mean, Variable, with_intervals
 from brownpipe.elementary import exp, log
+from brownpipe.engines.ensemble import Ensemble
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
 MOST_RINGS, REACH = 32, 3.0  # default rings: at most MOST_RINGS, out to REACH rms displacements
@@ -52,28 +52,28 @@ def expected_ring_counts(
 
 
 def chosen_times(case: Case) -> np.ndarray:
-    """Return the indices (D,) of the sample times at `options.displacement_times`; by default that of the last sample.
+    """Return the indices (D,) of the sample times at `displacement_times`; by default that of the last sample.
 
     Times at which the case has no sample are left out.
     """
-    times = np.array(case.options.displacement_times)
+    times = np.array(case.displacement_times)
     if not times.size:
         return np.array([len(case.times) - 1])
     nearest = np.abs(case.times - times[:, None]).argmin(axis=1)
     return nearest[np.abs(case.times[nearest] - times) <= SAME_TIME * times]
 
 
-def rings_of(case: Case, blocks: Sequence[RunBlock]) -> tuple[np.ndarray, ...]:
-    """Return the edges (K + 1,) of the rings at each of the D times: `options.edges`, else chosen from these runs.
+def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
+    """Return the edges (K + 1,) of the rings at each of the D times: `edges`, else chosen from these runs.
 
     MOST_RINGS/2 to MOST_RINGS rings extend to REACH rms displacements, or further if more than BEYOND of the runs end
     beyond (for a Gaussian in the plane, eq. (18), these are exp(-REACH^2) = 0.01 %). Their width is a power of two, so
     that rings of two times or scenes either coincide or have different centres.
     """
     at = chosen_times(case)
-    if case.options.edges is not None:
-        return (case.options.edges,) * len(at)
-    squared = [tracer_square_displacement(case, runs) for runs in blocks]
+    if case.edges is not None:
+        return (case.edges,) * len(at)
+    squared = [displacement.tracer_square_displacement(case, runs) for runs in blocks]
     if not squared or squared[0] is None:
         return ()
     size = max(case.scene.box.width, case.scene.box.height)
@@ -87,31 +87,33 @@ def rings_of(case: Case, blocks: Sequence[RunBlock]) -> tuple[np.ndarray, ...]:
     return tuple(edges)
 
 
-def _columns(case: Case, runs: RunBlock) -> Columns:
-    squared, distance2, at = squared_of(case, runs), tracer_square_displacement(case, runs), chosen_times(case)
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return powers of r at the displacement times, counts in the rings, and moments for the non-Gaussian parameter."""
+    at, squared = chosen_times(case), displacement.squared_of(case, runs)
+    distance2, moments = displacement.tracer_square_displacement(case, runs), _moments(case, runs, squared)
     if squared is None or distance2 is None or not len(at):
-        return Columns()
-    r2, slopes = distance2[:, at], per_run_lines(squared, case.times, case.options.windows)[:, 0]
-    size = max(map(len, case.edges))
+        return Columns(moments)
+    r2, slopes = distance2[:, at], displacement.per_run_lines(squared, case.times, case.windows)[:, 0]
+    size = max(map(len, case.rings))
     counts, shared = [], []
-    for k, column, edges in zip(at, r2.T, case.edges, strict=True):
+    for k, column, edges in zip(at, r2.T, case.rings, strict=True):
         ring = ring_of(np.sqrt(column), edges)
         counts.append(np.bincount(ring, minlength=size))
         shared.append([np.bincount(ring, one, size) for one in (squared[:, k], *slopes.T)])
     sums = {"rings": np.array(counts), "shared": np.array(shared)}
-    return Columns({"r2": r2, "r4": r2**2, "r6": r2 * r2 * r2}, sums)
+    return Columns({"r2": r2, "r4": r2**2, "r6": r2 * r2 * r2, **moments}, sums)
 
 
 def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
     """Yield the values of all variables and coordinates at each of the displacement times, which have own rings."""
-    square = ["square"] if np.isfinite(accessible_half_width(case.scene)) else []
-    models = ["msd", *(f"slope {label}" for label in labels(case.options.windows)), *square]
+    square = ["square"] if np.isfinite(displacement.accessible_half_width(case.scene)) else []
+    models = ["msd", *(f"slope {label}" for label in displacement.labels(case.windows)), *square]
     if "r2" not in averages:
-        edges = ring_edges(1.0, 1) if case.options.edges is None else case.options.edges
+        edges = ring_edges(1.0, 1) if case.edges is None else case.edges
         yield {"displacement_time": case.times[chosen_times(case)], "model": models} | _rings(edges)
         return
     of_shape = kurtosis(averages)
-    for k, (at, edges) in enumerate(zip(chosen_times(case), case.edges, strict=True)):
+    for k, (at, edges) in enumerate(zip(chosen_times(case), case.rings, strict=True)):
         counts = averages.totals["rings"][k][: len(edges)]
         low, high = resampling.wilson_interval(counts[:-1], averages.runs)
         p_value = goodness.kurtosis_p_value(of_shape.mean[k], averages.runs)
@@ -125,7 +127,7 @@ def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
             "displacement_counts_high": high,
             "displacement_overflow": counts[-1],
             "kurtosis_p_value": p_value,
-            **with_intervals({"kurtosis": resampling.Estimate(*(values[k] for values in of_shape))}),
+            **with_intervals({"kurtosis": of_shape.at(k)}),
         }
 
 
@@ -140,7 +142,7 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     D is the mean of r^2/4t or of a slope over 4, or that which gives the reflecting square this mean of r^2; NaN if the
     mean is not positive.
     """
-    at, edges, half_width = chosen_times(case)[k], case.edges[k], accessible_half_width(case.scene)
+    at, edges, half_width = chosen_times(case)[k], case.rings[k], displacement.accessible_half_width(case.scene)
     t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
     means = np.array([averages.mean("msd")[at], *averages.mean("lines")[0]])
     means = np.where((means > 0.0) & (t > 0.0), means, np.nan)
@@ -190,7 +192,7 @@ def _test(
     }
 
 
-def kurtosis(averages: Averages, names: tuple[str, str, str] = ("r2", "r4", "r6")) -> resampling.Estimate:
+def kurtosis(averages: Averages, names: Sequence[str] = ("r2", "r4", "r6")) -> Estimate:
     """Return <r^4> / (2 <r^2>^2) of the displacements at each time, (D,): 1 for a normal distribution in the plane.
 
     `names` of the columns: r^2 and r^4 of each run, which may be averages within the run, and their product.
@@ -198,40 +200,71 @@ def kurtosis(averages: Averages, names: tuple[str, str, str] = ("r2", "r4", "r6"
     Of the powers tried this one has the best coverage for a normal distribution: 95, 91, 93 and 94 % of 600 ensembles
     of 20, 50, 100 and 400 runs; the kurtosis itself has 90, 88, 91 and 94 %, plain percentiles 83 to 92 %.
     """
-    sums = [averages.of(name) for name in names]
-    cube, variance = _inverse_cube(*map(resampling.mean_of, sums), *map(resampling.variance_of, sums[:2]))
-    drawn = _inverse_cube(*map(resampling.drawn_mean, sums), *map(resampling.drawn_variance, sums[:2]))
-    error = np.sqrt(variance / (averages.runs - 1)) if averages.runs > 1 else np.full_like(cube, np.nan)
-    degrees = resampling.degrees(averages.sums)
-    of_cube = resampling.studentized(averages.runs, cube, error, drawn[0] - cube, drawn[1] / degrees)
+    cube = resampling.estimate(*map(averages.of, names), of=_inverse_cube)
     with np.errstate(over="ignore"):  # an interval that reaches 0 has no upper end
-        low, high = (_inverse_root(np.maximum(end, 0.0)) for end in (of_cube.high, of_cube.low))
-    mean = _inverse_root(cube)
-    return resampling.Estimate(mean, mean * error / (3 * cube), low, high)
+        mean, high, low = (exp(log(np.maximum(value, 0.0)) / -3.0) for value in (cube.mean, cube.low, cube.high))
+    return Estimate(mean, mean * cube.standard_error / (3 * cube.mean), low, high)
 
 
-def _inverse_root(x: np.ndarray) -> np.ndarray:
-    """x^(-1/3)."""
-    return exp(log(x) / -3.0)
-
-
-def _inverse_cube(
-    m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, variance2: np.ndarray, variance4: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _inverse_cube(m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, *variances: np.ndarray) -> tuple[np.ndarray, ...]:
     """(m4 / (2 m2^2))^-3, and the square of its standard error times n - 1; NaN at t = 0."""
     m2, m4 = np.where(m2 > 0.0, m2, np.nan), np.where(m4 > 0.0, m4, np.nan)
     covariance = (m6 - m2 * m4) / (m2 * m4)
-    of_logarithm = 4 * variance2 / m2**2 + variance4 / m4**2 - 4 * covariance
+    of_logarithm = 4 * variances[0] / m2**2 + variances[1] / m4**2 - 4 * covariance
     inverse = 2 * m2**2 / m4
     cube = inverse * inverse * inverse
     return cube, 9 * cube**2 * np.maximum(of_logarithm, 0.0)
+
+
+# --- the non-Gaussian parameter: the kurtosis minus 1 at each sample time, with all averages within the runs
+
+MOMENTS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 and their product; `displacement` has msd
+
+
+def _moments(case: Case, runs: Ensemble, squared: np.ndarray | None) -> dict[str, np.ndarray]:
+    """Return r^4 (n, T) and its product with r^2; {} if they were not measured, or r^2 is not averaged alike."""
+    alike = "square_displacement" in runs.observables or case.average == "runs"
+    if "quartic_displacement" not in runs.observables or squared is None or not alike:
+        return {}
+    quartic = runs.observables["quartic_displacement"]
+    return {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
+
+
+def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    """Return the non-Gaussian parameter; for the rest see `at_each_time`."""
+    if "quartic_displacement" not in averages:
+        return {}
+    mean, error, low, high = kurtosis(averages, MOMENTS)
+    return {"non_gaussian_parameter": Estimate(mean - 1, error, low - 1, high - 1), **_controlled(averages, mean - 1)}
+
+
+def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
+    """Non-Gaussian parameter (T,) with its value at the first sample after t = 0 as control variate.
+
+    That value is the one of the initial velocities if the sample is well within the mean free time: 0 for velocities
+    drawn from a normal distribution, but for their scatter, which is subtracted. {} with few runs or samples, or if
+    nothing moves. Coefficient and standard error are those of the replicates of the bootstrap.
+    """
+    if averages.runs < FEWEST_FOR_INTERVAL or len(value) < 2 or not np.isfinite(value[1:]).all():
+        return {}
+    drawn = (resampling.drawn_mean(averages.of(name)) for name in MOMENTS[:2])
+    r2, r4 = (means[np.isfinite(means).all(axis=1), 1:] for means in drawn)  # a replicate may have no runs
+    change = r4 / (2 * r2**2) - 1 - value[1:]
+    first = change[:, :1]
+    b = (change * first).mean(axis=0) / (first**2).mean()
+    error = np.sqrt(((change - b * first) ** 2).mean(axis=0))
+    name = "non_gaussian_parameter_controlled"
+    controlled = value[1:] - b * value[1]
+    return {name: np.append(np.nan, controlled), f"{name}_standard_error": np.append(np.nan, error)}
 
 
 AT = (*EACH, "displacement_time")
 RING, MODEL = (*AT, "r"), (*AT, "model")
 OF_COUNT = "(Wilson) interval of the count"
 
-VARIABLES = {
+MEANING = "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 for a normal distribution"
+
+AT_TIMES = {
     "displacement_counts": Variable(RING, "1", "number of runs in the ring"),
     "displacement_counts_low": Variable(RING, "1", f"lower end of the 95 % {OF_COUNT}"),
     "displacement_counts_high": Variable(RING, "1", f"upper end of the 95 % {OF_COUNT}"),
@@ -247,6 +280,10 @@ VARIABLES = {
     "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
     "kurtosis": Mean(AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution"),
 }
+VARIABLES = AT_TIMES | {
+    "non_gaussian_parameter": Mean(TIME, "1", MEANING),
+    "non_gaussian_parameter_controlled": Variable(TIME, "1", f"{MEANING}; control variate: the first after 0", ERROR),
+}
 COORDINATES = {
     "displacement_time": Variable(("displacement_time",), "time", "time of the displacement distribution"),
     "r": Variable(("r",), "length", "middle of the ring"),
@@ -259,4 +296,3 @@ COORDINATES = {
         "square = diffusion in a reflecting square, D from MSD(t)",
     ),
 }
-ESTIMATOR = Estimator(_columns, VARIABLES, coordinates=COORDINATES, always=True)

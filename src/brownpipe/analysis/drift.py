@@ -12,10 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
+from brownpipe.analysis.estimator import Case
 from brownpipe.analysis.goodness import holm
-from brownpipe.analysis.outer_join import Part
-from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import compressibility, temperature
 from brownpipe.analysis.variables import EACH, ERROR, Variable
 from brownpipe.engines import Engine
@@ -30,7 +28,6 @@ FEWEST_RUNS = 8
 TOO_FEW = f"too few runs, samples or collisions to tell whether it is in equilibrium; {FEWEST_RUNS} runs are needed"
 POWER = 0.9
 LONGER = 2.0
-COLUMN, MEAN = "drift of the ", "mean of the "  # names of columns, before that of the quantity
 
 
 class Drift(NamedTuple):
@@ -68,27 +65,27 @@ def quarters_of(scene: Scene, times: np.ndarray, observables: Mapping[str, np.nd
 
 
 def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
-    """Return the drift of quantities in the quarters (n, 4) of n runs, which are the whole family of tests.
-
-    Without quarters, or for fewer than FEWEST_RUNS, no quantity is there.
-    """
-    values = np.array([*quarters.values()])
-    if not values.size or (runs := values.shape[1]) < FEWEST_RUNS:
-        return Drift((), *np.empty((3, 0)))
-    change = values[..., 3] - values[..., 0]
-    error = change.std(axis=1, ddof=1) / math.sqrt(runs)
-    found = _tested([*quarters], change.mean(axis=1), error, values.mean(axis=(1, 2)), runs)
+    """Return the drift of quantities in the quarters (n, 4) of n runs, which are the whole family of tests."""
+    found = unadjusted(quarters)
     return found._replace(p=holm(found.p))
 
 
-def _tested(names: Sequence[str], change: np.ndarray, error: np.ndarray, mean: np.ndarray, runs: int) -> Drift:
-    """Return the drift of quantities with changes, their errors, and means over all quarters, (Q,); p not adjusted."""
+def unadjusted(quarters: Mapping[str, np.ndarray]) -> Drift:
+    """Return the drift of quantities in the quarters (n, 4) of n runs, with the p-value of each test alone.
+
+    NaN for fewer than FEWEST_RUNS, for a quantity that is 0 and for one without scatter.
+    """
     from scipy.special import stdtr
 
-    may_tell = (error > 0) & (mean != 0) & (runs >= FEWEST_RUNS)
+    values = np.stack([*quarters.values()]) if quarters else np.zeros((0, 1, 4))
+    runs, means = values.shape[1], values.mean(axis=(1, 2))
+    changes = values[..., 3] - values[..., 0]
+    change = changes.mean(axis=1)
+    error = changes.std(axis=1, ddof=1) / math.sqrt(runs) if runs > 1 else np.full(len(values), np.nan)
+    may_tell = (error > 0) & (means != 0) & (runs >= FEWEST_RUNS)
     t = np.divide(change, error, out=np.full(len(change), np.nan), where=may_tell)
-    size = np.where(mean != 0, np.abs(mean), np.nan)
-    return Drift(names, change / size, error / size, 2 * stdtr(runs - 1, -np.abs(t)))
+    size = np.where(means != 0, np.abs(means), np.nan)
+    return Drift([*quarters], change / size, error / size, 2 * stdtr(runs - 1, -np.abs(t)))
 
 
 def found_with_power(error: np.ndarray, runs: int, tests: int) -> float:
@@ -99,16 +96,6 @@ def found_with_power(error: np.ndarray, runs: int, tests: int) -> float:
     from scipy.special import stdtrit
 
     return float(error[0] * (stdtrit(runs - 1, 1 - LEVEL / (2 * tests)) + stdtrit(runs - 1, POWER)))
-
-
-def adjust(parts: Sequence[Part]) -> None:
-    """Replace the p-values of all cases of a dataset by those adjusted for all their tests."""
-    tested = [part for part in parts if "drift_p_value" in part]
-    if tested:
-        ends = np.cumsum([len(part["quantity"]) for part in tested])
-        adjusted = np.split(holm(np.concatenate([part["drift_p_value"] for part in tested])), ends[:-1])
-        for part, p in zip(tested, adjusted, strict=True):
-            part["drift_p_value"] = p
 
 
 def time_to_try(scene: Scene) -> float:
@@ -134,21 +121,13 @@ def _percent(change: float, error: float) -> str:
     return f"{100 * change:+.{decimals}f}({digit if decimals else f'{100 * error:.0f}'}) %"
 
 
-def _columns(case: Case, runs: RunBlock) -> Columns:
-    found = quarters_of(case.scene, case.times, runs.observables) if is_tested(case.scene, case.engine) else {}
-    changes = {f"{COLUMN}{name}": of[:, 3] - of[:, 0] for name, of in found.items()}
-    return Columns(changes, {f"{MEAN}{name}": of.mean(axis=1).sum() for name, of in found.items()})
-
-
-def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def of_case(case: Case, blocks: Sequence[Mapping[str, np.ndarray]]) -> dict[str, ArrayLike]:
+    """Return the variables of a case from `quarters_of` the runs of each block."""
     if not is_tested(case.scene, case.engine):
         return {}
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
-    names = [name.removeprefix(COLUMN) for name in averages.places if name.startswith(COLUMN)]
-    if names:
-        change, error, *_ = np.transpose([averages.estimate(f"{COLUMN}{name}") for name in names])
-        means = np.array([averages.totals[f"{MEAN}{name}"] / averages.runs for name in names])
-        found = _tested(names, change, error, means, averages.runs)
+    if any(blocks):
+        found = unadjusted({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
         values |= dict(zip(("quantity", "drift", "drift_standard_error", "drift_p_value"), found, strict=True))
     return values
 
@@ -160,4 +139,3 @@ VARIABLES = {
     "drift_p_value": Variable(QUANTITY, "1", "p-value of the change in equilibrium, adjusted for the dataset (Holm)"),
 }
 COORDINATES = {"quantity": Variable(("quantity",), None, "quantity that may drift")}
-ESTIMATOR = Estimator(_columns, VARIABLES, _derived, COORDINATES)

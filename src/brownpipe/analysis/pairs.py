@@ -1,6 +1,7 @@
-"""Pair distribution function g(r), and its value at contact from g(r) and from collision rates.
+"""Pair distribution function g(r), its value at contact from g(r) and from collision rates; the density at the walls.
 
-P pairs of species, R bins of distance, n runs. See docs/theory.md, section 3.
+P pairs of species, R bins of distance, K species, B bins of distance from a wall, n runs. See docs/theory.md,
+section 3.
 """
 
 import numpy as np
@@ -8,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from brownpipe import theory
 from brownpipe.analysis import resampling
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator, scaled
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import mean_root, temperature
 from brownpipe.analysis.variables import EACH, Mean, Variable
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DENSEST
+from brownpipe.observables import profile
 from brownpipe.observables.pairs import bins, species_pairs
 from brownpipe.observables.species import species_table
 from brownpipe.observables.time_origins import is_stationary
@@ -21,6 +23,7 @@ from brownpipe.scene import Scene
 
 NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrapolated to contact
 ORDER = 2  # of the polynomial that multiplies the decay there
+DECAY_AT_WALL = 2.2  # -d ln n/dz over phi chi near a wall, in diameters; theory has 8/pi at phi = 0
 DECAY = 1.6  # -d ln g/dr over phi chi up to NEAR, in contact distances; from simulations at phi = 0.5 and 0.65
 COUNTED = ("pair_collisions", "tracer_collisions", "kinetic_energy")  # numbers of a run
 FEW = 20  # pairs in a bin, of all runs together
@@ -36,8 +39,8 @@ def numbers_of_pairs(scene: Scene) -> tuple:
 
 def contact_distances(scene: Scene) -> list[float]:
     """Return the distance [length] of the two disks at contact for every pair of species."""
-    table = species_table(scene)
-    return [table.radius[a] + table.radius[b] for a, b in species_pairs(table)]
+    kinds, pairs = numbers_of_pairs(scene)
+    return [kinds.radius[a] + kinds.radius[b] for a, b, _ in pairs]
 
 
 def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
@@ -103,6 +106,18 @@ def _bin_averages(low: np.ndarray, high: np.ndarray, degree: int, decay: float, 
     return total if flat else total / ((low + high) / 2)
 
 
+def wall_weights(scene: Scene) -> np.ndarray:
+    """Return weights (2, K, B) of the profiles: for the density at contact, and for its change by the next order.
+
+    `contact_weights` for a flat wall, up to a fifth of a diameter from it.
+    """
+    phi = min(scene.packing_fraction, DENSEST)
+    number, width = profile.bins(scene)
+    edges, diameters = np.arange(number + 1) * width, 2 * species_table(scene).radius
+    decay = DECAY_AT_WALL * phi * float(theory.contact_value(phi))
+    return np.stack([contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1)
+
+
 def truncation(following: Estimate) -> np.ndarray:
     """Return the truncation error from the next order: sqrt(mean^2 - standard error^2), or 0."""
     return np.sqrt(np.maximum(following.mean**2 - following.standard_error**2, 0.0))
@@ -136,7 +151,7 @@ def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, dura
     return chi
 
 
-def _by_rate(case: Case, runs: RunBlock) -> dict[str, np.ndarray]:
+def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
     """Columns of contact values from collisions; none if the runs are not in equilibrium from t = 0.
 
     The collisions of each pair of species are known for one species, and for one beside a single tracer.
@@ -168,8 +183,9 @@ def weights_of(scene: Scene) -> np.ndarray:
     return np.stack([contact_weights(edges, *pair) for pair in pairs], axis=1)
 
 
-def _columns(case: Case, runs: RunBlock) -> Columns:
-    by_rate, seen = _by_rate(case, runs), runs.observables
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return g(r), contact values, and the density at the walls; in the totals numbers of pairs."""
+    by_rate, seen = _by_rate(case, runs) | _wall_columns(case, runs), runs.observables
     if "pair_counts" not in seen:
         return Columns(by_rate)
     uniform = ideal(case.scene, bin_edges(case.scene)) * np.asarray(seen["pair_snapshots"], float)[:, None, None]
@@ -179,6 +195,15 @@ def _columns(case: Case, runs: RunBlock) -> Columns:
     means = {"pair_distribution": g, "contact_value": value, "contact_value_following": following}
     totals = {"pairs": counts, "one_pair": _over(np.ones_like(uniform), uniform), "around_lone": around_lone}
     return Columns(means | by_rate, {name: values.sum(axis=0) for name, values in totals.items()})
+
+
+def _wall_columns(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
+    """Columns of the density at the walls and of its change by the next order, (n, K)."""
+    if "density_profile" not in runs.observables:
+        return {}
+    density = np.asarray(runs.observables["density_profile"], float)
+    contact, following = ((density * weights).sum(axis=-1) for weights in wall_weights(case.scene))
+    return {"contact_density": contact, "contact_density_following": following}
 
 
 def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -200,7 +225,7 @@ def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate
 
     Without it, that of three pairs in ten runs has the expected number in 78 % of ensembles.
     """
-    estimate = scaled(averages.estimate("pair_distribution"), _per_lone(around_lone))
+    estimate = averages.estimate("pair_distribution").scaled(_per_lone(around_lone))
     pairs, one = averages.totals["pairs"], averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone)
     beyond = bin_edges(case.scene)[1:] > np.array(contact_distances(case.scene))[:, None]
     few = (pairs < FEW) & beyond & np.isfinite(estimate.low)
@@ -211,22 +236,26 @@ def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate
 def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
     """Estimate of the contact values, with the error of the extrapolation."""
     of_lone, following_of_lone = (np.sum(around_lone * of_order, axis=-1) for of_order in weights_of(case.scene))
-    estimate = scaled(averages.estimate("contact_value"), _per_lone(of_lone))
+    estimate = averages.estimate("contact_value").scaled(_per_lone(of_lone))
     following = averages.estimate("contact_value_following")
     of_ideal = np.where(np.isfinite(of_lone), estimate.mean * following_of_lone, 0.0)
-    following = scaled(following._replace(mean=following.mean - of_ideal), _per_lone(of_lone))
+    following = following._replace(mean=following.mean - of_ideal).scaled(_per_lone(of_lone))
     return widened(estimate, truncation(following))
 
 
-def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
-    if "pair_distribution" not in averages:
-        return {"contact_distance": contact_distances(case.scene)} if "contact_value_rate" in averages else {}
-    around_lone = averages.totals["around_lone"] / averages.runs
-    return {
-        "pair_distribution": _of_few(case, averages, around_lone),
-        "contact_value": _at_contact(case, averages, around_lone),
-        "contact_distance": contact_distances(case.scene),
-    }
+def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
+    """Return g(r), the contact values and the density at the walls with the errors of extrapolation."""
+    values: dict[str, ArrayLike | Estimate] = {}
+    if "contact_density" in averages:
+        error = truncation(averages.estimate("contact_density_following"))
+        values["contact_density"] = widened(averages.estimate("contact_density"), error)
+    if {"pair_distribution", "contact_value_rate"} & averages.places.keys():
+        values["contact_distance"] = contact_distances(case.scene)
+    if "pair_distribution" in averages:
+        around_lone = averages.totals["around_lone"] / averages.runs
+        values["pair_distribution"] = _of_few(case, averages, around_lone)
+        values["contact_value"] = _at_contact(case, averages, around_lone)
+    return values
 
 
 PAIR = (*EACH, "species_pair")
@@ -236,5 +265,7 @@ VARIABLES = {
     "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
     "contact_value": Mean(PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"),
     "contact_value_rate": Mean(PAIR, "1", "g(r) at contact, from the collision rate"),
+    "contact_density": Mean(
+        (*EACH, "species"), "1/length^2", "number density at the walls, extrapolated from up to 0.2 diameters"
+    ),
 }
-ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

@@ -13,6 +13,7 @@ weights of the others, and scenes and engines that share seeds share weights. Se
 """
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -38,6 +39,14 @@ class Estimate(NamedTuple):
     standard_error: np.ndarray  # NaN for a single run
     low: np.ndarray  # 95 % interval; NaN for fewer than FEWEST_FOR_INTERVAL runs
     high: np.ndarray
+
+    def at(self, index: int | tuple) -> "Estimate":
+        """Return that of some of the entries."""
+        return Estimate(*(values[index] for values in self))
+
+    def scaled(self, factor: np.ndarray | float) -> "Estimate":
+        """Return the Estimate of `factor` (>= 0, or NaN) times the mean."""
+        return Estimate(*(values * factor for values in self))
 
 
 class Sums(NamedTuple):
@@ -96,13 +105,12 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
     there[rows - rows[0]] = 1.0
     deviation[rows - rows[0]] = columns - sums.pivot  # 0 for seeds without a run
     weight = sums.weight + weights @ there
-    for terms, total, drawn in (
-        (deviation, sums.first, sums.drawn_first),
-        (deviation**2, sums.second, sums.drawn_second),
-    ):
+    moments = (deviation, sums.first, sums.drawn_first), (deviation**2, sums.second, sums.drawn_second)
+    for terms, total, drawn in moments:
         total += _total(terms)
         for chunk in _chunks(terms.shape[1]):
-            drawn[:, chunk] += _drawn(weights, terms[:, chunk])
+            steps, unit = _on_a_grid(terms[:, chunk])
+            drawn[:, chunk] += (weights @ steps) * unit
     return sums._replace(runs=sums.runs + len(seeds), weight=weight)
 
 
@@ -114,12 +122,6 @@ def _total(terms: np.ndarray) -> np.ndarray:
 def _chunks(columns: int) -> list[slice]:
     """Columns in chunks of _AT_ONCE, to bound the memory of intermediate arrays."""
     return [slice(start, min(start + _AT_ONCE, columns)) for start in range(0, columns, _AT_ONCE)]
-
-
-def _drawn(weights: np.ndarray, terms: np.ndarray) -> np.ndarray:
-    """Sums (B, K) of `terms` (n, K) with the `weights` (B, n) of the replicates."""
-    steps, unit = _on_a_grid(terms)
-    return (weights @ steps) * unit
 
 
 @lru_cache(maxsize=4)
@@ -147,44 +149,29 @@ def _on_a_grid(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.rint(columns / unit).astype(np.float32), unit
 
 
-def estimate(sums: Sums) -> Estimate:
-    """Return the Estimate, arrays (C,), with its bootstrap-t interval.
+def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)) -> Estimate:
+    """Return the Estimate of a function of means over runs, arrays (C,), by default of one mean; bootstrap-t interval.
+
+    of: from the means and then the variances (..., C) of all `sums` to the value and n - 1 times its squared error.
 
     r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard error, which makes
     the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 10 runs
-    (B. Efron, Can. J. Stat. 9, 139 (1981)).
+    (B. Efron, Can. J. Stat. 9, 139 (1981)). NaN ends below FEWEST_FOR_INTERVAL runs.
     """
-    parts = [_estimate(columns_of(sums, chunk)) for chunk in _chunks(len(sums.pivot))]
+    parts = [_estimate([columns_of(one, chunk) for one in sums], of) for chunk in _chunks(len(sums[0].pivot))]
     return Estimate(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _estimate(sums: Sums) -> Estimate:
+def _estimate(sums: list[Sums], of: Callable) -> Estimate:
     """The Estimate of a chunk of the columns."""
-    runs, variance = sums.runs, variance_of(sums)
-    error = np.sqrt(variance / (runs - 1)) if runs > 1 else np.full_like(variance, np.nan)
-    shift = _per_run(sums.drawn_first, sums.weight) - sums.first / runs
-    return studentized(runs, mean_of(sums), error, shift, drawn_variance(sums) / degrees(sums))
-
-
-def degrees(sums: Sums) -> np.ndarray:
-    """Return n - 1 (B, 1) of each replicate, NaN if not positive: a variance over it is the squared standard error."""
-    return _or_nan(sums.weight - 1)[:, None]
-
-
-def studentized(
-    runs: int, value: np.ndarray, error: np.ndarray, shift: np.ndarray, square_error: np.ndarray
-) -> Estimate:
-    """Return the Estimate of `value` (...) with standard error `error` (...), its interval by the bootstrap-t.
-
-    shift: (B, ...) value of each replicate minus `value`.
-    square_error: (B, ...) square of the replicate's own standard error; where it is 0, t = 0 is assumed.
-
-    NaN ends below FEWEST_FOR_INTERVAL runs.
-    """
+    runs, degrees = sums[0].runs, _or_nan(sums[0].weight - 1)[:, None]
+    value, variance = of(*map(mean_of, sums), *map(variance_of, sums))
+    error = np.sqrt(variance / (runs - 1)) if runs > 1 else np.full_like(value, np.nan)
     if runs < FEWEST_FOR_INTERVAL:
-        return Estimate(value, error, *np.full((2, *np.shape(value)), np.nan))
-    varies = square_error > 0.0
-    t = np.where(varies, shift / np.sqrt(np.where(varies, square_error, 1.0)), 0.0)
+        return Estimate(value, error, *np.full((2, *value.shape), np.nan))
+    drawn, variance = of(*map(drawn_mean, sums), *map(drawn_variance, sums))
+    varies = variance / degrees > 0.0
+    t = np.where(varies, (drawn - value) / np.sqrt(np.where(varies, variance / degrees, 1.0)), 0.0)
     t.sort(axis=0)
     tail = (REPLICATES + 1) // 40
     return Estimate(value, error, value - t[-tail] * error, value - t[tail - 1] * error)
@@ -206,12 +193,11 @@ def resample(samples: np.ndarray, seeds: np.ndarray | None = None) -> Estimate:
     `seeds` (runs,), by default 0, 1, ..., must ascend; the result depends on seeds and samples alone, to the bit.
     """
     samples = np.asarray(samples, float)
-    runs, shape = len(samples), samples.shape[1:]
-    if not runs:
-        return Estimate(*np.full((4, *shape), np.nan))
-    columns = samples.reshape(runs, -1)
-    sums = _added_up(np.arange(runs) if seeds is None else np.asarray(seeds), columns)
-    return Estimate(*(values.reshape(shape) for values in estimate(sums)))
+    if not len(samples):
+        return Estimate(*np.full((4, *samples.shape[1:]), np.nan))
+    seeds = np.arange(len(samples)) if seeds is None else np.asarray(seeds)
+    found = estimate(_added_up(seeds, samples.reshape(len(samples), -1)))
+    return Estimate(*(values.reshape(samples.shape[1:]) for values in found))
 
 
 def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:

@@ -7,10 +7,10 @@ n runs. See docs/theory.md, section 3.
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Case, Columns, Estimator
-from brownpipe.analysis.runs import RunBlock
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
@@ -108,29 +108,34 @@ def enskog(scene: Scene, with_bath: bool = True) -> dict[str, float]:
     }
 
 
-def _columns(case: Case, runs: RunBlock) -> Columns:
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return rates, temperatures and compressibility factors of the runs of hard disks."""
     scene, duration, seen = case.scene, case.times[-1], runs.observables
-    means = {name: seen[name] for name in COLLISION_COUNTS if name in seen}
+    if "pair_collisions" not in seen or not scene.particles:
+        return Columns()
+    means = {name: seen[name] for name in COLLISION_COUNTS}
+    means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
+    means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
     if "wall_impulse" in seen:
         means["wall_pressure"] = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
-    if "pair_collisions" in seen and scene.particles:
-        means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
-    if "tracer_collisions" in seen and scene.particles:
-        means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
-    if "kinetic_energy" not in seen or not scene.particles:
+    if "kinetic_energy" not in seen:
         return Columns(means)
     kt = means["kinetic_temperature"] = temperature(scene, seen["kinetic_energy"])
     kt = np.where(kt > 0, kt, np.nan)  # nothing moves
-    if "virial" in seen:
-        means["compressibility"] = compressibility(scene, seen["virial"], kt, duration)
+    means["compressibility"] = compressibility(scene, seen["virial"], kt, duration)
     if "wall_pressure" in means:
         means["wall_compressibility"] = wall_compressibility(scene, means["wall_pressure"], kt)
-    if "collision_rate" in means and has_equal_disks(scene):
+    if has_equal_disks(scene):
         means["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], kt)
     if scene.velocities and scene.velocities.temperature and scene.particles > 1:
-        for name in (name for name in RATES if name in means):
+        for name in RATES:
             means[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], kt)
     return Columns(means)
+
+
+def results(case: Case, averages: Averages) -> dict[str, float]:
+    """Return Enskog's theory."""
+    return enskog(case.scene, case.engine.definition.counts_collisions)
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"
@@ -156,6 +161,3 @@ VARIABLES = {
     "enskog_compressibility": Variable(EACH, "1", "compressibility factor from Enskog's contact values"),
     "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient by Enskog's theory, at the scene's total momentum"),
 }
-ESTIMATOR = Estimator(
-    _columns, VARIABLES, lambda case, averages: enskog(case.scene, case.engine.definition.counts_collisions)
-)

@@ -6,15 +6,12 @@ Units are the reduced units of the scene: `length`, `time`, `mass`. "95 %" inter
 from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.resampling import Estimate
-
-if TYPE_CHECKING:
-    import xarray
 
 SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt depends on dt by round-off
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
@@ -71,11 +68,6 @@ def with_uncertainties(variables: Mapping[str, Variable]) -> dict[str, Variable]
         for part in one.uncertainties:
             table[f"{name}_{part}"] = Variable(one.dims, one.units, UNCERTAINTIES[part].format(one.long_name))
     return table
-
-
-def estimate_in(dataset: "xarray.Dataset", name: str) -> Estimate:
-    """Return the Estimate of the quantity `name` in a dataset."""
-    return Estimate(*(dataset[one].values for one in names_of(name)))
 
 
 def names_of(name: str) -> list[str]:

@@ -1,11 +1,18 @@
-"""The dimensions of a dataset over keys of the scenes that were varied."""
+"""The labels of the cases of a dataset: dimensions over keys of the scenes that were varied, and failed runs."""
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brownpipe.analysis.variables import EACH
+import numpy as np
+
+from brownpipe.analysis.variables import EACH, FAILED, MISSING
+from brownpipe.engines.exact import EXACT
+from brownpipe.errors import WrongFileError
 from brownpipe.scene import Scene
+from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.scene.variation import short_name, unit_of, value_of
+from brownpipe.storage.datasets import read_dataset
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -48,3 +55,22 @@ def over_keys(dataset: "Dataset", scenes: Iterable[Scene], paths: Sequence[str],
     for path in paths:
         spread[short_name(path)].attrs = {"units": unit_of(path), "long_name": path}
     return spread.transpose(EACH[0], *dims, *EACH[1:], ...)
+
+
+def failed_runs(path: str | Path) -> tuple[int, int, str]:
+    """Return how many runs of a dataset failed, how many it has with those, and the cases and seeds in words.
+
+    Raises StorageError if the file is damaged, WrongFileError if it is no dataset of `brownpipe aggregate` with the
+    labels of its runs.
+    """
+    status = read_dataset(path).get("run_status")
+    if status is None or not {*EACH, "seed"} <= set(status.dims):
+        raise WrongFileError(f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate")
+    cases = []
+    for place in zip(*np.nonzero((status == FAILED).any("seed").values), strict=True):
+        case = status[place]
+        scene, *keys, particles, engine = ((dim, case[dim].item()) for dim in status.dims if dim != "seed")
+        words = [scene[1], *(f"{name} = {value}" for name, value in keys), f"N = {particles[1]}"]
+        words += [] if engine[1] == EXACT.name else [engine[1]]
+        cases.append(f"{', '.join(words)}: seeds {brief_seed_text(case.seed.values[case.values == FAILED])}")
+    return int((status == FAILED).sum()), int((status != MISSING).sum()), "; ".join(cases)

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import elementary, theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.runs import RunBlock
 from brownpipe.analysis.thermodynamics import enskog
 from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import partners_of
-from brownpipe.observables import ARRAYS, AXES, displacement
+from brownpipe.observables import ARRAYS, AXES
 from brownpipe.scene import Scene
 
 EARLY = 0.25  # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
@@ -117,39 +117,29 @@ def expected_slope(case: Case, averages: Averages) -> float:
     return -share * rate * square_speed
 
 
-def _with_velocity(case: Case, runs: RunBlock, name: str) -> np.ndarray | None:
-    """Return `displacement_velocity`, v(t).(r(t) - r(0)), or `velocity_displacement`, v(0).(r(t) - r(0)), (n, T).
-
-    The observable of that name, else from the tracer's track; None if that has no velocities.
-    """
-    if name in runs.observables or runs.tracer is None or runs.tracer.velocity is None:
-        return runs.observables.get(name)
-    position, velocity, image = runs.tracer
-    moved = displacement.displacement(position, image, (case.scene.box.width, case.scene.box.height))
-    return displacement.dot(moved, velocity if name == "displacement_velocity" else velocity[:1]).T
-
-
-def _columns(case: Case, runs: RunBlock) -> Columns:
-    names = ("velocity_autocorrelation",)
-    means = {name: runs.observables[name] for name in names if name in runs.observables}
-    if means and len(case.times) > 2:
-        rate, fastest = enskog_rate(case.scene), fastest_rate(case.scene)
-        samples = early(case.times, fastest)
-        times, first = case.times[samples], means["velocity_autocorrelation"][:, samples]
-        if fastest * times[2] <= LATEST:
-            means["vacf_initial_slope"] = (first * slope_weights(times, rate)).sum(axis=1)
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return autocorrelation, its slope at 0, running D and densities."""
+    means, seen = {}, runs.observables
+    if "velocity_autocorrelation" in seen:
+        means["velocity_autocorrelation"] = seen["velocity_autocorrelation"]
+        if len(case.times) > 2:
+            fastest = fastest_rate(case.scene)
+            samples = early(case.times, fastest)
+            if fastest * case.times[samples[2]] <= LATEST:
+                weights = slope_weights(case.times[samples], enskog_rate(case.scene))
+                means["vacf_initial_slope"] = (seen["velocity_autocorrelation"][:, samples] * weights).sum(axis=1)
     for name, product in PRODUCTS.items():
-        along = _with_velocity(case, runs, product)
-        if along is not None:
-            means[name] = along / 2
+        if product in seen:
+            means[name] = seen[product] / 2
     for name, counts in DENSITIES.items():
-        if counts in runs.observables:
+        if counts in seen:
             middles = np.asarray(AXES[ARRAYS[counts].dims[-1]].coordinates(case.scene))
-            means[name] = density(runs.observables[counts], middles[1] - middles[0])
+            means[name] = density(seen[counts], middles[1] - middles[0])
     return Columns(means)
 
 
-def _derived(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    """Return the slope of the autocorrelation at 0, and that of equilibrium."""
     if "velocity_autocorrelation" not in averages or len(case.times) < 3:
         return {}
     slope, expected = initial_slope(case, averages), expected_slope(case, averages)
@@ -169,4 +159,3 @@ VARIABLES = {
     "velocity_density": Mean((*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"),
     "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
 }
-ESTIMATOR = Estimator(_columns, VARIABLES, _derived)

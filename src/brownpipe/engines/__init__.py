@@ -22,7 +22,7 @@ from brownpipe.scene.scene import Scene
 
 DEFINITIONS = {definition.name: definition for definition in (EXACT, TIMESTEP, LANGEVIN)}
 TRACER = frozenset({"tracer"})
-RECORDS = ("tracer", "all", "events", "none")  # what may be recorded of a run
+RECORDS = ("tracer", "all", "events", "velocity", "none")  # what may be recorded of a run
 
 
 class Engine(NamedTuple):
@@ -134,9 +134,6 @@ def requested(name: str, values: dict[str, object], option: Callable[[str], str]
     defaults = _defaults(definition)
     for key in values.keys() - settings.keys():
         owners = [other.name for other in DEFINITIONS.values() if key in other.settings]
-        if not owners:
-            own = ", ".join(map(option, settings)) or "no settings"
-            raise RequestError(f"{option(key)} {values[key]}: no engine has such a setting; {name} has {own}")
         wrong = f"the {name} engine has no such setting; must go with {' or '.join(owners)}"
         raise RequestError(f"{option(key)} {values[key]}: {wrong}")
     for key in settings.keys() - values.keys() - defaults.keys():

@@ -8,7 +8,7 @@ from numba.core import event
 
 from brownpipe import stages
 from brownpipe.engines import inlining, kernels
-from brownpipe.interrupts import held
+from brownpipe.processes import held
 
 
 def compile_all(*calls: Callable[[], object]) -> None:

@@ -34,8 +34,6 @@ class Definition(NamedTuple):
     forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
     # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
     refuse_unfit: Callable[[Scene, dict, frozenset[str]], None] = lambda scene, settings, record: None
-    # Settings that `brownpipe check` shows for a scene, also for one that is refused later
-    example: Callable[[Scene], dict] = lambda scene: {}
     # (scene, settings): the scene whose disks are placed and moved; None if the engine needs no disk but the tracer
     scene_with_disks: Callable[[Scene, dict], Scene | None] = lambda scene, settings: scene
     # (observables, average): what it can measure of these, and the average; by default all

@@ -4,6 +4,7 @@ All is in the scene's units and in the scene's order of the disks; the tracer is
 """
 
 import math
+from collections import ChainMap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -38,7 +39,7 @@ class Ensemble(NamedTuple):
 
     seeds: np.ndarray  # (S,) int64
     times: np.ndarray  # (T,) sample times [time]
-    tracer: Track | None  # disk 0 of every run, M = S, if recorded
+    tracer: Track | None  # disk 0 of every run, M = S, if recorded; its velocity only if that is recorded, too
     observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
     whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
     events: dict[int, Events]  # seed -> collisions, if recorded
@@ -66,7 +67,7 @@ class Batch(NamedTuple):
 
     scene: Scene
     ensemble: Ensemble
-    record: frozenset[str]  # "tracer", "all", "events"
+    record: frozenset[str]  # "tracer", "velocity", "all", "events"
     observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order, then one's own
     stopped: dict[int, str]  # that of the ensemble
     own: dict[str, OwnArray]  # that of the ensemble
@@ -95,7 +96,8 @@ def new_batch(
     tracer = None
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
-        tracer = Track(blank(shape, float), None, blank(shape, np.int32) if scene.box.periodic else None)
+        velocity = blank(shape, float) if "velocity" in record else None
+        tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
     stopped, own = dict[int, str](), dict[str, OwnArray]()
     ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average, stopped, own)
     return Batch(scene, ensemble, frozenset(record), ordered, stopped, own)
@@ -136,7 +138,8 @@ def _add(batch: Batch, column: int, result: RunResult) -> None:
     if batch.scene.particles and result.tracer.velocity is not None:
         values["initial_square_speed"] = _square_of(*result.tracer.velocity[0, 0].tolist())
     values |= observables.observe(batch.scene, result, batch.observables, ensemble.average)
-    measure(batch.scene, result, batch.observables, values, batch.own, observables.AXES)
+    for name in filter(is_own, batch.observables):
+        values |= measure(name, batch.scene, result, observables.AXES, batch.own)
     _write(batch, column, values)
     if ensemble.tracer is not None:
         for recorded, track in zip(ensemble.tracer, result.tracer, strict=True):
@@ -156,6 +159,46 @@ def _write(batch: Batch, column: int, values: Mapping[str, Any]) -> None:
             like = np.asarray(value)
             ensemble.observables[name] = blank((len(ensemble.seeds), *like.shape), like.dtype)
         ensemble.observables[name][column] = value
+
+
+def select(runs: Ensemble, rows: np.ndarray) -> Ensemble:
+    """Return the runs at `rows`: indices, or a mask (S,)."""
+    kept = dict.fromkeys(runs.seeds[rows].tolist())
+    return runs._replace(
+        seeds=runs.seeds[rows],
+        tracer=runs.tracer and runs.tracer.of(rows),
+        observables={name: values[rows] for name, values in runs.observables.items()},
+        whole={seed: runs.whole[seed] for seed in kept if seed in runs.whole},
+        events={seed: runs.events[seed] for seed in kept if seed in runs.events},
+        stopped={seed: runs.stopped[seed] for seed in kept if seed in runs.stopped},
+    )
+
+
+def with_blanks(runs: Ensemble, like: Ensemble) -> Ensemble:
+    """Return runs with the observables of others; those that they lack are blank, as if no run came to its end."""
+    size = len(runs.seeds)
+    absent = {name: blank((size, *one.shape[1:]), one.dtype) for name, one in like.observables.items()}
+    return runs._replace(observables=absent | runs.observables)
+
+
+def joined(parts: Sequence[Ensemble]) -> Ensemble:
+    """Return ensembles of one scene and engine as one, seeds ascending; `with_blanks` where no run came to its end."""
+    if len(parts) == 1:
+        return parts[0]
+    complete = max(parts, key=lambda runs: len(runs.observables))
+    parts = [with_blanks(runs, complete) for runs in parts]
+    seeds = np.concatenate([runs.seeds for runs in parts])
+    tracks = zip(*(runs.tracer or () for runs in parts), strict=True)
+    tracer = [None if one[0] is None else np.concatenate(one, axis=1) for one in tracks]
+    every = complete._replace(
+        seeds=seeds,
+        tracer=Track(*tracer) if tracer else None,
+        observables={name: np.concatenate([runs.observables[name] for runs in parts]) for name in complete.observables},
+        whole=dict(ChainMap(*(runs.whole for runs in parts))),
+        events=dict(ChainMap(*(runs.events for runs in parts))),
+        stopped=dict(ChainMap(*(dict(runs.stopped) for runs in parts))),
+    )
+    return select(every, np.argsort(seeds, kind="stable"))
 
 
 def _square_of(x: float, y: float) -> float:

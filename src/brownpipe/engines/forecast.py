@@ -115,7 +115,7 @@ def _bytes_of_record(
     """Return the bytes of what is recorded and measured of a run with so many events: in the file, and in memory."""
     coordinates = 2 * BYTES_PER_NUMBER
     images = 8 if scene.box.periodic else 0  # which take next to nothing in a file
-    tracer = len(scene.times) if "tracer" in record else 0
+    tracer = len(scene.times) * len({"tracer", "velocity"}.intersection(record))
     every_disk = len(scene.times) * scene.particles if "all" in record else 0
     logged = events if "events" in record else 0.0
     measured = BYTES_PER_NUMBER * measures.numbers_in(scene, observables)

@@ -11,7 +11,6 @@ from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene, Species
-from brownpipe.scene.sample_times import default_fit_windows
 
 DECAY_TIMES = 3.0  # 1/gamma of the tracer, after which its displacements are taken for diffusive
 ROUNDED = 0.95  # of that time: a window may begin so much earlier
@@ -79,9 +78,16 @@ def diffusive_from(scene: Scene) -> float:
 
 
 def default_windows(scenes: Sequence[Scene]) -> tuple[tuple[float, float], ...]:
-    """Return the windows of straight-line fits [time] for scenes, after the slowest tracer's motion is diffusive."""
-    slowest = np.nanmax([0.0, *(diffusive_from(scene) for scene in scenes)])
-    return default_fit_windows(min(scene.duration for scene in scenes), float(f"{slowest:.2g}"))
+    """Return the windows of straight-line fits [time] for scenes, after the slowest tracer's motion is diffusive.
+
+    Both end with the shortest run. The first begins where motion is diffusive, from a tenth to a half of that run, the
+    second at twice that time, from a half to three quarters.
+    """
+    slowest = float(f"{np.nanmax([0.0, *(diffusive_from(scene) for scene in scenes)]):.2g}")
+    shortest = min(scene.duration for scene in scenes)
+    first = min(max(slowest, 0.1 * shortest), 0.5 * shortest)
+    second = min(max(2 * slowest, 0.5 * shortest), 0.75 * shortest)
+    return (first, shortest), (second, shortest)
 
 
 def window_caution(window: tuple[float, float], starts: Mapping[str, float]) -> str | None:

@@ -1,23 +1,32 @@
-"""The parts of a dataset that figures and tables show.
+"""The parts of a dataset that figures and tables show, their names, and tables of their numbers.
 
-A case is one scene with one particle count and one engine: the dataset without these three dimensions.
+A case is one scene with one value of each varied key, one particle count and one engine: the dataset without these
+dimensions. A part of it, such as a species or a pair of species, lacks that dimension, too.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, SupportsFloat
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.varied import labels_of_cases
 from brownpipe.engines.friction import window_caution
+from brownpipe.errors import FigureError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable, Iterable, Sequence
 
+    from pandas import DataFrame
     from xarray import Dataset
+
+MOST_CURVES = 6  # cases in one panel
+LONGEST = 10.0  # duration of the cases in one panel over the shortest
+SPECIES = ("species", "species_pair")  # dimensions of parts of a case
+PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
@@ -43,31 +52,78 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
     A scene that lacks the requested count is left out.
     """
     selected = []
-    for in_scene in _grouped(cases, lambda case: scene_of(case)).values():
+    for in_scene in _grouped(cases, scene_of).values():
         count = particles or max(int(case.particles) for case in in_scene)
         selected += [case for case in in_scene if case.particles == count]
     return selected
 
 
-def axis_of(cases: list[Dataset]) -> str:
+def differing(cases: list[Dataset]) -> list[str]:
+    """Return the labels that tell cases or their parts apart: scene, varied keys, particle count, engine, species."""
+    names = [name for name in (*labels_of_cases(cases[0]), *SPECIES) if all(_is_label(case, name) for case in cases)]
+    return [name for name in names if len({case[name].item() for case in cases}) > 1]
+
+
+def _is_label(case: Dataset, name: str) -> bool:
+    return name in case and not case[name].dims
+
+
+def axis_of(cases: list[Dataset], otherwise: str = "particles") -> str:
     """Return the axis of a scan: the first varied key with several numbers, or else the number of disks."""
-    keys = labels_of_cases(cases[0])[1:-2]
-    return next((key for key in keys if differs(cases, key) and cases[0][key].dtype.kind in "iuf"), "particles")
+    keys = [name for name in differing(cases) if name in labels_of_cases(cases[0])[1:-2]]
+    return next((key for key in keys if cases[0][key].dtype.kind in "iuf"), otherwise)
 
 
-def differs(cases: list[Dataset], name: str) -> bool:
-    """Return whether cases have several values of a label."""
-    return len({case[name].item() for case in cases}) > 1
+def panels_of(cases: list[Dataset], keys: Iterable[str] = ()) -> list[list[Dataset]]:
+    """Group the cases, or parts of cases, that share a panel: those with equal values of the labels `keys`.
+
+    A panel holds at most MOST_CURVES of durations that differ at most LONGEST times. Where that is too few, cases that
+    also differ in a further label have panels of their own, in as few panels as possible, or all have.
+
+    Raises FigureError for a key that the cases do not have.
+    """
+    keys = [*keys]
+    for name in keys:
+        if not _is_label(cases[0], name):
+            allowed = ", ".join(labels_of_cases(cases[0]))
+            raise FigureError(f"panel: must be of {allowed}, not {name!r}")
+    further = differing(cases)
+    choices = [keys, *([*keys, name] for name in further), [*keys, *further]]
+    groupings = [[*_grouped(cases, partial(_values, names=names)).values()] for names in choices]
+    return min((groups for groups in groupings[:-1] if all(map(_fits, groups))), key=len, default=groupings[-1])
 
 
-def by_series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
-    """Group the cases that differ in particle count alone, under scene, engine and whether their runs drift."""
-    return _grouped(cases, lambda case: scene_of(case) + _suffix(case))
+def _values(case: Dataset, names: list[str]) -> tuple[object, ...]:
+    return tuple(case[name].item() for name in names)
 
 
-def _grouped(cases: list[Dataset], name: Callable[[Dataset], str]) -> dict[str, list[Dataset]]:
+def _fits(group: list[Dataset]) -> bool:
+    durations = [float(case.duration) for case in group]
+    return len(group) <= MOST_CURVES and max(durations) <= LONGEST * min(durations)
+
+
+def panels_by_species(cases: list[Dataset], keys: Iterable[str], name: str) -> list[list[Dataset]]:
+    """Group the species that have a variable by panels: those of a single case in one, each of several in one."""
+    panels = []
+    for group in panels_of(cases, keys):
+        parts = [part for case in group for part in parts_of(case, "species", name)]
+        panels += panels_of(parts, ["species"]) if len(group) > 1 else [parts]
+    return panels
+
+
+def series_of(cases: list[Dataset], *axes: str, drift: bool = False) -> dict[str, list[Dataset]]:
+    """Group the cases that differ in `axes` alone, ascending along the first, under what else tells them apart.
+
+    drift: those that are found not to be in equilibrium are a series of their own.
+    """
+    names = [name for name in differing(cases) if name not in axes]
+    ascending = sorted(cases, key=lambda case: case[axes[0]].item())
+    return _grouped(ascending, lambda case: in_words(case, names) + (drift_in_words(case) if drift else ""))
+
+
+def _grouped(cases: list[Dataset], name: Callable[[Dataset], Any]) -> dict[Any, list[Dataset]]:
     """Group the cases by name; names and cases keep their order."""
-    groups: dict[str, list[Dataset]] = {}
+    groups: dict[Hashable, list[Dataset]] = {}
     for case in cases:
         groups.setdefault(name(case), []).append(case)
     return groups
@@ -105,25 +161,67 @@ def fits_of(case: Dataset) -> list[Dataset]:
     return parts_of(case, "window", "slope")
 
 
+def with_contact_theory(case: Dataset) -> Dataset:
+    """Return the case with `contact_theory`, the contact value of equal disks, or of a tracer and its only species.
+
+    That of other pairs is not in a dataset: NaN.
+    """
+    if not has(case, "pair_distribution", "enskog_contact_value"):
+        return case
+    pairs = [part.species_pair.item() for part in parts_of(case, "species_pair", "pair_distribution")]
+    known = case.species_pair == pairs[0] if len(pairs) <= 2 else False
+    return case.assign(contact_theory=case.enskog_contact_value.where(known))
+
+
+# -- names and numbers in words -------------------------------------------------------------------------------------
+
+
+def text_of(case: Dataset, name: str) -> str:
+    """Return the value of a label in words."""
+    value = case[name].item()
+    return f"{value:.4g}" if isinstance(value, float) else f"{value}"
+
+
+def in_words(case: Dataset, names: Iterable[str]) -> str:
+    """Return labels of a case: scene, engine (but for the exact one) and species by name, others as `N = 150`."""
+    words = {name: text_of(case, name) for name in names}
+    numbers = {name: f"{'N' if name == 'particles' else name} = {word}" for name, word in words.items()}
+    named = {name: word for name, word in words.items() if name in ("scene", "engine", *SPECIES)}
+    return ", ".join(word for word in (numbers | named).values() if word != "exact") or "exact" * ("engine" in words)
+
+
 def scene_of(case: Dataset) -> str:
     """Return the scene of a case, with its values of varied keys."""
-    return ", ".join([case.scene.item(), *(f"{name} = {value}" for name, value in varied_values(case).items())])
-
-
-def varied_values(case: Dataset) -> dict[str, str]:
-    """Return the values of varied keys of a case, in words."""
-    values = {name: case[name].item() for name in labels_of_cases(case)[1:-2]}
-    return {name: f"{value:.4g}" if isinstance(value, float) else f"{value}" for name, value in values.items()}
+    return in_words(case, labels_of_cases(case)[:-2])
 
 
 def title_of(case: Dataset) -> str:
-    """Return scene, particle count, the label of the engine unless it is the exact one, and whether its runs drift."""
-    return f"{scene_of(case)}, N = {case.particles.item()}{_suffix(case)}"
+    """Return scene, varied keys, particle count, the engine unless it is the exact one, and whether its runs drift."""
+    return in_words(case, labels_of_cases(case)) + drift_in_words(case)
 
 
-def _suffix(case: Dataset) -> str:
-    engine = "" if case.engine == "exact" else f", {case.engine.item()}"
-    return engine + (", not equilibrated" if drifts(case) else "")
+def axis_label(case: Dataset, name: str) -> str:
+    """Return the label of an axis: what is varied, with its unit."""
+    unit = case[name].attrs.get("units", "1")
+    symbols = {"particles": "number of disks $N$", "packing_fraction": "packing fraction $\\phi$"}
+    return symbols.get(name, name.replace("_", " ")) + f" [{unit}]" * (unit != "1")
+
+
+def title_of_panel(cases: list[Dataset]) -> str:
+    """Return what the cases of a panel have in common; of a single case its title."""
+    apart = differing(cases)
+    names = [name for name in (*labels_of_cases(cases[0]), *SPECIES) if _is_label(cases[0], name)]
+    common = [name for name in names if name not in apart]
+    return in_words(cases[0], common) + (drift_in_words(cases[0]) if len(cases) == 1 else "")
+
+
+def drift_in_words(case: Dataset) -> str:
+    return ", not equilibrated" if drifts(case) else ""
+
+
+def drifts(case: Dataset) -> bool:
+    """Return whether the runs of a case that claims equilibrium are found to drift (`analysis.drift`)."""
+    return has(case, "drift_p_value") and bool(np.nanmin(case.drift_p_value.values) < LEVEL)
 
 
 def early_mark(fit: Dataset) -> str:
@@ -132,9 +230,9 @@ def early_mark(fit: Dataset) -> str:
     return " °" if window_caution(window, {"": fit.diffusive_from.item()}) else ""
 
 
-def drifts(case: Dataset) -> bool:
-    """Return whether the runs of a case that claims equilibrium are found to drift (`analysis.drift`)."""
-    return has(case, "drift_p_value") and bool(np.nanmin(case.drift_p_value.values) < LEVEL)
+def estimate_of(case: Dataset, name: str) -> str:
+    """Return a variable that is one number in this case with its standard error, as `plus_minus` does."""
+    return plus_minus(case[name], case[f"{name}_standard_error"])
 
 
 def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
@@ -147,3 +245,37 @@ def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
         return f"{value:.4g}" if np.isfinite(value) else "-"
     decimals = max(0, 1 - int(np.floor(np.log10(error))))
     return f"{value:.{decimals}f} ± {error:.{decimals}f}"
+
+
+# -- tables: numbers (pandas, written as CSV), and words in aligned columns -------------------------------------------
+
+
+def frame_of(cases: Iterable[Dataset], dims: Sequence[str], names: Iterable[str]) -> DataFrame:
+    """Return one row per case and point along `dims` with the variables `names` there, each with its uncertainties.
+
+    Variables and uncertainties that no case has are left out, and so are empty rows.
+    """
+    import pandas
+
+    cases = [*cases]
+    labels = labels_of_cases(cases[0])
+    shown = [name for name in names if name not in labels and any(has(case, name) for case in cases)]
+    shown = [f"{name}{part}" for name in shown for part in PARTS if f"{name}{part}" in cases[0]]
+    frames = [case[shown].expand_dims(labels).to_dataframe([*labels, *dims])[shown].dropna(how="all") for case in cases]
+    return pandas.concat(frames).reset_index()
+
+
+def label_of(case: Dataset) -> dict[str, str | int]:
+    """Return scene, particle count and engine, by which the rows of a case begin."""
+    return {name: case[name].item() for name in labels_of_cases(case)}
+
+
+def to_csv(table: DataFrame) -> bytes:
+    """Return a table as UTF-8 text: the shortest digits that give each number back, nothing for NaN, LF line ends."""
+    return table.to_csv(index=False, lineterminator="\n").encode()
+
+
+def aligned(columns: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a text table, given its columns; every column is as wide as its widest cell."""
+    widths = [max(map(len, column)) for column in columns]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*columns, strict=True)]

@@ -34,6 +34,8 @@ FIGURES = {
         Figure("velocity_autocorrelation", ("the observable velocity_autocorrelation",), ("velocity_autocorrelation",)),
         Figure("velocity_distribution", ("the observable velocity_distribution",), ("velocity_density",)),
         Figure("pair_distribution", ("the observable pair_distribution",), ("pair_distribution",)),
+        Figure("density_profile", ("the observable density_profile",), ("density_profile",)),
+        Figure("orientational_order", ("the observable orientational_order",), ("orientational_order",), True),
         Figure("energy", ("the observable species_energy",), ("species_energy",)),
         Figure("own_observables", (OWN,), every_count=True),
         Figure("thermodynamics", (COLLISIONS,), ("collision_rate",), every_count=True),

@@ -4,77 +4,83 @@ The routes (docs/theory.md): the running slope of the MSD over 4, MSD/4t, and th
 D(t) has no limit, as the velocity autocorrelation decays as 1/t.
 """
 
-import numpy as np
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import fits_of, has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, columns, heads, time_axis
-from brownpipe.figures.tables import frame_of
+from brownpipe.figures.cases import estimate_of, fits_of, frame_of, has, over_time, panels_of
+from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, drawn_in_panels, time_axis, told_apart
 
+LABELS = ("diffusion coefficient $D(t)$, 95 % bands",)
 ROUTES = {
     "diffusion_running": "d$\\langle r^2 \\rangle$/d$t$ / 4",
     "msd_over_4t": "$\\langle r^2 \\rangle$ / 4$t$",
     "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
 }  # variable: label
 FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
-OTHERS = ("green_kubo", "enskog_diffusion")  # shown in equilibrium; they extend the axis up to a point
-HEADROOM = 1.25  # the axis ends at least at this times the largest mean,
-BAND = 2.0  # at most at this times it,
-MARGIN = 1.03  # and between the two at this times the upper end of the band of MSD/4t;
-REACH = 3.0  # other curves are contained if they are within this times the largest mean, otherwise the legend says so
+OTHERS = ("green_kubo", "enskog_diffusion")  # shown in equilibrium, up to REACH times the largest value from the MSD
+HEADROOM, REACH = 1.25, 2.0
 
 
-def draw(cases: list[Dataset]) -> Figure:
-    """Draw one column per case: D(t) by each route with its 95 % band, Enskog's D, and slope/4 across its window."""
-    figure, axes = columns(["diffusion coefficient $D(t)$, 95 % bands"], len(cases), [4.6], sharey=False)
-    for case, panel in zip(map(over_time, cases), axes[0], strict=True):
-        shown = _shown(case)
-        low, high = _extent(case, shown)
-        later = case.isel(time=case.time.values > 0)
-        for (name, label), (colour, line, _) in zip(ROUTES.items(), SERIES, strict=False):
-            if name in shown:
-                leaves = ", leaves the panel" if ((later[name] < low) | (later[name] > high)).any() else ""
-                band(panel, later, name, colour, linestyle=line, label=label + leaves)
-        for fit in fits_of(case)[:1]:
-            ends, diffusion = [float(fit.window_start), float(fit.window_end)], float(fit.diffusion_coefficient)
-            value = plus_minus(diffusion, fit.diffusion_coefficient_standard_error)
-            label = f"slope/4 over {fit.window.item()}: {value}"
-            panel.plot(ends, [diffusion] * 2, color=INK, linewidth=1.2, marker="|", markersize=9, label=label)
-        if "enskog_diffusion" in shown:
-            label = _enskog(case) + (", above the panel" if case.enskog_diffusion > high else "")
-            panel.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=label)
-        time_axis(panel, case.time.values)
-        panel.set_ylim(low, high)
-    heads(axes[0], map(title_of, cases))
-    return figure
+def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
+    """Draw one column per panel."""
+    return drawn_in_panels(panels_of(cases, panel), LABELS[0], 4.6, main)
 
 
-def _shown(case: Dataset) -> list[str]:
-    """Return the variables that are drawn: without a temperature, the Green-Kubo integral is not a D."""
-    return [name for name in (*FROM_MSD, *(OTHERS if has(case, "enskog_diffusion") else ())) if has(case, name)]
+def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+    """Draw D(t) with its 95 % band, Enskog's D, and slope/4 across its window, of a single case by every route.
 
-
-def _extent(case: Dataset, shown: list[str]) -> tuple[float, float]:
-    """Limits of the vertical axis.
-
-    They contain the means from the MSD, the band of MSD/4t up to BAND of them, and of the Green-Kubo integral and
-    Enskog's D what does not exceed REACH of them, on either side of 0.
+    Of several cases or with `looks` it is the running slope, or MSD/4t without one.
     """
-    ends = {name: (np.nanmin(case[name]), np.nanmax(case[name])) for name in shown}
-    lowest, highest = (pick(ends[name][k] for name in FROM_MSD if name in ends) for k, pick in enumerate((min, max)))
-    band_end = float(case.msd_over_4t_high.max()) if has(case, "msd_over_4t_high") else 0.0
-    low, high = min(0.0, lowest), max(HEADROOM * highest, min(MARGIN * band_end, BAND * highest))
-    for end in (end for name in OTHERS if name in ends for end in ends[name] if abs(end) <= REACH * highest):
-        low, high = min(low, MARGIN * end), max(high, MARGIN * end)
-    return low, high or 1.0
+    cases = [over_time(case) for case in cases]
+    if len(cases) == 1 and not looks:
+        _routes(axes, cases[0])
+    else:
+        for case, line in told_apart(cases, _slope_in_words, looks):
+            name = next(name for name in FROM_MSD if has(case, name))
+            band(axes, case.isel(time=case.time.values > 0), name, **line)
+            _bar(axes, case, color=line["color"])
+            if has(case, "enskog_diffusion"):
+                axes.axhline(float(case.enskog_diffusion), color=line["color"], linestyle=DOTTED, linewidth=1)
+        if any(has(case, "enskog_diffusion") for case in cases):
+            axes.plot([], [], color=GREY, linestyle=DOTTED, linewidth=1, label="_" if looks else "Enskog's theory")
+        axes.set_ylim(bottom=min(0, axes.get_ylim()[0]))
+    time_axis(axes, cases)
 
 
-def _enskog(case: Dataset) -> str:
-    """Legend of D by Enskog's theory, with chi, the contact value of g between tracer and bath."""
-    contact = f" ($\\chi$ = {float(case.enskog_contact_value):.4g})" if has(case, "enskog_contact_value") else ""
-    return f"Enskog's theory: D = {float(case.enskog_diffusion):.4g}{contact}"
+def _routes(axes: Axes, case: Dataset) -> None:
+    """Draw D(t) of one case by every route; without a temperature, the Green-Kubo integral is not a D."""
+    shown = [name for name in (*FROM_MSD, *(OTHERS if has(case, "enskog_diffusion") else ())) if has(case, name)]
+    highest = max(float(case[name].max()) for name in shown if name in FROM_MSD)
+    end = HEADROOM * min(max(float(case[name].max()) for name in shown), REACH * highest) or 1.0
+    later = case.isel(time=case.time.values > 0)
+    for (name, label), (colour, line, _) in zip(ROUTES.items(), SERIES, strict=False):
+        if name in shown:
+            leaves = ", leaves the panel" * bool((later[name] > end).any())
+            band(axes, later, name, colour, linestyle=line, label=label + leaves)
+    _bar(axes, case, color=INK, label=_slope_in_words(case))
+    if "enskog_diffusion" in shown:
+        label = f"Enskog's theory: D = {float(case.enskog_diffusion):.4g}"
+        label += f" ($\\chi$ = {float(case.enskog_contact_value):.4g})" if has(case, "enskog_contact_value") else ""
+        label += ", above the panel" * bool(case.enskog_diffusion > end)
+        axes.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=label)
+    axes.set_ylim(min(0.0, *(float(case[name].min()) for name in shown)), end)
+
+
+def _bar(axes: Axes, case: Dataset, **looks: Any) -> None:
+    """Draw slope/4 of the first fit across its window."""
+    for fit in fits_of(case)[:1]:
+        ends, diffusion = [float(fit.window_start), float(fit.window_end)], float(fit.diffusion_coefficient)
+        axes.plot(ends, [diffusion] * 2, linewidth=1.2, marker="|", markersize=9, **looks)
+
+
+def _slope_in_words(case: Dataset) -> str:
+    fits = fits_of(case)[:1]
+    return "".join(f"slope/4 over {fit.window.item()}: {estimate_of(fit, 'diffusion_coefficient')}" for fit in fits)
 
 
 def table(cases: list[Dataset]) -> DataFrame:

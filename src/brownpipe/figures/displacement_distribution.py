@@ -12,9 +12,8 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe.analysis import goodness
-from brownpipe.figures.cases import distributions_of, has, parts_of, plus_minus, title_of
+from brownpipe.figures.cases import distributions_of, has, label_of, parts_of, plus_minus, title_of
 from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, MODEL, columns, heads, highest, residual_panel
-from brownpipe.figures.tables import label_of
 
 # By the source of a model's D; msd and square are also the names of their models, all others are slopes:
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (MODEL, DASHED, "s"), "square": (INK, DOTTED, "^")}  # colour, line, marker

@@ -3,35 +3,43 @@
 In equilibrium all species have the same, kT in two dimensions (equipartition); a tracer that starts hotter cools.
 """
 
-from itertools import cycle
+from collections.abc import Sequence
+from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import has, over_time, parts_of, plus_minus, title_of
-from brownpipe.figures.style import DOTTED, INK, SERIES, band, columns, heads, highest, time_axis
-from brownpipe.figures.tables import frame_of
+from brownpipe.figures.cases import estimate_of, frame_of, has, over_time, panels_by_species, parts_of
+from brownpipe.figures.style import DOTTED, INK, band, drawn_in_panels, highest, time_axis, told_apart
 
 NAME = "species_energy"
 
 
-def draw(cases: list[Dataset]) -> Figure:
-    """Draw one column per case: a curve with its 95 % band for each species, and the mean over all disks."""
-    figure, axes = columns(["kinetic energy per disk"], len(cases), [4.2])
-    cases = [over_time(case, NAME) for case in cases]
-    for case, panel in zip(cases, axes[0], strict=True):
-        for part, (colour, line, _) in zip(parts_of(case, "species", NAME), cycle(SERIES), strict=False):
-            last = plus_minus(part[NAME][-1], part[f"{NAME}_standard_error"][-1])
-            band(panel, part, NAME, colour, linestyle=line, label=f"{part.species.item()}: {last} at the end")
-        if has(case, "kinetic_temperature"):
-            mean = float(case.kinetic_temperature)
-            panel.axhline(mean, color=INK, linestyle=DOTTED, label=f"equipartition, $kT$ = {mean:.4g}")
-        time_axis(panel, case.time.values)
-    mean = max(float(case[NAME].max()) for case in cases)
-    axes[0, 0].set_ylim(0, min(1.05 * highest(cases, NAME), 1.5 * mean) or 1.0)  # above the bands, unless very wide
-    heads(axes[0], map(title_of, cases))
-    return figure
+LABELS = ("kinetic energy per disk",)
+
+
+def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
+    """Draw a panel per case with a curve for each species or, if cases share panels, a panel per species."""
+    return drawn_in_panels(panels_by_species(cases, panel, NAME), LABELS[0], 4.2, _curves)
+
+
+def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+    """Draw the energy of all species of the cases."""
+    _curves(axes, [part for case in cases for part in parts_of(case, "species", NAME)], **looks)
+
+
+def _curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
+    """Draw a curve with its 95 % band for each part, and the mean over all disks."""
+    parts = [over_time(part, NAME) for part in parts]
+    for part, line in told_apart(parts, lambda part: f"{estimate_of(part.isel(time=-1), NAME)} at the end", looks):
+        band(axes, part, NAME, **line)
+    for mean in dict.fromkeys(float(part.kinetic_temperature) for part in parts if has(part, "kinetic_temperature")):
+        axes.axhline(mean, color=INK, linestyle=DOTTED, label=f"equipartition, $kT$ = {mean:.4g}")
+    highest_mean = max(float(part[NAME].max()) for part in parts)
+    axes.set_ylim(0, min(1.05 * highest(parts, NAME), 1.5 * highest_mean) or 1.0)  # above the bands, unless very wide
+    time_axis(axes, parts)
 
 
 def table(cases: list[Dataset]) -> DataFrame:

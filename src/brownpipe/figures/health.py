@@ -7,9 +7,8 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import title_of
+from brownpipe.figures.cases import label_of, title_of
 from brownpipe.figures.style import DASHED, DATA, FIT, grid
-from brownpipe.figures.tables import label_of
 
 MEASURES = {
     "energy_drift": ("relative energy drift", 1e-13),

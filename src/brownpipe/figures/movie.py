@@ -1,29 +1,184 @@
-"""`brownpipe movie`: one whole run as a picture, an animation or a video."""
+"""One whole run in pictures, for `brownpipe movie`: every disk to scale, the tracer in colour with its path so far.
+
+A picture shows the end of the run; an animation or a video its samples.
+"""
 
 import io
 import itertools
 import json
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from subprocess import CalledProcessError
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import EllipseCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from PIL import Image
 
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.origin import Record, metadata
-from brownpipe.figures.snapshot import COLOURS, WholeRun, scenery_of
-from brownpipe.figures.style import drawing, image_bytes
+from brownpipe.figures.style import DATA, INK, drawing, image_bytes
+from brownpipe.scene import Scene
 from brownpipe.stages import tracked
+from brownpipe.storage.trajectories import Trajectories, chosen_seed
 
 SUFFIXES = (".gif", ".mp4", ".png")
 DOTS = 100  # per inch, of an animation
 GIF_RATES = (100 / 65535, 50.0)  # frames a second: a pause is two bytes [0.01 s], and viewers slow down shorter ones
+LONGER_SIDE = 5.6  # of the box [inch]
+LEAST_WIDTH = 3.6  # of the panel [inch]
+SIDE = 0.18  # margins of the panel [inch]
+BELOW = 0.4
+ABOVE = 0.46
+LINE = 0.19  # height of a line of the legend [inch]
+FACES = np.array(["#B5DAF0", "#DADADA", "#A9A9A9", "#F1E2B8", "#8FB8A8"])  # of disk 0 and of the others, by species
+RIM = "#858585"  # of the other disks
+COLOURS = ("#FFFFFF", INK, DATA, RIM, *FACES)
+
+
+class WholeRun(NamedTuple):
+    """One run with the tracks of all disks."""
+
+    scene: Scene
+    seed: int
+    times: np.ndarray  # (T,) [time]
+    position: np.ndarray  # (T, N, 2) inside the box [length]
+    image: np.ndarray | None  # (T, 2) periodic images that disk 0 has crossed
+
+
+def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) -> WholeRun:
+    """Return the whole run of a seed, by default of the smallest, of the trajectories in the file at `path`.
+
+    Raise RequestError if the file holds no whole runs, none of this seed, or no disks.
+    """
+    seed = chosen_seed(trajectories, path, seed)
+    track = trajectories.ensemble.whole[seed]
+    image = None if track.image is None else track.image[:, 0]
+    return WholeRun(trajectories.scene, seed, trajectories.ensemble.times, track.position, image)
+
+
+def scenery_of(run: WholeRun) -> tuple[Figure, Callable[[int], None]]:
+    """Return the figure of a run with box, disks and path, and the function that sets them to sample k.
+
+    The function is to be called within the context `style.drawing`, as this one.
+    """
+    shades = shades_of(run.scene)
+    figure, axes = _box(run.scene, f"{run.scene.name}, N = {run.scene.particles}, seed {run.seed}", shades)
+    disks = EllipseCollection([], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5)
+    axes.add_collection(disks)
+    (path,) = axes.plot([], [], color=DATA, linewidth=1.2)
+    (centre,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
+    axes.plot(*run.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3)
+    time = axes.set_title("", loc="right", fontweight="normal", fontsize=10)
+    track, ends = _path(run)
+
+    def show(k: int) -> None:
+        centres, which = _with_images(run.scene, run.position[k])
+        disks.set_offsets(centres)
+        disks.set_widths(2 * run.scene.radius[which])
+        disks.set_heights(2 * run.scene.radius[which])
+        disks.set_facecolor(FACES[shades[which]])
+        disks.set_edgecolor(np.where(which == 0, DATA, RIM).tolist())
+        path.set_data(*track[: ends[k]].T)
+        centre.set_data(*run.position[k, :1].T)
+        time.set_text(f"$t$ = {run.times[k]:#.4g}")
+
+    return figure, show
+
+
+# --- the background
+
+
+def shades_of(scene: Scene) -> np.ndarray:
+    """Index (N,) of each disk's colour in FACES: 0 for disk 0, then one per radius and mass, by first appearance."""
+    properties = np.stack([scene.radius, scene.mass])[:, 1:]
+    _, first, species = np.unique(properties, axis=1, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return np.append(0, 1 + rank[species.ravel()] % (len(FACES) - 1))
+
+
+def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
+    """The figure and the axes of the empty box, with solid sides for hard walls and dashed ones for a periodic box."""
+    sides = np.array([scene.box.width, scene.box.height])
+    width, height = LONGER_SIDE * sides / sides.max()
+    entries = legend_entries(scene, shades)
+    size = np.array([max(width, LEAST_WIDTH) + 2 * SIDE, height + BELOW + ABOVE + LINE * len(entries)])
+    size = np.ceil(50 * size) / 50  # an even number of pixels at 100 per inch, as videos need
+    figure = Figure(size)
+    axes = figure.add_axes((0.5 - width / size[0] / 2, BELOW / size[1], width / size[0], height / size[1]))
+    axes.set(xlim=scene.box.x, ylim=scene.box.y, xticks=[], yticks=[])
+    axes.grid(False)
+    for spine in axes.spines.values():
+        spine.set(visible=True, color=INK, linewidth=1.2 if scene.box.periodic else 2.5)
+        spine.set_linestyle((0, (4, 3)) if scene.box.periodic else "-")
+    figure.text(SIDE / size[0], 1 - 0.12 / size[1], title, fontsize=11, fontweight="bold", va="top")
+    mark = partial(Line2D, [], [], linestyle="", marker="o", markersize=8)
+    marks = [mark(mfc=FACES[shade], mec=RIM if shade else DATA, label=text) for shade, text in entries]
+    corner = {"bbox_to_anchor": (SIDE / size[0], 1 - 0.32 / size[1]), "borderpad": 0, "borderaxespad": 0}
+    figure.legend(handles=marks, loc="upper left", handlelength=1, **corner)
+    sides_in_words = f"{scene.box.width:g} x {scene.box.height:g} (reduced units)"
+    axes.set_xlabel(f"{sides_in_words}, {'periodic' if scene.box.periodic else 'hard walls'}", loc="left", fontsize=8.8)
+    return figure, axes
+
+
+def legend_entries(scene: Scene, shades: np.ndarray) -> list[tuple[int, str]]:
+    """Shade and text of each entry of the legend."""
+    entries = []
+    for shade in np.unique(shades):
+        members = shades == shade
+        radius, mass = (_range(values[members]) for values in (scene.radius, scene.mass))
+        count = np.count_nonzero(members)
+        name = "tracer and its path" if shade == 0 else f"{count:,} other disk{'' if count == 1 else 's'}"
+        entries.append((shade, f"{name}: radius {radius}, mass {mass}"))
+    return entries
+
+
+def _range(values: np.ndarray) -> str:
+    low, high = values.min(), values.max()
+    return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+
+
+# --- disks and path
+
+
+def _with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (M, 2) and indices (M,) of all disks and of the images that reach into a periodic box; disk 0 is last."""
+    which, sides = np.arange(scene.particles)[::-1], np.array([scene.box.width, scene.box.height])
+    if not scene.box.periodic:
+        return position[which], which
+    which = np.repeat(which, 9)
+    images = np.tile([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)], (scene.particles, 1))
+    centres = position[which] + images * sides
+    middle = np.array(scene.box.origin) + sides / 2
+    seen = (np.abs(centres - middle) < sides / 2 + scene.radius[which, None]).all(axis=1) | ~images.any(axis=1)
+    return centres[seen], which[seen]
+
+
+def _path(run: WholeRun) -> tuple[np.ndarray, np.ndarray]:
+    """The path of disk 0 as points (P, 2), and the number of points up to each sample (T,).
+
+    Where the disk leaves a periodic box, the path continues past the edge and, after a gap, enters at the opposite one.
+    """
+    track = run.position[:, 0]
+    ends = np.arange(1, len(run.times) + 1)
+    if run.image is None:
+        return track, ends
+    crossed = np.flatnonzero(np.diff(run.image, axis=0).any(axis=1))
+    shift = np.diff(run.image, axis=0)[crossed] * (run.scene.box.width, run.scene.box.height)
+    between = np.stack([track[crossed + 1] + shift, np.full_like(shift, np.nan), track[crossed] - shift], axis=1)
+    points = np.insert(track, np.repeat(crossed + 1, 3), between.reshape(-1, 2), axis=0)
+    return points, ends + 3 * np.searchsorted(crossed, np.arange(len(run.times)))
+
+
+# --- pictures, animations, videos
 
 
 def movie(run: WholeRun, suffix: str, record: Record, frames: int | None = None, fps: float = 25.0) -> bytes:

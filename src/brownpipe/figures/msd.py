@@ -1,6 +1,7 @@
 """Figure `msd`: mean squared displacement against time (the note's figure 1), ballistic flight and diffusion."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,9 +10,17 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe import theory
-from brownpipe.figures.cases import early_mark, fits_of, has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, MODEL, band, columns, heads, highest, log_axis
-from brownpipe.figures.tables import frame_of
+from brownpipe.figures import style
+from brownpipe.figures.cases import (
+    early_mark,
+    estimate_of,
+    fits_of,
+    frame_of,
+    has,
+    over_time,
+    panels_of,
+    title_of_panel,
+)
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
@@ -21,60 +30,79 @@ FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is fo
 HEIGHTS = (4.4, 3.2)  # of the two panels of a column [inch]
 
 
-def draw(cases: list[Dataset]) -> Figure:
-    """Draw one column per case: MSD(t) with the fit and diffusion on linear axes above, on logarithmic ones below."""
+def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
+    """Draw a column per panel: MSD(t) with fits on linear axes above, on logarithmic ones below."""
     cases = [over_time(case) for case in cases]
-    figure, axes = columns(LABELS, len(cases), HEIGHTS)
-    top = HEADROOM * highest(cases, "msd") or 1.0
-    for case, (main, low) in zip(cases, axes.T, strict=True):
-        _linear(main, case, top)
-        _decades(low, case)
-        for panel in (main, low):
-            panel.set_xlabel("time $t$")
-    axes[0, 0].set_ylim(0, top)
+    groups = panels_of(cases, panel)
+    figure, axes = style.columns(LABELS, len(groups), HEIGHTS)
+    axes[0, 0].set_ylim(0, HEADROOM * style.highest(cases, "msd") or 1.0)
+    for group, (upper, lower) in zip(groups, axes.T, strict=True):
+        main(upper, group)
+        _decades(lower, group)
     msd = np.concatenate([case.msd.values for case in cases])
     if (msd > 0).any():
-        log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, max(msd.max() * MARGIN, top))
-    heads(axes[0], map(title_of, cases))
+        style.log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, max(msd.max() * MARGIN, axes[0, 0].get_ylim()[1]))
+    style.heads(axes[0], map(title_of_panel, groups))
     return figure
 
 
-def _linear(axes: Axes, case: Dataset, top: float) -> None:
+def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+    """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise with models."""
+    cases = [over_time(case) for case in cases]
+    if len(cases) == 1 and not looks:
+        _linear(axes, cases[0])
+    else:
+        for case, line in style.told_apart(cases, _fitted_diffusion, looks):
+            style.band(axes, case, "msd", **line)
+        for k, fit in enumerate(fit for case in cases for fit in fits_of(case)[:1]):
+            ends = fit.window_start.item(), fit.window_end.item()
+            values = [fit.intercept.item() + fit.slope.item() * t for t in ends]
+            label = "_" if looks or k else f"least squares over {fit.window.item()}"
+            axes.plot(ends, values, color=style.INK, linewidth=0.8, label=label)
+    axes.set_xlim(0, 1.01 * max(axes.dataLim.x1, *(case.time.values[-1] for case in cases)))
+    axes.set_xlabel("time $t$")
+
+
+def _fitted_diffusion(case: Dataset) -> str:
+    """D in the first fit window, for the legend."""
+    fits = fits_of(case)[:1]
+    return "".join(f"D = {estimate_of(fit, 'diffusion_coefficient')}{early_mark(fit)}" for fit in fits)
+
+
+def _linear(axes: Axes, case: Dataset) -> None:
     """Draw MSD(t) with its band, the fitted line extended to the axes, diffusion and ballistic flight."""
     t = case.time.values
     end = t[-1]
-    final = plus_minus(case.msd[-1], case.msd_standard_error[-1])
     with_band = ", 95 % band" if case.msd_low.notnull().any() else ""
-    label = f"{int(case.runs):,} runs{with_band}: MSD({end:g}) = {final}"
+    label = f"{int(case.runs):,} runs{with_band}: MSD({end:g}) = {estimate_of(case.isel(time=-1), 'msd')}"
     every = -(-t.size // MOST_DOTS)
-    band(axes, case, "msd", DATA, linestyle="", marker="o", markersize=3, markevery=every, label=label)
+    top = HEADROOM * style.highest([case], "msd") if axes.get_autoscaley_on() else axes.get_ylim()[1]
+    style.band(axes, case, "msd", style.DATA, linestyle="", marker="o", markersize=3, markevery=every, label=label)
     for fit in fits_of(case)[:1]:
         _line(axes, fit)
     _models(axes, case, np.linspace(0, end, 201), 0.0, top)
-    axes.set_xlim(0, 1.01 * end)
 
 
 def _models(axes: Axes, case: Dataset, t: np.ndarray, low: float, high: float) -> None:
     """Draw the MSD of diffusion and of ballistic flight at times t, from `low` and as far as `high`."""
     for diffusion, label in _diffusing(case):
         msd = _diffusion(case, t, diffusion)
-        axes.plot(t[msd >= low], msd[msd >= low], color=MODEL, linestyle=DASHED, linewidth=1.4, label=label)
+        axes.plot(t[msd >= low], msd[msd >= low], color=style.MODEL, linestyle=style.DASHED, linewidth=1.4, label=label)
     square_speed = float(case.initial_square_speed)
     ballistic = theory.ballistic_msd(t, square_speed)
     seen = (ballistic >= low) & (ballistic <= high)
     if seen.any():  # NaN: unknown before the runs
         label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
-        axes.plot(t[seen], ballistic[seen], color=GREY, linestyle=DOTTED, label=label)
+        axes.plot(t[seen], ballistic[seen], color=style.GREY, linestyle=style.DOTTED, label=label)
 
 
 def _line(axes: Axes, fit: Dataset) -> None:
     """Draw the least-squares line, strong in its window and thin outside."""
     slope, intercept = float(fit.slope), float(fit.intercept)
     window = np.array([float(fit.window_start), float(fit.window_end)])
-    value = plus_minus(slope, fit.slope_standard_error) + early_mark(fit)
-    label = f"least squares over {fit.window.item()}: slope {value}"
-    axes.axline((0, intercept), slope=slope, color=FIT, linewidth=0.7)
-    axes.plot(window, intercept + slope * window, color=FIT, linewidth=1.5, label=label)
+    label = f"least squares over {fit.window.item()}: slope {estimate_of(fit, 'slope')}{early_mark(fit)}"
+    axes.axline((0, intercept), slope=slope, color=style.FIT, linewidth=0.7)
+    axes.plot(window, intercept + slope * window, color=style.FIT, linewidth=1.5, label=label)
 
 
 def _diffusing(case: Dataset) -> Iterator[tuple[float, str]]:
@@ -94,7 +122,7 @@ def _diffusing(case: Dataset) -> Iterator[tuple[float, str]]:
         return
     fits = [fit for fit in fits_of(case) if _diffuses(case, float(fit.window_start))]
     for fit in sorted(fits, key=lambda fit: float(fit.window_start))[-1:]:
-        value = plus_minus(fit.diffusion_coefficient, fit.diffusion_coefficient_standard_error)
+        value = estimate_of(fit, "diffusion_coefficient")
         model = "diffusion between walls" if _walled(case) else "free diffusion, $4Dt$"
         if fit.diffusion_coefficient > 0:
             yield float(fit.diffusion_coefficient), f"{model}: D over {fit.window.item()} = {value}"
@@ -117,15 +145,19 @@ def _diffusion(case: Dataset, t: np.ndarray, diffusion: float) -> np.ndarray:
     return theory.diffusive_msd(t, diffusion)
 
 
-def _decades(axes: Axes, case: Dataset) -> None:
-    """Draw MSD(t) on logarithmic axes, where ballistic flight has slope 2 and diffusion slope 1."""
-    later = case.isel(time=(case.time.values > 0) & (case.msd.values > 0))
-    if later.sizes["time"] > 1:
-        start, end = later.time.values[[0, -1]]
-        band(axes, later, "msd", DATA)
-        low, high = float(later.msd.min()) / MARGIN, float(later.msd.max()) * MARGIN
+def _decades(axes: Axes, cases: list[Dataset]) -> None:
+    """Draw MSD(t) on logarithmic axes, where ballistic flight has slope 2 and diffusion slope 1; of one case both."""
+    axes.set_xlabel("time $t$")
+    cases = [case.isel(time=(case.time.values > 0) & (case.msd.values > 0)) for case in cases]
+    cases = [case for case in cases if case.sizes["time"] > 1]
+    for case, line in style.told_apart(cases, lambda _: "", {}) if cases else ():
+        style.band(axes, case, "msd", **line)
+    if cases:
+        start, end = (pick(case.time.values[k] for case in cases) for k, pick in ((0, min), (-1, max)))
+        style.log_axis(axes, "x", start, end)
+    for case in cases if len(cases) == 1 else ():
+        low, high = float(case.msd.min()) / MARGIN, float(case.msd.max()) * MARGIN
         _models(axes, case, np.geomspace(start, end, 201), low, high)
-        log_axis(axes, "x", start, end)
 
 
 def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:

@@ -17,12 +17,13 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brownpipe.quoting import printable
-from brownpipe.storage.origin import made_by, runs_record
+from brownpipe.storage.datasets import made_by
+from brownpipe.storage.trajectories import runs_record
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -36,18 +37,15 @@ IN_TEXT = re.compile(rb'(?:<dc:source>|class="brownpipe-record">)([^<]*)<')
 Record = dict[str, Any]
 
 
-def record_of(
-    dataset: Dataset, step: str, digest: str, names: Sequence[str] | None = None, particles: int | None = None
-) -> Record:
-    """Return the record of the figures of a dataset: `step` draws them, `digest` is the seal of the dataset's file.
+def record_of(dataset: Dataset, digest: str, options: Mapping[str, Any]) -> Record:
+    """Return the record of the figures of a dataset.
 
-    names, particles: the options of `brownpipe figures`.
+    digest: the seal of the dataset's file. options: of `brownpipe figures`, with None where they are not given.
     """
     stated = {str(name): value for name, value in dataset.attrs.items() if name not in DESCRIBING}
     return {
-        "figures": None if names is None else [*names],
-        "particles": particles,
-        "made_by": made_by(step),
+        **{name: [*value] if isinstance(value, tuple) else value for name, value in options.items()},
+        "made_by": made_by("figures"),
         "dataset": {"sha256": digest}
         | {name: json.loads(value) if name in IN_JSON else str(value) for name, value in stated.items()},
     }
@@ -61,7 +59,7 @@ def movie_record(trajectories: Trajectories, recorded: str, seed: int, **options
     return {
         "movie": {"seed": seed, **options},
         "made_by": made_by("figures"),
-        "made_from": [runs_record(trajectories.outline, [seed], recorded)],
+        "made_from": [runs_record(trajectories, [seed], recorded)],
     }
 
 

@@ -1,14 +1,15 @@
 """Figure `own_observables`: the averages of the user's own observables, one panel for each array."""
 
-from itertools import product
+from collections.abc import Iterator
+from functools import partial
+from itertools import islice, product
 
 import pandas
 from matplotlib.figure import Figure
 from xarray import Dataset
 
-from brownpipe.figures.cases import has, own_names, title_of
-from brownpipe.figures.style import band, grid, heads, points, shades
-from brownpipe.figures.tables import frame_of
+from brownpipe.figures.cases import SPECIES, axis_label, defined, frame_of, has, in_words, own_names
+from brownpipe.figures.style import WIDTH, band, grid, heads, points, told_apart
 
 MOST_CURVES = 6  # of a case in a panel: those at the first places of the other dimensions
 
@@ -16,27 +17,26 @@ MOST_CURVES = 6  # of a case in a panel: those at the first places of the other 
 def draw(cases: list[Dataset]) -> Figure:
     """Draw each array of all cases against its first dimension, with its 95 % band; numbers as points."""
     names = _names(cases)
-    figure, axes = grid(len(names), 1, 6.2, 3.4)
+    figure, axes = grid(len(names), 1, WIDTH, 3.4)
     for name, panel in zip(names, axes[:, 0], strict=True):
-        of_name = [case for case in cases if has(case, name)]
-        first, *others = cases[0][name].dims or (None,)
-        sizes = [range(cases[0].sizes[dim]) for dim in others]
-        curves = [(case, place) for case in of_name for place in [*product(*sizes)][:MOST_CURVES]]
-        for (case, place), colour in zip(curves, shades(len(curves)), strict=True):
-            part = case.isel(dict(zip(others, place, strict=True)))
-            places = zip(others, place, strict=True)
-            at = [f"{dim} {part[dim].item() if dim in part.coords else k}" for dim, k in places]
-            label = ", ".join([title_of(case), *at])
-            if first is None:
-                looks = {"color": colour, "marker": "o", "linestyle": "", "label": label}
-                points(panel, [len(panel.containers)], [part], name, **looks)
+        along, *others = map(str, cases[0][name].dims or ("case",))
+        place = partial(in_words, names=[dim for dim in others if dim not in SPECIES])  # species are told apart anyway
+        parts = [part for case in cases if has(case, name) for part in islice(_parts(case, others), MOST_CURVES)]
+        for k, (part, line) in enumerate(told_apart(parts, place, {})):
+            if cases[0][name].dims:
+                band(panel, defined(part, name, along), name, **line)
             else:
-                band(panel, part.dropna(first, subset=[name]), name, colour, label=label)
-        if first is None:
-            panel.set_xticks([])
-        panel.set(xlabel=first or "case", ylabel=f"{name} [{cases[0][name].units}]")
-    heads(axes[:, 0], (f"{cases[0][name].observable}: {cases[0][name].long_name}" for name in names))
+                points(panel, [k], [part], name, **line | {"linestyle": "none", "marker": "o"})
+        panel.set(xlabel=along, ylabel=axis_label(cases[0], name))
+    heads(axes[:, 0], [f"{cases[0][name].observable}: {cases[0][name].long_name}" for name in names])
     return figure
+
+
+def _parts(case: Dataset, dims: list[str]) -> Iterator[Dataset]:
+    """Yield a case at each place along these dimensions, which need no coordinates."""
+    numbered = case.assign_coords({dim: case[dim] for dim in dims})
+    for place in product(*(range(case.sizes[dim]) for dim in dims)):
+        yield numbered.isel(dict(zip(dims, place, strict=True)))
 
 
 def table(cases: list[Dataset]) -> pandas.DataFrame:

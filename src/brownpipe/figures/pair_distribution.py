@@ -3,91 +3,114 @@
 The routes: extrapolation of g(r) to contact, and the collision rate of the pair (docs/theory.md).
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import defined, has, parts_of, plus_minus, title_of
-from brownpipe.figures.style import DATA, DOTTED, FILL, FIT, GREY, MODEL, band, columns, heads, points
-from brownpipe.figures.tables import frame_of
+from brownpipe import theory
+from brownpipe.figures import style
+from brownpipe.figures.cases import defined, estimate_of, frame_of, has, panels_of, parts_of, with_contact_theory
 
 NAME = "pair_distribution"
+LABELS = ("pair distribution function $g(r)$",)
 CONTACTS = {
-    "contact_value": ("at contact, by extrapolation", FIT, "o"),
-    "contact_value_rate": ("at contact, from the collision rate", MODEL, "s"),
+    "contact_value": ("at contact, by extrapolation", style.FIT, "o"),
+    "contact_value_rate": ("at contact, from the collision rate", style.MODEL, "s"),
 }  # label, colour, marker
 LARGEST_ERROR = 0.02  # relative error of g(r) above which neighbouring bins are pooled
 WIDEST = 0.25  # width of a pooled bin, in contact distances
 
 
-def draw(cases: list[Dataset]) -> Figure:
-    """Draw one panel per case and pair of species: g(r) with its 95 % band, and its values at contact."""
-    parts = [part for case in cases for part in parts_of(case, "species_pair", NAME)]
-    figure, (panels,) = columns(["pair distribution function $g(r)$"], len(parts), [3.6], sharey=False)
-    for panel, part in zip(panels, parts, strict=True):
-        _panel(panel, defined(part, NAME, "distance"))
-        panel.set_xlabel("centre-to-centre distance $r$")
-    heads(panels, [f"{title_of(part)}: {part.species_pair.item()}" for part in parts])
-    return figure
+DILUTE = 0.2  # packing fraction below which the first order in the density is drawn
 
 
-def _panel(axes: Axes, case: Dataset) -> None:
-    """Draw g(r) beyond the contact distance, the contact distance, and the values there."""
-    contact = float(case.contact_distance)
-    case = case.isel(distance=case.distance.values > contact)
-    r = case.distance.values
-    axes.axvline(contact, color=GREY, linestyle=DOTTED, linewidth=1)
-    axes.axhline(1, color=GREY, linewidth=0.8)
-    _curve(axes, case, contact)
-    for name in (name for name in CONTACTS if has(case, name)):
-        label, colour, marker = CONTACTS[name]
-        value = plus_minus(case[name], case[f"{name}_standard_error"])
-        points(axes, [contact], [case], name, fmt=marker, color=colour, label=f"{label}: {value}")
-    axes.set_xlim(contact - 0.04 * (r[-1] - contact), r[-1])
+def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
+    """Draw a panel per pair of species: g(r) with its 95 % band, its values at contact, and theory."""
+    return style.drawn_in_panels(panels_of(_pairs(cases), [*panel, "species_pair"]), LABELS[0], 3.6, _curves)
 
 
-def _curve(axes: Axes, case: Dataset, contact: float) -> None:
-    """Draw g(r) with its band: a curve or, if the errors of single bins are large, steps of several pooled bins."""
-    label = f"{int(case.runs):,} runs, 95 % band"
-    pooled_bins = _bins_to_pool(case, contact)
-    if pooled_bins == 1:
-        band(axes, case, NAME, DATA, label=label)
-        return
-    edges, value, down, up = _pooled(case, pooled_bins)
-    axes.stairs(value + up, edges, baseline=value - down, fill=True, color=DATA, alpha=FILL, linewidth=0)
-    label += f", bins of width {pooled_bins * _width(case):.2g}"
-    axes.stairs(value, edges, baseline=None, color=DATA, linewidth=1.8, label=label)
+def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+    """Draw g(r) of all pairs of species of the cases."""
+    _curves(axes, _pairs(cases), **looks)
 
 
-def _width(case: Dataset) -> float:
-    """Width of the bins [length]."""
-    return float(np.diff(case.distance.values[:2])[0])
+def _pairs(cases: list[Dataset]) -> list[Dataset]:
+    """The cases at each pair of species, beyond contact."""
+    parts = [part for case in cases for part in parts_of(with_contact_theory(case), "species_pair", NAME)]
+    parts = [defined(part, NAME, "distance") for part in parts]
+    return [part.isel(distance=part.distance.values > float(part.contact_distance)) for part in parts]
 
 
-def _bins_to_pool(case: Dataset, contact: float) -> int:
-    """How many neighbouring bins to pool: the error of independent counts falls as one over the root of the number."""
+def _curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
+    """Draw g(r): of several pairs or with `looks` with its value at contact, of a single one with both values."""
+    contacts = [float(pair.contact_distance) for pair in pairs]
+    axes.axhline(1, color=style.GREY, linewidth=0.8)
+    for contact in {*contacts}:
+        axes.axvline(contact, color=style.GREY, linestyle=style.DOTTED, linewidth=1)
+    if len(pairs) == 1 and not looks:
+        _curve(axes, pairs[0], color=style.DATA, label=f"{int(pairs[0].runs):,} runs, 95 % band")
+        for name in (name for name in CONTACTS if has(pairs[0], name)):
+            label, colour, marker = CONTACTS[name]
+            label += f": {estimate_of(pairs[0], name)}"
+            style.points(axes, contacts, pairs, name, fmt=marker, color=colour, label=label)
+    else:
+        for pair, line in style.told_apart(
+            pairs, lambda pair: f"g(contact) = {estimate_of(pair, 'contact_value')}", looks
+        ):
+            _curve(axes, pair, **line)
+            style.points(axes, [float(pair.contact_distance)], [pair], "contact_value", fmt="o", color=line["color"])
+    _theory(axes, pairs, named=not looks)
+    end = max(float(pair.distance[-1]) for pair in pairs)
+    axes.set_xlim(min(contacts) - 0.04 * (end - min(contacts)), end)
+    axes.set_xlabel("centre-to-centre distance $r$")
+
+
+def _contact_in_words(pair: Dataset) -> str:
+    return f"g(contact) = {estimate_of(pair, 'contact_value')}"
+
+
+def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
+    """Draw the contact value of theory and, for dilute equal disks, g(r) to first order in the density."""
+    known = [pair for pair in pairs if has(pair, "contact_theory")]
+    for k, pair in enumerate(known):
+        label = f"theory at contact: {float(pair.contact_theory):.4g}" if len(known) == 1 else "theory at contact"
+        place = [float(pair.contact_distance)], [float(pair.contact_theory)]
+        axes.plot(*place, "_", color=style.INK, markersize=12, linestyle="", label="_" * (k > 0 or not named) + label)
+    dilute = [pair for pair in known if has(pair, "compressibility_rate") and pair.packing_fraction < DILUTE]
+    for k, pair in enumerate(dilute):  # of equal disks
+        sigma, label = float(pair.contact_distance), "_" * (k > 0 or not named) + "first order in the density"
+        r = np.linspace(sigma, float(pair.distance[-1]), 400)
+        g = theory.dilute_pair_distribution(r, sigma, float(pair.packing_fraction))
+        axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=label)
+
+
+def _curve(axes: Axes, case: Dataset, label: str, **looks: Any) -> None:
+    """Draw g(r) with its band; where the errors of single bins are large, of several pooled bins."""
+    width = float(np.diff(case.distance.values[:2])[0])
     filled = case.isel(distance=case[NAME].values > 0)
-    error = float((filled[f"{NAME}_standard_error"] / filled[NAME]).median())
-    if case.sizes["distance"] < 2 or not error > LARGEST_ERROR:
-        return 1
-    return max(1, min(int(np.ceil((error / LARGEST_ERROR) ** 2)), int(WIDEST * contact / _width(case))))
+    error = float((filled[f"{NAME}_standard_error"] / filled[NAME]).median())  # falls as the root of the number of bins
+    most = int(WIDEST * float(case.contact_distance) / width)
+    number = max(1, min(int(np.ceil((error / LARGEST_ERROR) ** 2)), most)) if error > LARGEST_ERROR else 1
+    label += f", bins of width {number * width:.2g}" * (number > 1)
+    style.band(axes, _pooled(case, number), NAME, label=label, **looks)
 
 
-def _pooled(case: Dataset, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pool bins in groups: edges (B + 1,), g (B,), and how far its 95 % interval reaches down and up (B,).
-
-    Bins are weighted by the area of their ring. Their errors are taken as independent, as for counts of rare pairs.
-    """
-    r = case.distance.values
-    g = case[NAME].values
+def _pooled(case: Dataset, number: int) -> Dataset:
+    """Return g(r) in bins so many times as wide, weighted by the area of their rings, errors taken as independent."""
+    r, g = case.distance.values, case[NAME].values
     first = np.arange(0, r.size, number)
     total = np.add.reduceat(r, first)
-    reach = [np.abs(case[f"{NAME}_{end}"].values - g) for end in ("low", "high")]
-    down, up = (np.sqrt(np.add.reduceat((r * error) ** 2, first)) / total for error in reach)
-    edges = np.append(r[first], r[-1] + _width(case)) - _width(case) / 2
-    return edges, np.add.reduceat(r * g, first) / total, down, up
+    mean = np.add.reduceat(r * g, first) / total
+    reach = {end: np.abs(case[f"{NAME}_{end}"].values - g) for end in ("low", "high")}
+    down, up = (np.sqrt(np.add.reduceat((r * error) ** 2, first)) / total for error in reach.values())
+    values = {NAME: mean, f"{NAME}_low": mean - down, f"{NAME}_high": mean + up}
+    centres = {"distance": np.add.reduceat(r * r, first) / total}
+    return Dataset({name: ("distance", value) for name, value in values.items()}, centres)
 
 
 def table(cases: list[Dataset]) -> DataFrame:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import re
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import axis_of, cases_of, differs, has, one_count, own_names
+from brownpipe.figures.cases import axis_of, cases_of, differing, has, one_count, own_names
 from brownpipe.figures.catalogue import FIGURES, OWN, SCAN
 from brownpipe.figures.style import drawing, image_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+    from contextlib import AbstractContextManager
     from types import ModuleType
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
     from xarray import Dataset
@@ -29,10 +31,18 @@ class Drawing(NamedTuple):
     table: DataFrame
 
 
-def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], name: str) -> Drawing:
-    """Draw the figure of this name with these metadata; `shown` are the cases of each figure (`cases_shown`)."""
+def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel: Sequence[str], name: str) -> Drawing:
+    """Draw the figure of this name with these metadata.
+
+    shown: the cases of each figure (`cases_shown`). panel: labels, as of `cases.panels_of`.
+    """
     with _module(name) as module:
-        return drawing_of(name, module.draw(shown[name]), module.table(shown[name]), metadata)
+        return drawing_of(name, _figure(module, shown[name], panel), module.table(shown[name]), metadata)
+
+
+def _figure(module: ModuleType, cases: list[Dataset], panel: Sequence[str]) -> Figure:
+    """Draw the cases; a figure with a `main` panel puts several into one."""
+    return module.draw(cases, panel) if hasattr(module, "main") else module.draw(cases)
 
 
 def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[str, str]) -> Drawing:
@@ -40,21 +50,35 @@ def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[st
     return Drawing(name, {suffix: image_bytes(figure, suffix, metadata) for suffix in ("png", "svg")}, table)
 
 
-def draw(dataset: Dataset, name: str, particles: int | None = None) -> Figure:
+def draw(dataset: Dataset, name: str, particles: int | None = None, panel: Sequence[str] = ()) -> Figure:
     """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
-    shown = cases_shown(dataset, particles, [name])
+    cases = cases_shown(dataset, particles, [name])[name]
     with _module(name) as module:
-        return module.draw(shown[name])
+        return _figure(module, cases, panel)
+
+
+def draw_into(axes: Axes, dataset: Dataset, name: str, particles: int | None = None, **looks: Any) -> Axes:
+    """Draw the main panel of a figure into axes, whose style is the caller's; return the axes.
+
+    looks: of its lines, as of `axes.plot`, such as color and label. Raises FigureError for a figure of several panels.
+    """
+    cases = cases_shown(dataset, particles, [name])[name]
+    with _module(name, nullcontext()) as module:
+        if not hasattr(module, "main"):
+            raise FigureError(f"ax: must not be given for {name}, which has several panels")
+        module.main(axes, cases, **looks)
+        axes.set_ylabel(axes.get_ylabel() or module.LABELS[0])
+        return axes
 
 
 @contextmanager
-def _module(name: str) -> Iterator[ModuleType]:
-    """Yield the module of a figure in the style of all figures.
+def _module(name: str, style: AbstractContextManager | None = None) -> Iterator[ModuleType]:
+    """Yield the module of a figure in a style, by default that of all figures.
 
     Raise FigureError for a variable that the dataset lacks, in words of xarray: KeyError or AttributeError.
     """
     try:
-        with drawing():
+        with style or drawing():
             yield import_module(f"brownpipe.figures.{name}")
     except (AttributeError, KeyError) as error:
         found = re.search(r"(?:'Dataset' object has no attribute|No variable named) '(\w+)'", str(error))
@@ -84,7 +108,7 @@ def cases_shown(
         selected = selected if every_count else one_count(selected, particles)
         if OWN in needs:
             selected = [case for case in selected if own_names(case)]
-        if SCAN in needs and not (selected and differs(selected, axis_of(selected))):
+        if SCAN in needs and not (selected and axis_of(selected) in differing(selected)):
             selected = []
         if names and not selected:
             needed = "; ".join(needs) or "runs"

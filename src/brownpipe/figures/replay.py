@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
+from brownpipe.figures.movie import legend_entries, shades_of
 from brownpipe.figures.origin import Record
 from brownpipe.figures.pages import filled
-from brownpipe.figures.snapshot import legend_entries, shades_of
-from brownpipe.storage.origin import runs_record
-from brownpipe.storage.trajectories import chosen_seed
+from brownpipe.storage.trajectories import chosen_seed, runs_record
 
 if TYPE_CHECKING:
     from brownpipe.scene import Scene
@@ -53,7 +52,7 @@ def replay_of(trajectories: "Trajectories", path: str, seed: int | None = None) 
     ended = len(ensemble.seeds) > len(ensemble.stopped)
     if scene.particles and ended and not (ensemble.whole and ensemble.whole.keys() == ensemble.events.keys()):
         trajectories.engine.refuse_unfit(scene, RECORD.split(","))
-        command = runs_record(trajectories.outline, [first], RECORD)["command"]
+        command = runs_record(trajectories, [first], RECORD)["command"]
         raise RequestError(f"{path}: holds no collisions of all disks; record them: {command}")
     seed = chosen_seed(trajectories, path, seed)
     if scene.particles > MOST_DISKS:

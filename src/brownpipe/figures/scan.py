@@ -9,10 +9,8 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.analysis.varied import labels_of_cases
-from brownpipe.figures.cases import axis_of, differs, early_mark, fits_of, has, over_time
+from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, fits_of, frame_of, has, over_time, series_of
 from brownpipe.figures.style import DASHED, SERIES, WIDTH, grid, heads, log_axis, points
-from brownpipe.figures.tables import PARTS, frame_of
 
 LOGARITHMIC = 30.0  # ratio of the largest value to the smallest, beyond which an axis is logarithmic
 MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
@@ -39,26 +37,10 @@ def draw(cases: list[Dataset]) -> Figure:
         panel.remove()
     for panel, name in zip(axes.flat, names, strict=False):
         _panel(panel, axis, _shown(series, name), name)
-        unit = cases[0][axis].attrs.get("units", "1")
-        panel.set_xlabel("number of disks $N$" if axis == "particles" else _words(axis) + f" [{unit}]" * (unit != "1"))
+        panel.set_xlabel(axis_label(cases[0], axis))
         panel.set_ylabel(PANELS[name][1])
     heads(axes.flat[: len(names)], [PANELS[name][0] for name in names])
     return figure
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def series_of(cases: list[Dataset], axis: str) -> dict[str, list[Dataset]]:
-    """Return the cases that differ along the axis alone, ascending along it, by the values of what else differs."""
-    differing = [name for name in labels_of_cases(cases[0]) if name != axis and differs(cases, name)]
-    series: dict[str, list[Dataset]] = {}
-    for case in sorted(cases, key=lambda case: case[axis].item()):
-        values = {name: str(case[name].item()) for name in differing}
-        words = [value if name in ("scene", "engine") else f"{_words(name)} {value}" for name, value in values.items()]
-        series.setdefault(", ".join(words), []).append(case)
-    return series
 
 
 def _shown(series: Mapping[str, list[Dataset]], name: str) -> dict[str, list[Dataset]]:

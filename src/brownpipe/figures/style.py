@@ -6,13 +6,16 @@ Its settings are in `style.mplstyle`; neither those of the user nor the date hav
 from __future__ import annotations
 
 import io
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brownpipe.figures.cases import differing, drift_in_words, in_words, title_of_panel
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from contextlib import AbstractContextManager
 
     from matplotlib.axes import Axes
@@ -29,7 +32,10 @@ DASHED = (0, (5, 2.5))
 DOTTED = (0, (1, 1.2))
 DASH_DOT = (0, (4, 1.5, 1, 1.5))
 # Colour, line and marker of the first, second, ... species, fit window or scene
-SERIES = ((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D"))
+SERIES = (
+    *((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D")),
+    *(("#E69F00", (0, (9, 2)), "v"), ("#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P")),
+)
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis
@@ -94,6 +100,17 @@ def columns(
     return figure, stacks[:, :count]
 
 
+def drawn_in_panels(
+    groups: Sequence[list[Dataset]], label: str, height: float, draw: Callable[[Axes, list[Dataset]], None]
+) -> Figure:
+    """Return a figure with a panel for each group of cases, or of their parts, that share one; `draw` fills it."""
+    figure, axes = columns([label], len(groups), [height], sharey=False)
+    for panel, group in zip(axes[0], groups, strict=True):
+        draw(panel, group)
+    heads(axes[0], map(title_of_panel, groups))
+    return figure
+
+
 def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
     from matplotlib.font_manager import FontProperties
@@ -111,12 +128,32 @@ def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
             axes.legend(**place, labelspacing=0.35, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
 
 
-def band(axes: Axes, case: Dataset, name: str, colour: str, **line: Any) -> None:
+def told_apart(
+    cases: list[Dataset], number: Callable[[Dataset], str], looks: Mapping[str, Any]
+) -> Iterator[tuple[Dataset, dict[str, Any]]]:
+    """Yield the cases, or parts of cases, of one panel, each with the looks of its line, as of `axes.plot`.
+
+    The label says in what it differs from the others, and a `number` of each. Colours are ordered if only one number
+    differs. `looks` replaces them.
+    """
+    from matplotlib.cbook import normalize_kwargs
+    from matplotlib.lines import Line2D
+
+    names = differing(cases)
+    ordered = len(names) == 1 and cases[0][names[0]].dtype.kind in "iuf"
+    colours = shades(len(cases)) if ordered else [colour for colour, _, _ in SERIES]
+    for case, colour, (_, line, _) in zip(cases, cycle(colours), cycle(SERIES), strict=False):
+        label = ": ".join(filter(None, (in_words(case, names), number(case)))) + drift_in_words(case)
+        own = {"color": colour, "linestyle": "-" if ordered else line, "label": label}
+        yield case, own | normalize_kwargs({**looks}, Line2D)
+
+
+def band(axes: Axes, case: Dataset, name: str, color: Any, **line: Any) -> None:
     """Draw a variable over its one dimension, with its 95 % band if it has one; `line` as for `axes.plot`."""
     x = case[case[name].dims[0]].values
     if f"{name}_low" in case:
-        axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=colour, alpha=FILL, linewidth=0)
-    axes.plot(x, case[name], color=colour, **line)
+        axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=color, alpha=FILL, linewidth=0)
+    axes.plot(x, case[name], color=color, **line)
 
 
 def points(axes: Axes, x: Sequence[float], cases: Sequence[Dataset], name: str, **looks: Any) -> None:
@@ -145,14 +182,18 @@ def shades(count: int) -> list:
     return list(matplotlib.colormaps["viridis"](np.linspace(0.02, 0.7, count)))
 
 
-def time_axis(axes: Axes, times: np.ndarray) -> None:
-    """Label the time axis and set its limits; make it logarithmic if the samples after t = 0 are not equally spaced."""
-    later = times[times > 0]
-    steps = np.diff(later)
-    if len(steps) > 1 and steps.max() > 10 * steps[:-1].min():
-        log_axis(axes, "x", later[0], later[-1])
+def time_axis(axes: Axes, cases: Sequence[Dataset]) -> None:
+    """Label the time axis and set its limits; longer curves that are there stay in the panel.
+
+    It is logarithmic if the samples after t = 0 of a case are not equally spaced.
+    """
+    later = [case.time.values[case.time.values > 0] for case in cases]
+    end = max(axes.dataLim.x1, *(times[-1] for times in later))
+    steps = [np.diff(times) for times in later if len(times) > 2]
+    if any(step.max() > 10 * step[:-1].min() for step in steps):
+        log_axis(axes, "x", min(times[0] for times in later), end)
     else:
-        axes.set_xlim(0, later[-1])
+        axes.set_xlim(0, end)
     axes.set_xlabel("time $t$")
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Collection, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,18 +16,21 @@ from brownpipe.analysis.varied import labels_of_cases
 from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.engines.friction import window_caution
 from brownpipe.figures.cases import (
+    SPECIES,
+    aligned,
     at_last_distribution,
     cases_of,
     drifts,
     early_mark,
+    estimate_of,
     has,
+    label_of,
     over_time,
-    plus_minus,
     scene_of,
+    text_of,
     title_of,
-    varied_values,
+    with_contact_theory,
 )
-from brownpipe.figures.tables import aligned, label_of
 from brownpipe.quoting import in_lines
 from brownpipe.scene.seeds import brief_seed_text
 
@@ -35,69 +39,190 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 TESTS = ("with D = MSD/4t", "with fitted D")  # of eq. (18), the first two models of a dataset
-QUESTION = "eq. (18) rejected?"  # above the columns of the tests
+QUESTION = "eq. (18)"  # above the columns of the tests
 FIT = (
     *("window_start", "window_end", "slope", "slope_standard_error"),
     *("diffusion_coefficient", "diffusion_coefficient_standard_error"),
 )
 TESTED = ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
+LINE = 100  # characters of a line of words
+WIDEST = 120  # characters of a line of the table
 
 
-LINE = 100  # characters
+class Quantity(NamedTuple):
+    """A quantity of the answer: at the end of the runs, in the first fit window, for each species or pair of them."""
+
+    heading: str
+    variable: str
+    meaning: str  # a sentence of the legend
+    asked_by: tuple[str, ...] = ()  # variables, options of the analysis or figures; by default its own variable
+    theory: str = ""  # variable with its value in theory, shown beside it in parentheses
+    where: str = ""  # variable that a case must have for the quantity to have this meaning
+
+
+NO_TRAJECTORY = "no trajectory"
+MEASURED = (
+    Quantity("energy", "species_energy", "Energy: mean kinetic energy per disk at the end, kT in equilibrium."),
+    Quantity(
+        *("Z", "compressibility", "Z: compressibility factor from the pair virial, P/(n kT) in a periodic box."),
+        ("pair_distribution", "figure thermodynamics"),
+        "enskog_compressibility",
+    ),
+    Quantity("g(contact)", "contact_value", "g(contact): g(r) extrapolated to contact.", theory="contact_theory"),
+    Quantity(
+        *("collision rate", "collision_rate", "Collision rate: collisions of a disk with others per unit time."),
+        (NO_TRAJECTORY, "figure thermodynamics"),
+        "enskog_collision_rate",
+    ),
+    Quantity("|psi_6|", "orientational_order", "|psi_6|: bond-orientational order of all disks."),
+    Quantity("n(wall)", "contact_density", "n(wall): number density of centres at contact with the walls."),
+    Quantity("alpha_2", "non_gaussian_parameter", "alpha_2: non-Gaussian parameter at the end."),
+    Quantity(
+        *("D (Green-Kubo)", "green_kubo", "D (Green-Kubo): half the integral of the velocity autocorrelation."),
+        theory="enskog_diffusion",
+        where="enskog_diffusion",
+    ),
+)
+# Asks for MSD and D beside these: their observable, options of their analysis, their figures
+SPREADING = (
+    *("diffusion_running", NO_TRAJECTORY, "fit_windows", "rings", "displacement_times"),
+    *(f"figure {name}" for name in ("msd", "diffusion", "displacement_distribution", "scan")),
+)
+DISPLACED = (
+    Quantity("MSD", "msd", "MSD: mean squared displacement of {msd_of}.", SPREADING),
+    Quantity(
+        *("D", "diffusion_coefficient", "D: a quarter of its slope over t in {window}."),
+        SPREADING,
+    ),
+)
 
 
 class Answer(NamedTuple):
     """The results of a study in words."""
 
+    labels: int  # number of the first columns, which name the cases
     columns: list[tuple[str, ...]]  # heading and cells; those of TESTS, the last, only if there are tests
     legend: list[str]  # lines that explain the columns
     missing: list[str]  # lines that name failed and missing seeds
     drifting: list[str]  # lines that name cases that are not in equilibrium, or of which it cannot be told
 
 
-def summary(dataset: Dataset) -> str:
-    """Return the results as a text table with one line per scene, particle count and engine, and lines below it."""
-    found = answer(dataset)
-    lines = aligned(found.columns)
-    above = [" " * lines[0].index(TESTS[0]) + QUESTION] if found.columns[-1][0] in TESTS else []
-    return in_lines([*above, *lines, *found.legend, *found.missing, *found.drifting]) + "\n"
+def summary(dataset: Dataset, chosen: Collection[str] = (), title: str = "") -> str:
+    """Return the results as a text table with one line per case, and lines below it.
 
-
-def answer(dataset: Dataset) -> Answer:
-    """Return the results of each scene, particle count and engine.
-
-    The columns are the number of runs, the MSD at the end and D = slope/4 over the first fit window with their standard
-    errors over runs, and the verdict on eq. (18) with either D. All tests of the table are one family: a model
-    is rejected at the family-wise level (Holm).
+    chosen: the figures that the study names. title: of the study, a line above the table.
     """
-    cases = cases_of(dataset)
+    found = answer(dataset, chosen)
+    table = [line for block in _blocks(found) for line in block]
+    return in_lines([*([title] if title else []), *table, *found.legend, *found.missing, *found.drifting]) + "\n"
+
+
+def _blocks(found: Answer) -> Iterator[list[str]]:
+    """Yield the lines of the table: below each other what is wider than WIDEST, the names of the cases repeated."""
+    labels, rest = found.columns[: found.labels], found.columns[found.labels :]
+    tests = [column for column in rest if column[0] in TESTS]  # stay side by side
+    blocks = [[*labels]]
+    for columns in (*([column] for column in rest if column not in tests), *([tests] if tests else [])):
+        if len(blocks[-1]) > len(labels) and max(map(len, aligned([*blocks[-1], *columns]))) > WIDEST:
+            blocks.append([*labels])
+        blocks[-1] += columns
+    for block in blocks:
+        lines = aligned(block)
+        yield [*([" " * lines[0].index(TESTS[0]) + QUESTION] if block[-1][0] in TESTS else []), *lines]
+
+
+def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
+    """Return the results of each scene, particle count and engine; `chosen` are the figures that the study names.
+
+    The columns are what the study measured (`quantities`), with standard errors over runs, and if it asked for rings or
+    displacement times the verdict on eq. (18) with either D. All tests of the table are one family: a model is rejected
+    at the family-wise level (Holm).
+    """
+    cases = [with_contact_theory(case) for case in cases_of(dataset)]
+    options = _options(dataset)
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
+    if not options.get("rings") and not options.get("displacement_times"):
+        p = np.full_like(p, np.nan)
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
+    tests = int(np.count_nonzero(np.isfinite(p)))
     durations = {case.duration.item() for case in cases}
     end = f"MSD(t = {durations.pop():g})" if len(durations) == 1 else "MSD at the end"
-    keys = [name.replace("_", " ") for name in labels_of_cases(dataset)[1:-2]]
-    rows = [("scene", *keys, "N", "engine", "runs", end, "D", *TESTS)]
-    for case, of_case, no in zip(cases, p, rejected, strict=True):
-        names = (case.scene.item(), *varied_values(case).values(), str(case.particles.item()), case.engine.item())
-        rows.append((*names, str(int(case.runs)), *_estimates(case), *map(_verdict, of_case, no)))
-    tests = int(np.count_nonzero(np.isfinite(p)))
-    hidden = {*(() if tests else TESTS), *(("engine",) if dataset.sizes["engine"] == 1 else ())}
-    columns = [column for column in zip(*rows, strict=True) if column[0] not in hidden]
-    return Answer(columns, [*_legend(dataset, cases, tests)], [*missing_runs(cases)], [*drifting(cases)])
+    names = [name for name in labels_of_cases(dataset) if name != "engine" or dataset.sizes["engine"] > 1]
+    headings = ["N" if name == "particles" else name.replace("_", " ") for name in names]
+    columns = [(head, *(text_of(case, name) for case in cases)) for head, name in zip(headings, names, strict=True)]
+    columns.append(("runs", *(str(int(case.runs)) for case in cases)))
+    shown = quantities(dataset, cases, chosen)
+    for one in shown:
+        for heading, parts in columns_of(cases, one):
+            columns.append((end if one.variable == "msd" else heading, *(_cell(part, one) for part in parts)))
+    if tests:
+        columns += [(name, *map(_verdict, p[:, k], rejected[:, k])) for k, name in enumerate(TESTS)]
+    lines = [*_legend(dataset, cases, shown, tests)]
+    return Answer(len(names), columns, lines, [*missing_runs(cases)], [*drifting(cases)])
 
 
-def _estimates(case: Dataset) -> list[str]:
-    """Return the MSD at the end and D in the first fit window with their standard errors; `-` where there is none.
+def quantities(dataset: Dataset, cases: list[Dataset], chosen: Collection[str] = ()) -> list[Quantity]:
+    """Return the quantities that a study measured, first what it has observables for; MSD and D last then, or not.
+
+    They are left out where other quantities are there and neither an observable, an option of the analysis, nor a
+    figure `chosen` asks for them. An observable of the user's own is every variable with this attribute that is one
+    number in each case.
+    """
+    own = [
+        Quantity(str(name), str(name), f"{name}: {one.attrs.get('long_name', 'of')} ({one.attrs['observable']}).")
+        for name, one in dataset.data_vars.items()
+        if "observable" in one.attrs and f"{name}_standard_error" in dataset and one.dims == dataset.runs.dims
+    ]
+    options = _options(dataset) | {f"figure {name}": True for name in chosen}
+    options[NO_TRAJECTORY] = not any(has(case, "displacement_counts") for case in cases)
+
+    def shown(every: Sequence[Quantity], otherwise: bool = False) -> dict[Quantity, bool]:
+        """Those that a study asks for and has, and whether by an observable."""
+        names = {one: one.asked_by or (one.variable,) for one in every if any(columns_of(cases, one))}
+        by_observable = {one: any(has(case, name) for case in cases for name in names[one]) for one in names}
+        return {one: by for one, by in by_observable.items() if by or otherwise or any(map(options.get, names[one]))}
+
+    measured = shown([*MEASURED, *own])
+    displaced = shown(DISPLACED, otherwise=not measured)
+    return [*measured, *displaced] if any(measured.values()) else [*displaced, *measured]
+
+
+def _options(dataset: Dataset) -> dict[str, Any]:
+    """The options of the analysis as they were given."""
+    return json.loads(dataset.attrs.get("options", "{}"))
+
+
+def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[Dataset | None]]]:
+    """Yield heading and parts of each column of a quantity: the cases where it is one number, None without one."""
+    if one.variable not in cases[0]:
+        return
+    dim = next((dim for dim in SPECIES if dim in cases[0][one.variable].dims), "")
+    labels = cases[0][dim].values.tolist() if dim else [""]
+    parts = {label: [_at(case.sel({dim: label}) if dim else case, one) for case in cases] for label in labels}
+    known = {label: of_label for label, of_label in parts.items() if any(part is not None for part in of_label)}
+    for label, of_label in known.items():
+        yield f"{one.heading}, {label}" if len(known) > 1 else one.heading, of_label
+
+
+def _at(case: Dataset, one: Quantity) -> Dataset | None:
+    """Return the case at the end and in the first window; None if it does not have the quantity."""
+    if not has(case, one.variable, *filter(None, [one.where])):
+        return None
+    part = over_time(case, one.variable).isel(time=-1) if "time" in case[one.variable].dims else case
+    return part.isel(window=0) if has(part.isel(window=0), one.variable) else None
+
+
+def _cell(part: Dataset | None, one: Quantity) -> str:
+    """Return a quantity with its standard error and theory; `-` where there is none.
 
     A star marks those of runs that drift, a ring a D whose fit window begins before motion is diffusive.
     """
-    if not has(case, "msd"):
-        return ["-", "-"]
-    estimates = [(over_time(case).isel(time=-1), "msd"), (case.isel(window=0), "diffusion_coefficient")]
-    star = " *" * drifts(case)
-    msd, d = (plus_minus(part[name], part[f"{name}_standard_error"]) + star for part, name in estimates)
-    return [msd, d + early_mark(case.isel(window=0))]
+    if part is None:
+        return "-"
+    theory = f" ({float(part[one.theory]):#.4g})" if one.theory and has(part, one.theory) else ""
+    ring = early_mark(part) if one.variable == "diffusion_coefficient" else ""
+    return estimate_of(part, one.variable) + theory + " *" * drifts(part) + ring
 
 
 def _p_values(case: Dataset) -> np.ndarray | list[float]:
@@ -106,26 +231,31 @@ def _p_values(case: Dataset) -> np.ndarray | list[float]:
 
 
 def _verdict(p: float, rejected: bool) -> str:
-    return "-" if np.isnan(p) else f"{'yes' if rejected else 'no'}, {in_words(p)}"
+    return "-" if np.isnan(p) else f"{'' if rejected else 'not '}rejected, {in_words(p)}"
 
 
-def _legend(dataset: Dataset, cases: list[Dataset], tests: int) -> Iterator[str]:
+def _legend(dataset: Dataset, cases: list[Dataset], shown: list[Quantity], tests: int) -> Iterator[str]:
     """Lines that explain the columns, and the tests for equilibrium."""
-    whose = dataset.attrs.get("msd_of", "the tracer")
-    yield f"N: number of disks. MSD: mean squared displacement of {whose}. All in the scene's reduced units."
-    yield f"D: a quarter of the slope of the MSD over t in {dataset.window.values[0]}. ±: one standard error over runs."
+    words = {"msd_of": dataset.attrs.get("msd_of", "the tracer"), "window": dataset.window.values[0]}
+    sentences = ["N: number of disks.", "±: one standard error over runs.", "All in the scene's reduced units."]
+    sentences += [*(one.meaning.format(**words) for one in shown)]
+    if any(one.theory and any(has(case, one.theory) for case in cases) for one in shown):
+        sentences.append("In parentheses: theory without walls (Luding's for equal disks, else Enskog's).")
+    joined = " ".join(sentence.replace(" ", "\u00a0") for sentence in sentences)
+    yield from (line.replace("\u00a0", " ") for line in textwrap.wrap(joined, LINE, break_on_hyphens=False))
     starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
-    if caution := window_caution((dataset.window_start.values[0], dataset.window_end.values[0]), starts):
+    window = dataset.window_start.values[0], dataset.window_end.values[0]
+    if DISPLACED[-1] in shown and (caution := window_caution(window, starts)):
         yield from textwrap.wrap(f"° {caution}.", LINE)
     yield from _tests_of_equilibrium(cases)
     if tests:
-        shown = [case for case in cases if has(case, "msd")]
-        times = sorted({at_last_distribution(case).displacement_time.item() for case in shown})
+        tested = [case for case in cases if has(case, "msd")]
+        times = sorted({at_last_distribution(case).displacement_time.item() for case in tested})
         at = "at the end" if len(times) > 1 else f"at t = {times[0]:g}"
         family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
-        yield f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and kurtosis."
-        yield f"yes: rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm); no: not rejected."
-        power = max(float(at_last_distribution(case).power_5_percent.max()) for case in shown)
+        yield f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and kurtosis,"
+        yield f"and rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm)."
+        power = max(float(at_last_distribution(case).power_5_percent.max()) for case in tested)
         yield f"Power: by ring counts alone, a D wrong by 5% is rejected with a probability of at most {power:.0%}."
 
 
@@ -143,6 +273,7 @@ def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:
 
 def drifting(cases: list[Dataset]) -> Iterator[str]:
     """Lines that name the cases, marked by a star, whose runs drift, and those where it cannot be told."""
+    unknown = []
     for case in (case for case in cases if has(case, "time_to_try")):
         if drifts(case):
             values = (case[name].values for name in ("drift", "drift_standard_error", "drift_p_value"))
@@ -150,7 +281,9 @@ def drifting(cases: list[Dataset]) -> Iterator[str]:
             words = drift.in_words(found, case.time_to_try.item())
             yield f"* {scene_of(case)}, N = {case.particles.item()}: {words}"
         elif not has(case, "drift_p_value"):
-            yield f"{title_of(case)}: {drift.TOO_FEW}"
+            unknown.append(title_of(case))
+    if unknown:
+        yield f"{unknown[0]}{f' and {len(unknown) - 1} more' if len(unknown) > 1 else ''}: {drift.TOO_FEW}"
 
 
 def missing_runs(cases: list[Dataset]) -> Iterator[str]:
@@ -179,15 +312,20 @@ def summary_table(dataset: Dataset) -> DataFrame:
     from pandas import DataFrame
 
     rows = []
-    for case in cases_of(dataset):
-        counts = {name: case[name].item() for name in ("runs", "failed_runs")}
-        last = over_time(case).isel(time=slice(-1, None))
-        end = {name: last[name].item() if last.sizes["time"] else np.nan for name in ("msd", "msd_standard_error")}
-        distribution = at_last_distribution(case)
-        shape = {name: distribution[name].item() if name in distribution else np.nan for name in SHAPE}
+    cases = [with_contact_theory(case) for case in cases_of(dataset)]
+    shown = [DISPLACED[0], *quantities(dataset, cases, ["thermodynamics"])]
+    measured = [(one, *column) for one in shown if one.variable != FIT[-2] for column in columns_of(cases, one)]
+    for k, case in enumerate(cases):
+        row = label_of(case) | {name: case[name].item() for name in ("runs", "failed_runs")}
+        row["time"] = case.duration.item()
+        for one, heading, parts in measured:
+            for end in ("", "_standard_error"):
+                value = parts[k][one.variable + end].item() if parts[k] is not None else np.nan
+                row[heading.replace(one.heading, one.variable) + end] = value
+        last = at_last_distribution(case)
+        row |= {name: last[name].item() if name in last else np.nan for name in SHAPE}
         of_models = [(test, model) for model in dataset.model.values for test in TESTED]
-        tests = {f"{test}, {model}": distribution[test].sel(model=model).item() for test, model in of_models}
-        before = label_of(case) | counts | {"time": case.duration.item()} | end
-        for fit in (case.isel(window=k) for k in range(case.sizes["window"])):
-            rows.append(before | {name: fit[name].item() for name in FIT} | shape | tests)
+        row |= {f"{test}, {model}": last[test].sel(model=model).item() for test, model in of_models}
+        windows = (case.isel(window=k) for k in range(case.sizes["window"]))
+        rows += [row | {name: fit[name].item() for name in FIT} for fit in windows]
     return DataFrame(rows)

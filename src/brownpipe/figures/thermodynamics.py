@@ -13,9 +13,8 @@ from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
-from brownpipe.figures.cases import by_series, has
+from brownpipe.figures.cases import frame_of, has, scene_of, series_of
 from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, grid, heads, points
-from brownpipe.figures.tables import frame_of
 
 Z = "compressibility"
 RATE = "collision_rate"
@@ -36,13 +35,13 @@ def draw(cases: list[Dataset]) -> Figure:
     """
     names = [name for name in PANELS if any(has(case, name) for case in cases)]
     with_theory = any(np.isfinite(_expected(case, name)) for case in cases for name in names)
-    legend = 0.19 * max(0, len(by_series(cases)) - 2)  # room for many series [inch]
+    legend = 0.19 * max(0, len(_series(cases)) - 2)  # room for many series [inch]
     heights = (3.73, 1.87) if with_theory else (4.0,)
     height = (sum(heights) + legend) / len(heights)
     figure, axes = grid(len(heights), len(names), WIDTH, height, sharex="col", height_ratios=heights)
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
-        series = by_series(measured)
+        series = _series(measured)
         for (label, of_series), looks in zip(series.items(), cycle(LOOKS), strict=False):
             points(main, _densities(of_series), of_series, name, label=label, **looks)
         if name == Z:
@@ -63,6 +62,12 @@ def draw(cases: list[Dataset]) -> Figure:
         below.tick_params(labelbottom=True)
     heads(axes[0], [PANELS[name][1] for name in names])
     return figure
+
+
+def _series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
+    """The cases by all but their density, under a name also if there is one series."""
+    series = series_of(cases, "packing_fraction", "particles", drift=True)
+    return {label or scene_of(of_series[0]): of_series for label, of_series in series.items()}
 
 
 def _densities(cases: list[Dataset]) -> list[float]:
@@ -87,11 +92,8 @@ def _deviation(case: Dataset, name: str) -> Dataset:
 
 
 def _expected(case: Dataset, name: str) -> float:
-    """Luding's Z for equal disks (NaN above its densities), otherwise Enskog's value, NaN if the dataset has none."""
-    if name == Z and has(case, "compressibility_rate"):
-        phi = float(case.packing_fraction)
-        return float(theory.compressibility(phi, theory.contact_value(phi))) if phi <= DENSEST else np.nan
-    return float(case[f"enskog_{name}"]) if has(case, f"enskog_{name}") else np.nan
+    """Enskog's value, of Z of equal disks Luding's; NaN if the dataset has none."""
+    return float(case.get(f"enskog_{name}", np.nan))
 
 
 def _equations_of_state(main: Axes, low: Axes, ends: tuple[float, float]) -> None:

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brownpipe.figures.cases import plus_minus
+from brownpipe.figures.cases import aligned, plus_minus
 from brownpipe.figures.render import Drawing, drawing_of
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, log_axis
-from brownpipe.figures.tables import aligned
 from brownpipe.quoting import in_lines
 from brownpipe.stages import tracked
 from brownpipe.tradeoff.front import FEWEST_RUNS, MeasuredSetting, pareto_front, settings_of, total_error

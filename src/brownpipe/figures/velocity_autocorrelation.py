@@ -4,112 +4,116 @@ The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md
 two dimensions.
 """
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import has, over_time, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, band, columns, heads, log_axis, time_axis
-from brownpipe.figures.tables import frame_of
+from brownpipe.figures import style
+from brownpipe.figures.cases import frame_of, has, over_time, panels_of, plus_minus, title_of_panel
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
-LOOKS = {TRACER: ("tracer", DATA, "-"), BATH: ("bath", FIT, DASHED)}  # label, colour, line
+LOOKS: dict[str, dict[str, Any]] = {
+    TRACER: {"color": style.DATA, "linestyle": "-"},
+    BATH: {"color": style.FIT, "linestyle": style.DASHED},
+}
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
+LABELS = (f"velocity autocorrelation\n{LABEL}", LABEL)
 TAIL = 10  # the logarithmic axis extends at most by this factor below a curve to show its band
 
 
-def draw(cases: list[Dataset]) -> Figure:
-    """Draw one column per case: the correlation and its initial slope above, its decay on logarithmic axes below."""
+def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
+    """Draw one column per panel: the correlation and its initial slope above, its decay on logarithmic axes below."""
     cases = [over_time(case, TRACER) for case in cases]
-    curves = [{name: _normalised(case, name) for name in LOOKS if has(case, name)} for case in cases]
-    figure, axes = columns((f"velocity autocorrelation\n{LABEL}", LABEL), len(cases), (3.85, 3.35))
-    tails = [_resolved(of_case) for of_case in curves]
-    for case, of_case, tail, (main, low) in zip(cases, curves, tails, axes.T, strict=True):
-        _decay(main, case, of_case)
-        _tail(main, low, tail)
-        times = case.time.values
-        time_axis(main, times)
-        log_axis(low, "x", times[times > 0][0], times[-1])
-        low.set_xlabel("time $t$")
-    log_axis(axes[1, 0], "y", *_tail_extent(tails))
-    heads(axes[0], map(title_of, cases))
+    groups = panels_of(cases, panel)
+    figure, axes = style.columns(LABELS, len(groups), (3.85, 3.35))
+    limits = [[0.5, 1.2]]
+    for group, (upper, lower) in zip(groups, axes.T, strict=True):
+        main(upper, group)
+        limits += _tails(upper, lower, group)
+        times = np.concatenate([case.time.values for case in group])
+        style.log_axis(lower, "x", times[times > 0].min(), times.max())
+        lower.set_xlabel("time $t$")
+    low, high = zip(*limits, strict=True)
+    style.log_axis(axes[1, 0], "y", min(low) / 1.2, max(high) * 1.2)
+    style.heads(axes[0], map(title_of_panel, groups))
     return figure
 
 
-def _tail_extent(tails: list[dict[str, Dataset]]) -> tuple[float, float]:
-    """Limits of the logarithmic axis that all cases share; bands that come close to 0 are cut off (TAIL)."""
-    low, high = [0.5], [1.2, *np.concatenate([_guide(of_case)[1] for of_case in tails])]
-    for name, tail in (named for of_case in tails for named in of_case.items()):
-        low.append(max(float(tail.get(f"{name}_low", tail[name]).min()), float(tail[name].min()) / TAIL))
-        high.append(float(np.nanmax(tail.to_dataarray())))
-    return min(low) / 1.2, max(high) * 1.2
+def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+    """Draw the correlation of the tracer; of a single case also that of the bath, and the initial slope.
+
+    The slope follows from the tracer's collision rate. With `looks` there is one line per case.
+    """
+    cases = [over_time(case, TRACER) for case in cases]
+    axes.axhline(0, color=style.GREY, linewidth=0.8)
+    for curve, line in _curves(cases, looks):
+        style.band(axes, curve, TRACER, **line)
+    if len(cases) == 1 and not looks and has(cases[0], "vacf_initial_slope_expected"):
+        rate = -float(cases[0].vacf_initial_slope_expected) / float(cases[0][TRACER][0])
+        last = float(cases[0].time[-1])
+        t = np.linspace(0, 1 / rate if rate * last > 1 else last, 200)
+        label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
+        axes.plot(t, 1 - rate * t, color=style.INK, linestyle=style.DOTTED, label=label)
+    style.time_axis(axes, cases)
+
+
+def _curves(cases: list[Dataset], looks: Mapping[str, Any]) -> list[tuple[Dataset, dict[str, Any]]]:
+    """The correlations divided by their values at t = 0, under the tracer's name, and their looks."""
+    if len(cases) > 1 or looks:
+        return [(_normalised(case, TRACER), line) for case, line in style.told_apart(cases, _rate_in_words, looks)]
+    (case,) = cases
+    names = [name for name in LOOKS if has(case, name)]
+    rate = _rate_in_words(case)
+    tracer = ("tracer" if BATH in names else "disks") + (f": {rate}" if rate else "")
+    return [(_normalised(case, name), LOOKS[name] | {"label": tracer if name == TRACER else "bath"}) for name in names]
 
 
 def _normalised(case: Dataset, name: str) -> Dataset:
-    """The correlation and its band, divided by its value at t = 0."""
-    parts = [part for part in (name, f"{name}_low", f"{name}_high") if part in case]
-    return case[parts] / float(case[name][0])
+    parts = [part for part in ("", "_low", "_high") if f"{name}{part}" in case]
+    return Dataset({f"{TRACER}{part}": case[f"{name}{part}"] / float(case[name][0]) for part in parts})
 
 
-def _decay(axes: Axes, case: Dataset, curves: dict[str, Dataset]) -> None:
-    """Draw the correlations, and the initial slope that follows from the tracer's collision rate."""
-    axes.axhline(0, color=GREY, linewidth=0.8)
-    for name, curve in curves.items():
-        label, colour, line = LOOKS[name]
-        label = (label if BATH in curves else "disks") + (_measured_rate(case) if name == TRACER else "")
-        band(axes, curve, name, colour, linestyle=line, label=label)
-    if has(case, "vacf_initial_slope_expected"):
-        rate = -float(case.vacf_initial_slope_expected) / float(case[TRACER][0])
-        label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
-        last = float(case.time[-1])
-        t = np.linspace(0, 1 / rate if rate * last > 1 else last, 200)
-        axes.plot(t, 1 - rate * t, color=INK, linestyle=DOTTED, label=label)
-
-
-def _measured_rate(case: Dataset) -> str:
+def _rate_in_words(case: Dataset) -> str:
     """The measured initial decay rate of the tracer's correlation, for the legend; empty where it is not known."""
     if not has(case, "vacf_initial_slope"):
         return ""
     rate, error = (float(case[f"vacf_initial_slope{part}"] / case[TRACER][0]) for part in ("", "_standard_error"))
-    return f": initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
+    return f"initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
 
 
-def _tail(main: Axes, axes: Axes, tails: dict[str, Dataset]) -> None:
-    """Draw the decay on logarithmic axes as far as it is resolved, and the slope of the 1/t tail in two dimensions."""
-    for name, tail in tails.items():
-        _, colour, line = LOOKS[name]
-        band(axes, tail, name, colour, linestyle=line)
-    guide = _guide(tails)
-    if guide.size:
-        axes.plot(*guide, color=INK, linewidth=1)
-        main.plot([], [], color=INK, linewidth=1, label="decay as $1/t$ (lower panel)")
-    if not tails:
-        axes.text(0.5, 0.5, "not resolved from 0", ha="center", color=GREY, transform=axes.transAxes)
+def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> list[list[float]]:
+    """Draw the decays on logarithmic axes as far as they are resolved, and the slope of the 1/t tail; return extents.
 
-
-def _resolved(curves: dict[str, Dataset]) -> dict[str, Dataset]:
-    """The curves after t = 0 until their 95 % band, or without one the curve, first reaches zero: the rest is noise."""
-    tails = {}
-    for name, curve in curves.items():
+    A curve ends where its 95 % band, or without one the curve, first reaches zero: the rest is noise. Bands that come
+    close to 0 are cut off (TAIL).
+    """
+    tails, extents = [], []
+    for curve, line in _curves(cases, {}):
         later = curve.isel(time=curve.time.values > 0)
-        positive = later.get(f"{name}_low", later[name]).values > 0
-        tails[name] = later.isel(time=np.logical_and.accumulate(positive))
-    return {name: tail for name, tail in tails.items() if tail.sizes["time"]}
-
-
-def _guide(tails: dict[str, Dataset]) -> np.ndarray:
-    """Times and values (2, 2) of a line of slope -1 above the end of the first tail; (2, 0) if that is too short."""
-    name, tail = next(iter(tails.items()), (TRACER, None))
-    if tail is None or tail.sizes["time"] < 3:
-        return np.empty((2, 0))
-    t = tail.time.values
-    late = t >= t[-1] / 3
-    height = 2.5 * np.exp(np.mean(np.log(tail[name].values[late] * t[late])))
-    ends = np.array([max(t[-1] / 3, t[0]), t[-1]])
-    return np.array([ends, height / ends])
+        low = later.get(f"{TRACER}_low", later[TRACER]).values
+        tail = later.isel(time=np.logical_and.accumulate(low > 0))
+        if tail.sizes["time"]:
+            style.band(axes, tail, TRACER, **line)
+            least = max(float(tail.to_dataarray().min()), float(tail[TRACER].min()) / TAIL)
+            extents.append([least, float(tail.to_dataarray().max())])
+            tails.append(tail)
+    if not tails:
+        axes.text(0.5, 0.5, "not resolved from 0", ha="center", color=style.GREY, transform=axes.transAxes)
+    for tail in [tail for tail in tails if tail.sizes["time"] > 2][:1]:  # a guide above its end
+        t = tail.time.values
+        late = t >= t[-1] / 3
+        height = 2.5 * np.exp(np.mean(np.log(tail[TRACER].values[late] * t[late])))
+        ends = np.array([max(t[-1] / 3, t[0]), t[-1]])
+        axes.plot(ends, height / ends, color=style.INK, linewidth=1)
+        extents.append([*sorted(height / ends)])
+        upper.plot([], [], color=style.INK, linewidth=1, label="decay as $1/t$ (lower panel)")
+    return extents
 
 
 def table(cases: list[Dataset]) -> DataFrame:

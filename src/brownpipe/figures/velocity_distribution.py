@@ -12,9 +12,8 @@ from scipy.special import ndtr
 from xarray import Dataset
 
 from brownpipe.analysis.variables import EACH
-from brownpipe.figures.cases import has, parts_of, title_of
+from brownpipe.figures.cases import frame_of, has, parts_of, title_of
 from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
-from brownpipe.figures.tables import frame_of
 
 FEWEST_COUNTS = 5  # expected independent counts of a bin whose residual is shown
 NEIGHBOURS = np.ones(11)  # weights of a bin and of five on either side, whose errors are pooled with its own

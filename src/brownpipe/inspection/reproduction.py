@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from brownpipe.engines import forecast
-from brownpipe.engines.ensemble import Ensemble
+from brownpipe.engines.ensemble import Ensemble, select
 from brownpipe.formatting import counted, in_time
-from brownpipe.inspection import trajectories_of
-from brownpipe.inspection.results import DIGITS
-from brownpipe.inspection.runs import run_of
+from brownpipe.inspection.reports import DIGITS, trajectories_of
 from brownpipe.observables.own import identity
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import in_lines
@@ -41,8 +39,7 @@ def read_original(path: str | Path, seed: int | None = None) -> Trajectories:
 
 def _options(original: Trajectories) -> tuple[frozenset[str], tuple[str, ...], str]:
     """Return what is recorded, what is measured in each run, and over what that is averaged."""
-    outline = original.outline
-    return outline.record or frozenset({"none"}), outline.observables or (), outline.average
+    return original.record or frozenset({"none"}), original.measured or (), original.ensemble.average
 
 
 def _changes(original: Trajectories) -> str:
@@ -61,9 +58,10 @@ def announcement(original: Trajectories) -> list[str]:
     cost = engine.forecast(scene, *_options(original))
     seconds = forecast.START_UP + cost.once + runs * cost.seconds
     what = f"{counted(runs, 'run')} of {scene.name}, N = {scene.particles}, {engine.options}"
-    changes = _changes(original)
-    lines = [f"results may differ: the file was made with {changes}"] if changes else []
-    return [f"running again {what}: some {in_time(seconds)} of CPU", *lines]
+    lines = [f"running again {what}: some {in_time(seconds)} of CPU"]
+    if changes := _changes(original):
+        lines.append(f"results may differ: the file was made with {changes}")
+    return lines
 
 
 def differences(original: Trajectories) -> Differences:
@@ -75,18 +73,19 @@ def differences(original: Trajectories) -> Differences:
     again = original.engine.simulate(scene, seeds.tolist(), record, observables=observables, average=average)
     found: Differences = {}
     for seed in seeds.tolist():
-        stored, made = (_variables(scene, run_of(ensemble, seed)) for ensemble in (original.ensemble, again))
+        stored, made = (_variables(scene, ensemble, seed) for ensemble in (original.ensemble, again))
         for name in stored | made:
             if (distance := _distance(stored.get(name), made.get(name))) is not None:
                 found.setdefault(name, {})[seed] = distance
     return found
 
 
-def _variables(scene: Scene, ensemble: Ensemble) -> dict[str, np.ndarray]:
+def _variables(scene: Scene, ensemble: Ensemble, seed: int) -> dict[str, np.ndarray]:
     """Return all variables of a run by their paths in a file; of one that could not go on, that it failed and why."""
-    if ensemble.stopped:
-        return {"failed": ensemble.observables["failed"], "stopped": np.array([*ensemble.stopped.values()])}
-    groups = groups_of(scene, ensemble).items()
+    run = select(ensemble, ensemble.seeds == seed)
+    if run.stopped:
+        return {"failed": run.observables["failed"], "stopped": np.array([*run.stopped.values()])}
+    groups = groups_of(scene, run).items()
     return {f"{path}/{name}".lstrip("/"): values for path, group in groups for name, values in group.items()}
 
 

@@ -10,8 +10,9 @@ import hashlib
 import inspect
 import json
 import os
+import re
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -38,9 +39,10 @@ class OwnArray(NamedTuple):
     source: str  # SHA-256 of its module
 
 
-def own_arrays(text: str | bytes) -> dict[str, OwnArray]:
-    """Return what is said of arrays in JSON."""
-    return {name: OwnArray(tuple(dims), tuple(shape), *rest) for name, (dims, shape, *rest) in json.loads(text).items()}
+def own_arrays(attributes: Mapping) -> dict[str, OwnArray]:
+    """Return what the attributes of runs, or the arrays of a checkpoint, say of arrays of one's own in JSON."""
+    said = json.loads(attributes.get("own_arrays", "{}"))
+    return {name: OwnArray(tuple(dims), tuple(shape), *rest) for name, (dims, shape, *rest) in said.items()}
 
 
 Own = Mapping[str, OwnArray]  # by the name of the array
@@ -144,37 +146,29 @@ def _in_words(error: Exception, file: str) -> str:
     return f"{type(error).__name__}: {error}" + (f" ({file}, line {lines[-1]})" if lines else "")
 
 
-def measure(
-    scene: Scene, run: Run, names: Iterable[str], values: dict[str, Any], known: dict[str, OwnArray], axes: Mapping
-) -> None:
-    """Add the arrays of functions in modules to the `values` of a run, and what is said of them to `known`.
+def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, OwnArray]) -> dict[str, np.ndarray]:
+    """Return the arrays of a function in a module for a run, and add what is said of them to `known`.
 
     `axes` are the dimensions with coordinates. Raises RequestError for whatever goes wrong in a function, and for
-    arrays that are not numbers, have the name of another value, or are unlike those of the runs before.
+    arrays that are not numbers, or are unlike those of the runs before.
     """
-    for name in filter(is_own, names):
-        function, title = _found(name), title_of(name)
-        tracks = Tracks(*(Track(*map(_read_only, track)) for track in (run.tracer, run.whole)))
-        try:
-            arrays = function.call(scene, tracks)
-        except Exception as error:
-            raise RequestError(f"{title}: {_in_words(error, function.file)}") from error
-        if not isinstance(arrays, Mapping):
-            raise RequestError(f"{title}: must return a mapping of names to arrays, not {arrays!r:.40}")
-        for array, value in arrays.items():
-            try:
-                if array in values or array in axes:
-                    raise ValueError("is the name of another value of a run")
-                dims, numbers, meaning = _taken_apart(array, value)
-                expected = [len(axes[dim].coordinates(scene)) if dim in axes else None for dim in dims]
-                if any(size not in (None, found) for size, found in zip(expected, numbers.shape, strict=True)):
-                    raise ValueError(f"must have {expected} values along {dims}, not {list(numbers.shape)}")
-                own = OwnArray(dims, numbers.shape, *meaning, title, _digest(function))
-                if known.setdefault(array, own) != own:
-                    raise ValueError(f"must be alike in all runs; was {known[array][:4]}, is {own[:4]}")
-            except (TypeError, ValueError) as error:
-                raise RequestError(f"{title}: {array}: {error}") from error
-            values[array] = numbers
+    function, measured = _found(name), dict[str, np.ndarray]()
+    tracks = Tracks(*(Track(*map(_read_only, track)) for track in (run.tracer, run.whole)))
+    try:
+        returned = function.call(scene, tracks)
+        if not isinstance(returned, Mapping):
+            raise TypeError(f"must return a mapping of names to arrays, not {returned!r:.40}")
+        for array, value in returned.items():
+            dims, measured[array], attributes = _taken_apart(array, value)
+            shape = tuple(len(axes[d].coordinates(scene)) if d in axes else None for d in dims)
+            own = OwnArray(dims, measured[array].shape, *attributes, title_of(name), _digest(function))
+            if any(size not in (None, found) for size, found in zip(shape, own.shape, strict=True)):
+                raise ValueError(f"{array}: must have {shape} values along {dims}, not {own.shape}")
+            if known.setdefault(array, own) != own:
+                raise ValueError(f"{array}: must be alike in all runs; was {known[array][:5]}, is {own[:5]}")
+    except Exception as error:
+        raise RequestError(f"{title_of(name)}: {_in_words(error, function.file)}") from error
+    return measured
 
 
 def _read_only(values: np.ndarray | None) -> np.ndarray | None:
@@ -184,12 +178,10 @@ def _read_only(values: np.ndarray | None) -> np.ndarray | None:
 def _taken_apart(name: object, value: Any) -> tuple[tuple[str, ...], np.ndarray, tuple[str, str]]:
     """Return dims, values, and units and meaning of a variable as xarray takes it. Raises ValueError for any other."""
     given, numbers, *attributes = value if isinstance(value, tuple) else ((), value)
-    dims, array = (given,) if isinstance(given, str) else tuple(given), np.asarray(numbers)
-    if array.dtype.kind not in "biuf":
-        raise ValueError(f"must be numbers, not of type {array.dtype}")
-    if not all(isinstance(word, str) and word.isidentifier() and word.isascii() for word in (name, *dims)):
-        raise ValueError("names of arrays and dimensions must be words of letters, digits and _")
+    dims, array = (given,) if isinstance(given, str) else tuple(given), np.asarray(numbers, float)
+    if not all(re.fullmatch(r"[A-Za-z_]\w*", str(word), re.ASCII) for word in (name, *dims)):
+        raise ValueError(f"{name}: names of arrays and dimensions must be words of letters, digits and _")
     if len(dims) != array.ndim or len({*dims, name}) != len(dims) + 1:
-        raise ValueError(f"must be (dims, values) with a dimension for each of {array.ndim} axes, not {dims}")
+        raise ValueError(f"{name}: must be (dims, values) with a dimension for each of {array.ndim} axes, not {dims}")
     described = dict[str, object](*attributes)
-    return dims, array.astype(float), (str(described.get("units", "1")), str(described.get("long_name", name)))
+    return dims, array, (str(described.get("units", "1")), str(described.get("long_name", name)))

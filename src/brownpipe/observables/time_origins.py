@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from brownpipe.scene import Scene
-from brownpipe.scene.sample_times import SAME
+from brownpipe.scene.scene import SAME
 
 MOST_ORIGINS = 20_000  # which have 2e8 pairs
 

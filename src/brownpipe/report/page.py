@@ -18,6 +18,7 @@ from brownpipe.figures.render import Drawing
 from brownpipe.figures.summary import QUESTION, TESTS, answer
 
 CAPTIONS = Path(figures.__file__).parent
+NOTE = "harrison2020"  # the scenes of the note begin with this name
 MOST_ROWS = 400  # of a table of numbers
 DIGITS = 6  # of a number
 SVG_SIZE = re.compile(rb'viewBox="0 0 (\S+) (\S+)"')
@@ -27,20 +28,22 @@ NEXT = re.compile(r"\n(?=\w+: )")  # before the explanation of a column of the t
 
 def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
     """Return the page of a study: the answer, its figures, and the health of its runs."""
-    found, cases = answer(dataset), cases_of(dataset)
+    found, cases = answer(dataset, record.get("figures") or ()), cases_of(dataset)
     tests = sum(column[0] in TESTS for column in found.columns)
     scenes, counts = (dict.fromkeys(str(case[name].item()) for case in cases) for name in ("scene", "particles"))
     runs = sum(int(case.runs) for case in cases)
+    of_note = any(scene.startswith(NOTE) for scene in scenes)
     return _page(
-        "Brownian motion of hard disks",
+        record.get("title") or "Brownian motion of hard disks",
         f"{', '.join(scenes)}; N = {', '.join(counts)}; {runs:,} run{'' if runs == 1 else 's'}",
         record,
+        note=(record.get("note") or "").strip().split("\n\n"),
         answers=[("", _table(found.columns, "Answer", (QUESTION, tests) if tests else None, grouped=True), [])],
         drifting=found.drifting,
         missing=found.missing,
         legend=found.legend,
-        figures=[_figure(drawing, drawing.name) for drawing in drawings if drawing.name != "health"],
-        of_runs=[_figure(drawing, drawing.name) for drawing in drawings if drawing.name == "health"],
+        figures=[_figure(one, one.name, of_note) for one in drawings if one.name != "health"],
+        of_runs=[_figure(one, one.name) for one in drawings if one.name == "health"],
     )
 
 
@@ -91,9 +94,10 @@ def caption_of(name: str) -> tuple[str, list[str]]:
     return title.strip().removesuffix("."), [" ".join(part.split()) for part in rest.split("\n\n")]
 
 
-def _figure(drawing: Drawing, caption: str) -> dict[str, Any]:
+def _figure(drawing: Drawing, caption: str, of_note: bool = False) -> dict[str, Any]:
     """Return a figure with the caption of this name and its numbers, of a long table the first MOST_ROWS rows.
 
+    of_note: with the paragraph on what the note found in its scene.
     The picture is an image of its own, so that ids in its SVG cannot collide with those of other figures.
     """
     title, parts = caption_of(caption)
@@ -101,7 +105,7 @@ def _figure(drawing: Drawing, caption: str) -> dict[str, Any]:
     return {
         "name": drawing.name,
         "title": title,
-        "caption": parts,
+        "caption": [part for part in parts if of_note or not part.startswith("The note ")],
         "size": [f"{float(size):g}" for size in SVG_SIZE.search(svg).groups()],
         "image": base64.b64encode(svg).decode(),
         "numbers": _table([[str(name), *map(_in_digits, shown[name])] for name in shown], f"Numbers: {title}"),

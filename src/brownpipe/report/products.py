@@ -1,8 +1,9 @@
 """Everything that `brownpipe figures` writes of a dataset: figures, tables, text, a page, and their record."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import matplotlib.backends.backend_agg  # at the head, so that processes that are forked to draw have it
 import matplotlib.backends.backend_svg  # noqa: F401
@@ -10,29 +11,29 @@ from xarray import Dataset
 
 from brownpipe.errors import FigureError, WrongFileError
 from brownpipe.figures import render, tradeoff
+from brownpipe.figures.cases import to_csv
 from brownpipe.figures.origin import RECORD, Record, closing_lines, metadata, read_record, record_of, record_text
 from brownpipe.figures.summary import summary, summary_table
-from brownpipe.figures.tables import to_csv
-from brownpipe.parallel import calculated
+from brownpipe.processes import calculated
 from brownpipe.report.page import page_of_study, page_of_tradeoff
 from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.files import seal_of, write_files
 from brownpipe.tradeoff import is_tradeoff
 
 MARKS = (b"Made by brownpipe", b'"made_by"')  # in pictures and texts, and in records and pages
-HEADING = b"scene,particles,"  # of every table
+HEADING = b"scene,"  # of every table
 
 
-def read(path: str | Path, names: Sequence[str] | None = None, particles: int | None = None) -> tuple[Dataset, Record]:
+def read(path: str | Path, options: Mapping[str, Any]) -> tuple[Dataset, Record]:
     """Return the dataset at `path` and the record of its products, which says what figures there are to be.
 
-    names, particles: as in `render.cases_shown`. Raises FigureError for a trade-off if either is given, as it is shown
-    as a whole, and what `read_dataset` raises.
+    options: `figures`, `particles` and `panel` (`render`), `title` and `note`. Raises FigureError for a trade-off with
+    any of them, as it is shown as a whole, and what `read_dataset` raises.
     """
     dataset = read_dataset(path)
-    if is_tradeoff(dataset) and (names or particles is not None):
+    if is_tradeoff(dataset) and any(value is not None for value in options.values()):
         raise FigureError(f"{path}: a trade-off; it is shown as a whole")
-    return dataset, record_of(dataset, "figures", seal_of(path), names, particles)
+    return dataset, record_of(dataset, seal_of(path), options)
 
 
 def write(
@@ -52,10 +53,11 @@ def write(
         name, text = "tradeoff.txt", tradeoff.summary(dataset)
     else:
         cases = render.cases_shown(dataset, record["particles"], record["figures"])
-        drawings = calculated(partial(render.drawn, cases, metadata(record)), [*cases], "figures", cores)
+        draw = partial(render.drawn, cases, metadata(record), record["panel"] or ())
+        drawings = calculated(draw, [*cases], "figures", cores)
         tables = {one.name: one.table for one in drawings} | {"summary": summary_table(dataset)}
         page_of = page_of_study
-        name, text = "summary.txt", summary(dataset)
+        name, text = "summary.txt", summary(dataset, record["figures"] or (), record["title"] or "")
     files = {f"{one.name}.{suffix}": image for one in drawings for suffix, image in one.images.items()}
     files |= {f"{name}.csv": to_csv(table) for name, table in tables.items()}
     files[name] = (text + closing_lines(record)).encode()

@@ -1,36 +1,131 @@
-"""Values of files, options and arguments, checked by pydantic: every refusal is one line.
+"""YAML files (YAML 1.2, core schema), and values checked by pydantic: every refusal is one line.
 
 It names the file, its line, the key, the allowed values and the value found.
 """
 
 import difflib
+import math
+import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Annotated, Any, NoReturn, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, TypeAdapter, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
+import yaml
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, GetPydanticSchema, TypeAdapter, model_validator
+from pydantic_core import PydanticCustomError, ValidationError
 
 from brownpipe.errors import RequestError
-from brownpipe.scene.yaml_file import Document
+from brownpipe.quoting import shell_path
 
 LONGEST_SHOWN = 80  # characters of a value in a message
 MOST_DISKS = 10_000_000
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
-WORDS = {  # of pydantic, and the same in messages here
-    "Input should be": "must be",
-    "Input is not a valid path for <class 'pathlib.Path'>": "must be the path of a file",
-    "a valid number": "a number",
-    "a valid integer": "an integer",
-    "a valid boolean": "true or false",
-    "a valid string": "a text",
-    "a valid tuple": "a list",
-    "a valid dictionary": "a mapping",
-}
-TINY = 1e-99  # a bound below it is there for the range of floating-point numbers alone
-BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+
+# -- YAML -----------------------------------------------------------------------------------------------------------
+
+NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+CONSTANTS = {"null": None, "~": None, "": None, "true": True, "false": False, ".nan": math.nan}
+CONSTANTS |= {".inf": math.inf, "+.inf": math.inf, "-.inf": -math.inf}
+CONSTANTS |= {form: value for word, value in CONSTANTS.items() for form in (word.title(), word.upper())}
+LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader  # all scalars are texts
+TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "seq", "map")}
+
+
+class Document(dict[str, object]):
+    """A mapping with the lines that it was read from, of which some keys may be replaced by other values."""
+
+    lines: Mapping[tuple[str | int, ...], int] = {}  # from 1, of each value by its path of keys and indices
+    replaced: tuple[str, ...] = ()
+
+    def line_of(self, path: Sequence[str | int]) -> int | None:
+        """Return the line of a value: of its key, or of its item in a list.
+
+        That of the mapping that lacks it if it is missing; None if it is not from the text.
+        """
+        known = (self.lines.get(tuple(path[:length])) for length in range(len(path), -1, -1))
+        return None if path and path[0] in self.replaced else next(filter(None, known), None)
+
+
+def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any]) -> Document:
+    """Return a mapping with other values of some keys; a key of value None is left out."""
+    document = Document({key: value for key, value in {**mapping, **values}.items() if value is not None})
+    document.lines, document.replaced = getattr(mapping, "lines", {}), (*getattr(mapping, "replaced", ()), *values)
+    return document
+
+
+def read_yaml(path: str | Path) -> Any:
+    """Return the contents of a YAML file as dicts with str keys, lists, str, int, float, bool and None.
+
+    A mapping is returned as a `Document`. Raises RequestError if the file cannot be read or is not such YAML.
+    """
+    try:
+        lines: dict[tuple[str | int, ...], int] = {}
+        node = yaml.compose(Path(path).read_text("utf-8-sig"), LOADER)
+        if node is None:
+            raise ValueError("empty; must be a mapping of keys to values")
+        value = _value(node, (), lines)
+    except OSError as error:
+        hint = f"; did you mean {Path(path).name}.yaml?" if os.path.isfile(f"{path}.yaml") else ""
+        raise RequestError(f"{path}: cannot be read: {error.strerror}{hint}") from None
+    except UnicodeDecodeError:
+        raise RequestError(f"{path}: not text; if it is an HDF5 file: brownpipe inspect {shell_path(path)}") from None
+    except (ValueError, RecursionError) as error:
+        raise RequestError(f"{path}: {error}") from None
+    except yaml.YAMLError as error:
+        mark, problem = (
+            getattr(error, "problem_mark", None),
+            getattr(error, "problem", "a character that is not allowed"),
+        )
+        problem = problem.removeprefix("but ").replace("found char", "found a tab or another char")
+        raise RequestError(f"{path}: {f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}") from None
+    if isinstance(value, dict):
+        value = Document(value)
+        value.lines = lines
+    return value
+
+
+def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> object:
+    """Return the value of a node, and add its line and those of all in it to `lines`."""
+    lines.setdefault(path, node.start_mark.line + 1)
+    if node.tag not in TAGS:
+        raise ValueError(f"line {node.start_mark.line + 1}: tags are not allowed")
+    if isinstance(node, yaml.ScalarNode):
+        return node.value if node.style else scalar(node.value)
+    if isinstance(node, yaml.SequenceNode):
+        return [_value(item, (*path, k), lines) for k, item in enumerate(node.value)]
+    mapping: dict[str, object] = {}
+    for key_node, item in node.value:
+        key, line = key_node.value, key_node.start_mark.line + 1
+        if not isinstance(key, str) or key in mapping:
+            wrong = (
+                f"duplicate key {key!r}; must be given once" if isinstance(key, str) else "a key must be a plain word"
+            )
+            raise ValueError(f"line {line}: {wrong}")
+        lines[*path, key] = line
+        mapping[key] = _value(item, (*path, key), lines)
+    return mapping
+
+
+def scalar(text: str) -> object:
+    """Return the value of a plain scalar: None, bool, int, float, otherwise str. (010 is 10.)"""
+    if not NUMBER.fullmatch(text):
+        return CONSTANTS.get(text, text)
+    return int(text) if text.lstrip("+-").isdigit() else float(text)
+
+
+def yaml_text(mapping: dict) -> str:
+    """Return the text of a YAML file with these keys in their order; innermost lists and mappings are in brackets.
+
+    Texts that are numbers in YAML 1.2 alone, such as a name 089, are not put in quotes.
+    """
+    return yaml.safe_dump(mapping, sort_keys=False, width=120, default_flow_style=None, allow_unicode=True)
+
+
+# -- types of values ------------------------------------------------------------------------------------------------
 
 NO_MINUS_ZERO = AfterValidator(lambda value: value + 0.0)
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), NO_MINUS_ZERO]
@@ -52,10 +147,11 @@ class Record(BaseModel):
     def _known_keys(cls, value: object) -> object:
         if isinstance(value, cls):
             return value
-        keys = tuple(cls.model_fields)
+        keys = tuple(field.alias or name for name, field in cls.model_fields.items())
         if not isinstance(value, Mapping):
-            found = "a text" if isinstance(value, str) else shown(value)  # of a wrong file, maybe a secret
-            refuse(f"must be a mapping with the keys {', '.join(keys)}, not {found}")
+            raise PydanticCustomError(
+                "record_type", "must be a mapping with the keys {keys}", {"keys": ", ".join(keys)}
+            )
         for key in value:
             if key not in keys:
                 hint = "a number has a decimal point; " if str(key).isdigit() else did_you_mean(str(key), keys)
@@ -86,6 +182,11 @@ def alone(name: str, schema: Any) -> BeforeValidator:
     return converted(lambda value: value if isinstance(value, Mapping | Record) else {name: value}, schema)
 
 
+def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
+    """Let values be read as this type, which is made at run time."""
+    return GetPydanticSchema(lambda _, handler: handler.generate_schema(kind))
+
+
 def distinct(kind: Any, least: int = 0) -> Any:
     """Return the type of a list of values that differ, at least so many."""
     return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_refuse_equal)]
@@ -95,6 +196,41 @@ def _refuse_equal(values: tuple[Any, ...]) -> tuple[Any, ...]:
     if any(value in values[:k] for k, value in enumerate(values)):
         refuse("must be values that differ")
     return values
+
+
+def plain(value: Any) -> Any:
+    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list | tuple | range | set | frozenset) else value
+
+
+# -- refusals -------------------------------------------------------------------------------------------------------
+
+WORDS = {  # of pydantic, and the same in messages here
+    "Input should be ": "must be ",
+    "Input is not a valid path for <class 'pathlib.Path'>": "must be the path of a file",
+    "a valid number": "a number",
+    "a valid integer": "an integer",
+    "a valid boolean": "true or false",
+    "a valid string": "a text",
+    "a valid tuple": "a list",
+    "a valid dictionary": "a mapping",
+    "greater than or equal to": ">=",
+    "less than or equal to": "<=",
+    "greater than": ">",
+    "less than": "<",
+}
+PROBLEMS = {  # by pydantic's names of errors, with the context that comes with them
+    "missing": "missing; must be given",
+    "union_tag_not_found": "missing; must be given",
+    "union_tag_invalid": "must be {expected_tags}",
+    "too_short": "must be a list of at least {min_length}",
+    "too_long": "must be a list of at most {max_length}",
+    "string_pattern_mismatch": "must be a name: letters, digits, '.', '_', '-', first a letter or digit, at most 64",
+}
 
 
 def refuse(problem: str, *path: str | int) -> NoReturn:
@@ -110,7 +246,7 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
     try:
         return TypeAdapter(kind).validate_python(value, context=context)
     except ValidationError as error:
-        path, problem = _place_and_problem(error)
+        path, problem = _place_and_problem(error, value)
     line = value.line_of(path) if isinstance(value, Document) else None
     file += f" with {', '.join(value.replaced)} replaced" if isinstance(value, Document) and value.replaced else ""
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in (key, *path) if part != "")
@@ -118,44 +254,45 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
     raise RequestError(": ".join(part for part in parts if part)) from None
 
 
-def _place_and_problem(error: ValidationError) -> tuple[list[str | int], str]:
-    """Return the path of the first refused value, and what is wrong with it."""
-    first = error.errors(include_url=False)[0]
-    context = first.get("ctx", {})
-    path = [part for part in (*first["loc"], *context.get("path", ())) if not str(part).startswith("{")]  # a tag
-    kind, problem, value = first["type"], first["msg"], first["input"]
-    if kind == "refused":
+def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str | int], str]:
+    """Return the path of the first refused value, and what is wrong with it.
+
+    A value that may be of several types has an error for each of them: those of the innermost value count.
+    """
+    errors = [(_path(one, value), one) for one in error.errors(include_url=False)]
+    path = max((path for path, _ in errors if path[: len(errors[0][0])] == errors[0][0]), key=len)
+    here = [one for other, one in errors if other == path]
+    problem, kind = _problem(here[0]), here[0]["type"]
+    if kind == "refused" or problem.startswith("missing"):
         return path, problem
-    if kind == "missing" and isinstance(path[-1], str):
-        return path, "missing; must be given"
-    if kind == "missing" or (kind == "too_long" and context["max_length"] == 2):
-        return path[:-1] if kind == "missing" else path, f"must be a list of two, not {shown(value)}"
-    if kind == "union_tag_invalid":
-        options = re.findall("{([^}]+)}", context["expected_tags"])
-        word = context["tag"].strip("{}")
-        return [*path, "name"], f"must be {' or '.join(options)}, not {word}; {did_you_mean(word, options)}".strip("; ")
-    if "{word}" in first["loc"]:
-        problem = f"must be a number or {context['expected']}"
-    if kind == "string_pattern_mismatch":
-        problem = "must be a name: letters, digits, '.', '_', '-', the first a letter or digit, at most 64"
-    for name in BOUNDS.keys() & context.keys():
-        far_below = value <= 0 < context[name] < TINY
-        problem = "must be > 0" if far_below else f"must be {BOUNDS[name]} {context[name]:.10g}"
+    problem = " or ".join(dict.fromkeys(map(_problem, here))).replace(" or must be ", " or ")
+    found = here[0].get("ctx", {}).get("tag", here[0]["input"])
+    hint = did_you_mean(str(found), re.findall("'([^']+)'", problem))
+    if kind in ("float_type", "int_type") and isinstance(found, str):
+        hint = hint or "without quotes, unit or comma"
+    found = (
+        "a text" if kind == "record_type" and isinstance(found, str) else shown(found)
+    )  # of a wrong file, maybe a secret
+    return path, f"{problem}, not {found}{'; ' if hint else ''}{hint.strip()}"
+
+
+def _path(error: Any, value: Any) -> list[str | int]:
+    """Return where in a value an error is: its place without the names of types that pydantic puts in between."""
+    path, context = list[str | int](), error.get("ctx", {})
+    for part in error["loc"]:
+        with suppress(LookupError, TypeError):
+            value = value[part]
+            path.append(part)
+    missing = error["loc"][-1:] if error["type"] == "missing" and value is not None else ()
+    return [*path, *missing, *context.get("path", ()), *filter(None, [context.get("discriminator", "").strip("'")])]
+
+
+def _problem(error: Any) -> str:
+    """Return what is wrong with a value, without the value."""
+    problem = PROBLEMS.get(error["type"], "{msg}").format(msg=error["msg"], **error.get("ctx", {}))
     for theirs, ours in WORDS.items():
         problem = problem.replace(theirs, ours)
-    hint = did_you_mean(str(value), re.findall("'([^']+)'", context["expected"])) if kind == "literal_error" else ""
-    if kind in ("float_type", "int_type") and isinstance(value, str):
-        hint = "without quotes, unit or comma"
-    return path, f"{problem}, not {shown(value)}{'; ' if hint else ''}{hint.strip()}"
-
-
-def plain(value: Any) -> Any:
-    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, list | tuple | range | set | frozenset) else value
+    return problem
 
 
 def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:
@@ -165,12 +302,6 @@ def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:
 
 
 def shown(value: object) -> str:
-    """Return the value as in YAML, on one line and shortened."""
-    if isinstance(value, Mapping):
-        return "a mapping"
-    if isinstance(value, list | tuple) and len(value) > 4:
-        return f"a list of {len(value)}"
-    if value is None or isinstance(value, bool):
-        return {None: "null", True: "true", False: "false"}[value]
-    text = repr(list(value) if isinstance(value, tuple) else value)
+    """Return the value on one line, shortened."""
+    text = repr(value)
     return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."

@@ -7,62 +7,48 @@ box and do not overlap, and no species has more disks than can fit.
 import hashlib
 import json
 import math
+from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, StrictBool, Tag, model_validator
+from pydantic import AfterValidator, Field, StrictBool, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.quoting import shell_path
-from brownpipe.scene import sample_times
+from brownpipe.scene import reading
 from brownpipe.scene.packing import ROUND_OFF, overlap
-from brownpipe.scene.reading import (
-    NAME,
-    Count,
-    Name,
-    NotNegative,
-    Pair,
-    Positive,
-    Record,
-    alone,
-    key,
-    refuse,
-    validated,
-)
-from brownpipe.scene.yaml_file import Document, read_yaml, yaml_text
+from brownpipe.scene.reading import NAME, Count, Name, NotNegative, Pair, Positive, Record, alone, key, refuse
 
 MOST_SAMPLES = 10_000_000
+SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
 LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
-HEAVIEST = 1e302  # mass; its inverse the lightest
 LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
 SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
 HEXAGONAL = (1 + 1e-9) / math.sqrt(12)  # disks in a square of side R in the densest packing, and round-off
-SLOWEST_SQUARE = 1e-300  # smallest kT/m except 0
-ONLY_WITH_SPECIES = ("particles", "velocities", "equilibrate")  # keys
 STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
 
 # With the values of varied keys (`variation`): `fluid,tracer_mass=10`.
 SceneName = Annotated[str, Field(pattern=rf"^{NAME.pattern}(,\w+=[\w.-]{{1,64}})*$")]
-Mass = Annotated[Positive, Field(ge=1 / HEAVIEST, le=HEAVIEST)]
 PerDecade = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+
+
+def _ascending(side: tuple[float, float]) -> tuple[float, float]:
+    if not 1 / LONGEST <= side[1] - side[0] <= LONGEST:
+        refuse(f"must be [low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long, not {list(side)}")
+    return side
+
+
+Side = Annotated[Pair, AfterValidator(_ascending)]
 
 
 class Box(Record):
     """A rectangle [length]. Reflecting walls are hard and touch a disk at its edge."""
 
-    x: Pair = key("its sides, [low, high] [length]")
-    y: Pair = key("its sides, [low, high] [length]")
+    x: Side = key("its sides, [low, high] [length]")
+    y: Side = key("its sides, [low, high] [length]")
     boundary: Literal["reflecting", "periodic"] = key("hard walls, hit by a disk's edge, or periodic", "reflecting")
-
-    @model_validator(mode="after")
-    def _check(self) -> "Box":
-        for side, (low, high) in (("x", self.x), ("y", self.y)):
-            if not 1 / LONGEST <= high - low <= LONGEST:
-                allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
-                refuse(f"must be {allowed}, not {[low, high]}", side)
-        return self
 
     @property
     def width(self) -> float:
@@ -100,7 +86,7 @@ class Disk(Record):
     position: Pair = key("initial centre, [x, y] [length]")
     velocity: Pair = key("[x, y] [length/time]")
     radius: Positive = key("[length]")
-    mass: Mass = key("[mass]")
+    mass: Positive = key("[mass]")
     count: ClassVar = 1
 
 
@@ -108,25 +94,19 @@ class Tracer(Record):
     """Disk 0, whose motion is recorded and analysed. It is a species of its own."""
 
     radius: Positive = key("[length]")
-    mass: Mass = key("[mass]")
+    mass: Positive = key("[mass]")
     position: Pair | None = key("its initial centre [length]; by default it is placed like the others", None)
     name: ClassVar = "tracer"
     count: ClassVar = 1
-
-
-CountOrRest = Annotated[
-    Annotated[Count, Tag("{number}")] | Annotated[Literal["rest"], Tag("{word}")],
-    Discriminator(lambda value: "{word}" if isinstance(value, str) else "{number}"),
-]
 
 
 class Species(Record):
     """Equal disks, which `engines.initial_state.draw` places."""
 
     name: Name = key("differs from the others and from `tracer`")
-    count: CountOrRest = key("a number; one species at most is the `rest` of `particles`")
+    count: Count | Literal["rest"] = key("a number; one species at most is the `rest` of `particles`")
     radius: Positive = key("of each disk [length]")
-    mass: Mass = key("of each disk [mass]")
+    mass: Positive = key("of each disk [mass]")
     position: ClassVar = None
 
 
@@ -143,13 +123,12 @@ class Mixture(Record):
     def _check(self) -> "Mixture":
         if not self.model_fields_set & {"tracer", "species"}:
             refuse("must have tracer, species or both")
-        names = ["tracer", *(species.name for species in self.species)]
-        rest = [k for k, species in enumerate(self.species) if species.count == "rest"]
-        for k, name in enumerate(names[1:]):
-            if name in names[: k + 1]:
-                refuse(f"must be a name of its own (tracer is reserved), not {name!r}", "species", k, "name")
-        if len(rest) > 1:
-            refuse("must be a number, as only one species can be the rest", "species", rest[1], "count")
+        for k, species in enumerate(self.species):
+            before = self.species[:k]
+            if species.name in ("tracer", *(one.name for one in before)):
+                refuse(f"must be a name of its own (tracer is reserved), not {species.name!r}", "species", k, "name")
+            if species.count == "rest" and any(one.count == "rest" for one in before):
+                refuse("must be a number, as only one species can be the rest", "species", k, "count")
         return self
 
 
@@ -186,12 +165,6 @@ class Equilibration(Record):
     tracer: Literal["pinned", "free"] | None = key("whether the tracer is held (default, if there is one)", None)
 
 
-Disks = Annotated[
-    Annotated[Mixture, Tag("{species}")] | Annotated[tuple[Disk, ...], Tag("{list}")],
-    Discriminator(lambda value: "{list}" if isinstance(value, list | tuple) else "{species}"),
-]
-
-
 Before = Annotated[Equilibration, alone("time", NotNegative | Equilibration)]
 
 
@@ -199,127 +172,131 @@ class Scene(Record):
     """The physics of one run. Disk 0 is the tracer."""
 
     box: Box = key("the rectangle, and what happens at its sides")
-    disks: Disks = key("species, whose disks are placed by the program, or a list of disks")
+    disks: Mixture | tuple[Disk, ...] = key("species, whose disks are placed by the program, or a list of disks")
     duration: Positive = key("a run goes from t = 0 to t = duration [time]")
     particles: Count | None = key("total number of disks, tracer included (default: sum of the counts)", None)
     velocities: Velocities | None = key("initial velocities; must be given with species", None)
     sample_interval: Positive | None = key("sample times: its multiples and the duration [time]", None)
     samples: Samples | None = key("logarithmic sample times, in place of `sample_interval`", None)
     equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", Equilibration(time=0.0))
-    if TYPE_CHECKING:
-        name: str  # in results, that of the file; no key
+    if TYPE_CHECKING:  # no keys: what follows from them
+        name: str  # in results, that of the file
+        listed: tuple[Disk, ...]  # the disks of an explicit list; () for species
+        species: tuple[Any, ...]  # tracer, if any, and species, each with name, count, radius and mass; () for a list
+        placement: str  # of species: "auto", "random" or "lattice"; "" for a list of disks
+        radius: np.ndarray  # (N,) [length], read-only
+        mass: np.ndarray  # (N,), read-only
+        packing_fraction: float  # phi = sum(pi R^2)/A
 
     @model_validator(mode="after")
     def _check(self) -> "Scene":
         self._resolve_times()
+        groups: dict[tuple, Any] = {}  # by the path of keys
         if isinstance(self.disks, Mixture):
-            self._count(self.disks)
-            self._check_mixture(self.disks)
-            self._check_motion(self.disks.tracer is not None)
+            groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
+            groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
         else:
-            self._check_list(self.disks)
-        light, heavy = self.mass.min(initial=HEAVIEST), self.mass.max(initial=1 / HEAVIEST)
+            groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
+        self._resolve_number(groups.values())
+        for path, group in groups.items():
+            self._check_disk(group, *path)
+        if isinstance(self.disks, Mixture):
+            self._resolve_motion(self.disks)
+        elif self.velocities is not None or self.equilibrate.time > 0:
+            given = "equilibrate" if self.velocities is None else "velocities"
+            refuse("must not be given with an explicit list of disks, which says it all", given)
+        else:
+            self._resolve(equilibrate=Equilibration(time=0.0, tracer="free"))
+        self._check_packing()
+        light, heavy = self.mass.min(initial=math.inf), self.mass.max(initial=0.0)
         if heavy / LARGEST_MASS_RATIO > light:
-            pair = f"masses {light:g} and {heavy:g} are too far apart"
-            refuse(f"{pair}; must be within a factor of {LARGEST_MASS_RATIO:g}", "disks")
+            refuse(f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and {heavy:g}", "disks")
         return self
 
     def _resolve_times(self) -> None:
-        if self.samples is not None:
-            if self.sample_interval is not None:
-                refuse("must not be given with sample_interval; give one of the two", "samples")
-            first = self.duration * 1e-4 if self.samples.first is None else self.samples.first
-            self._resolve(samples=self.samples.model_copy(update={"first": first}))
-            if first >= self.duration:
-                refuse(f"must be below the duration, {self.duration!r}, not {first!r}", "samples", "first")
         interval = self.duration if self.sample_interval is None else self.sample_interval
         if not interval <= self.duration <= MOST_SAMPLES * interval:
             allowed = f"at most the duration, {self.duration!r}, and at least {self.duration / MOST_SAMPLES:g}"
             refuse(f"must be {allowed}, for {MOST_SAMPLES} samples, not {interval!r}", "sample_interval")
+        if self.samples is not None:
+            if self.sample_interval is not None:
+                refuse("must not be given with sample_interval; give one of the two", "samples")
+            first = self.samples.first or self.duration * 1e-4
+            if first >= self.duration:
+                refuse(f"must be below the duration, {self.duration!r}, not {first!r}", "samples", "first")
+            self._resolve(samples=self.samples.model_copy(update={"first": first}))
         self._resolve(sample_interval=interval)
 
-    def _check_list(self, disks: tuple[Disk, ...]) -> None:
-        """Refuse keys that only species have, and disks that are not in the box or overlap."""
-        if self.velocities is not None or self.equilibrate.time > 0:
-            given = "equilibrate" if self.velocities is None else "velocities"
-            refuse("must not be given with an explicit list of disks, which says it all", given)
-        if self.particles not in (None, len(disks)):
-            refuse(f"must be {len(disks)}, the number of disks listed, not {self.particles}", "particles")
-        self._resolve(particles=len(disks), equilibrate=Equilibration(time=0.0, tracer="free"))
-        for k, disk in enumerate(disks):
-            self._check_disk(disk, "disks", k)
-        box = (self.box.x, self.box.y) if self.box.periodic else None
-        if pair := overlap(np.array([disk.position for disk in disks]), self.radius, box):
-            a, b, gap = pair
-            at = f"disk {a} at {list(disks[a].position)} and disk {b} at {list(disks[b].position)}"
-            refuse(f"{at} overlap: the gap between their edges is {gap:.6g}; must be >= 0", "disks")
+    def _resolve_number(self, groups: Collection[Any]) -> None:
+        """Resolve the number of disks, the `rest`, and what follows for each disk; a group is a species or one disk."""
+        numbers = [group.count for group in groups if group.count != "rest"]
+        known, has_rest = sum(numbers), len(numbers) < len(groups)
+        if self.particles is None and has_rest:
+            refuse("missing; must be given with `count: rest`", "particles")
+        total = known if self.particles is None else self.particles
+        if total < known or (total > known and not has_rest):
+            least = "at least " if has_rest else ""
+            refuse(f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles")
+        rest = {"count": total - known}
+        filled = tuple(group.model_copy(update=rest) if group.count == "rest" else group for group in groups)
+        if isinstance(self.disks, Mixture):
+            self._resolve(particles=total, listed=(), species=filled, placement=self.disks.placement)
+        else:
+            self._resolve(particles=total, listed=filled, species=(), placement="")
+        for field in ("radius", "mass"):
+            values = np.array([getattr(group, field) for group in filled], dtype=float)
+            of_each_disk = np.repeat(values, np.array([group.count for group in filled], dtype=int))
+            of_each_disk.flags.writeable = False
+            self._resolve(**{field: of_each_disk})
+        shares = (self.radius / self.box.width) * (self.radius / self.box.height)
+        self._resolve(packing_fraction=float(math.pi * np.sum(shares)))
 
-    def _check_mixture(self, disks: Mixture) -> None:
-        """Refuse disks that cannot fit; those accepted may still be hard to place."""
-        if disks.tracer is not None:
-            self._check_disk(disks.tracer, "disks", "tracer")
-        for k, species in enumerate(disks.species):
-            self._check_disk(species, "disks", "species", k)
+    def _resolve_motion(self, disks: Mixture) -> None:
+        """Resolve the motion of the tracer before t = 0 and the total momentum."""
+        if self.velocities is None:
+            refuse("missing; must be given with species", "velocities")
+        time, held = self.equilibrate.time, self.equilibrate.tracer
+        if held == "pinned" and disks.tracer is None:
+            refuse("must be free, as there is no tracer", "equilibrate", "tracer")
+        if held is None or time == 0:
+            held = "free" if disks.tracer is None else "pinned"
+        self._resolve(equilibrate=Equilibration(time=time, tracer=held))
+        if self.velocities.zero_momentum is None:
+            drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
+            self._resolve(velocities=self.velocities.model_copy(update={"zero_momentum": drifts}))
+
+    def _check_packing(self) -> None:
+        """Refuse listed disks that overlap and species that cannot fit; those accepted may still be hard to place."""
+        box = (self.box.x, self.box.y) if self.box.periodic else None
+        if self.listed and (pair := overlap(np.array([disk.position for disk in self.listed]), self.radius, box)):
+            at = " and ".join(f"disk {k} at {list(self.listed[k].position)}" for k in pair[:2])
+            refuse(f"{at} overlap: the gap between their edges is {pair[2]:.6g}; must be >= 0", "disks")
         for s in self.species:
             most = HEXAGONAL * (self.box.width / s.radius) * (self.box.height / s.radius)
             if s.count > most:
                 crowd = f"{s.count} disks of radius {s.radius!r} ({s.name})"
                 refuse(f"{crowd} cannot fit; must be at most {math.floor(most)}", "disks")
-        if self.packing_fraction > 1:
+        if self.species and self.packing_fraction > 1:
             refuse(f"the disks cover {self.packing_fraction:.4g} times the area of the box; must be at most 1", "disks")
 
-    def _count(self, disks: Mixture) -> None:
-        """Resolve the total number of disks."""
-        numbers = [species.count for species in disks.species]
-        known = (disks.tracer is not None) + sum(n for n in numbers if n != "rest")
-        if self.particles is None and "rest" in numbers:
-            refuse("missing; must be given with `count: rest`", "particles")
-        total = known if self.particles is None else self.particles
-        if total < known or (total > known and "rest" not in numbers):
-            least = "at least " if "rest" in numbers else ""
-            what = "which is what the tracer and the species with numbers add up to"
-            refuse(f"must be {least}{known}, {what}, not {total}", "particles")
-        self._resolve(particles=total)
-
-    def _check_motion(self, has_tracer: bool) -> None:
-        """Check velocities and equilibration of species."""
-        if self.velocities is None:
-            refuse("missing; must be given with species", "velocities")
-        kt = self.velocities.temperature
-        for s in self.species:
-            if kt and s.count and not SLOWEST_SQUARE <= kt / s.mass < math.inf:
-                allowed = f"0, or {SLOWEST_SQUARE:g} to 1.8e308 times the mass {s.mass!r} ({s.name})"
-                refuse(f"must be {allowed}, not {kt!r}", "velocities", "temperature")
-        time, tracer = self.equilibrate.time, self.equilibrate.tracer
-        if tracer == "pinned" and not has_tracer:
-            refuse("must be free, as there is no tracer", "equilibrate", "tracer")
-        default: Literal["pinned", "free"] = "pinned" if has_tracer else "free"
-        self._resolve(equilibrate=Equilibration(time=time, tracer=tracer if tracer and time > 0 else default))
-        if self.velocities.zero_momentum is None:
-            drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
-            self._resolve(velocities=self.velocities.model_copy(update={"zero_momentum": drifts}))
-
-    def _check_disk(self, disk: Disk | Tracer | Species, *path: str | int) -> None:
+    def _check_disk(self, disk: Any, *path: str | int) -> None:
         """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box or in a wall.
 
         In a periodic box of less than four radii a disk could touch two images of one neighbour.
         """
         box, radius = self.box, disk.radius
         most = min(box.width, box.height) / (4 if box.periodic else 2)
-        least = SMALLEST_RADIUS * max(box.width, box.height)
-        if radius > most:
+        if not SMALLEST_RADIUS * max(box.width, box.height) <= radius <= most:
             share = "a quarter of the shorter side of a periodic" if box.periodic else "half the shorter side of the"
-            refuse(f"must be at most {share} box, {most!r}, not {radius!r}", *path, "radius")
-        if radius < least:
-            share = f"{SMALLEST_RADIUS:g} of the longer side of the box"
-            refuse(f"must be at least {share}, {least:.4g}, not {radius!r}", *path, "radius")
+            allowed = f"at most {share} box, {most!r}, and at least {SMALLEST_RADIUS:g} of the longer side"
+            refuse(f"must be {allowed}, not {radius!r}", *path, "radius")
+        margin = 0.0 if box.periodic else radius
         for axis, value, (low, high) in zip("xy", disk.position or (), (box.x, box.y), strict=False):
-            slack, found = ROUND_OFF * radius + 2 * math.ulp(max(-low, high)), f"not {list(disk.position or ())}"
-            if box.periodic and not low <= value < high:
-                refuse(f"must be inside the periodic box, {low!r} <= {axis} < {high!r}, {found}", *path, "position")
-            if not box.periodic and not low - slack <= value - radius <= value + radius <= high + slack:
-                inside = f"inside the walls, {low!r} <= {axis} <= {high!r}, by the radius {radius!r} or more"
-                refuse(f"must be {inside}, {found}", *path, "position")
+            slack = ROUND_OFF * margin + 2 * math.ulp(max(-low, high)) if margin else 0.0
+            if not low - slack <= value - margin <= value + margin <= high + slack or (not margin and value == high):
+                inside = f"{low!r} <= {axis} {'<=' if margin else '<'} {high!r}"
+                inside += f", by the radius {radius!r} or more" if margin else ""
+                refuse(f"must be inside the box, {inside}, not {list(disk.position or ())}", *path, "position")
 
     def __repr__(self) -> str:
         box = f"{self.box.boundary} box {self.box.width:g} x {self.box.height:g}"
@@ -339,71 +316,43 @@ class Scene(Record):
         """Name and number of disks, by which a trade-off names it."""
         return f"{self.name}_N{self.particles}"
 
-    @property
-    def listed(self) -> tuple[Disk, ...]:
-        """The disks of an explicit list; () for species."""
-        return () if isinstance(self.disks, Mixture) else self.disks
-
-    @cached_property
-    def species(self) -> tuple[Any, ...]:
-        """The tracer, if any, and the species, each with its name, count, radius, mass; () for a list of disks."""
-        if not isinstance(self.disks, Mixture):
-            return ()
-        tracer = () if self.disks.tracer is None else (self.disks.tracer,)
-        known = len(tracer) + sum(s.count for s in self.disks.species if s.count != "rest")
-        rest = {"count": (self.particles or 0) - known}
-        return (*tracer, *(s.model_copy(update=rest) if s.count == "rest" else s for s in self.disks.species))
-
-    @property
-    def placement(self) -> str:
-        """How species are placed: "auto", "random" or "lattice"; "" for a list of disks."""
-        return self.disks.placement if isinstance(self.disks, Mixture) else ""
-
-    @cached_property
-    def radius(self) -> np.ndarray:
-        """Radii (N,) [length], read-only."""
-        return self._of_each_disk("radius")
-
-    @cached_property
-    def mass(self) -> np.ndarray:
-        """Masses (N,), read-only."""
-        return self._of_each_disk("mass")
-
-    def _of_each_disk(self, field: str) -> np.ndarray:
-        groups = self.listed or self.species
-        counts = np.array([group.count for group in groups], dtype=int)
-        return _read_only(np.repeat(np.array([getattr(group, field) for group in groups], dtype=float), counts))
-
-    @cached_property
-    def packing_fraction(self) -> float:
-        """Packing fraction, phi = sum(pi R^2)/A."""
-        return float(math.pi * np.sum((self.radius / self.box.width) * (self.radius / self.box.height)))
-
     @cached_property
     def times(self) -> np.ndarray:
-        """Sample times (T,) [time] from 0 to the duration, both exactly, read-only.
+        """Sample times (T,) [time] from 0 to the duration, both exactly, read-only: multiples of the interval, or
+        logarithmic, 0, first * 10**(k / per_decade) for k = 0, 1, ..., and the duration.
 
-        Multiples of the interval, or logarithmic.
+        Powers are computed by Python: NumPy's may differ in the last bit between processors.
         """
+        duration, interval = self.duration, self.sample_interval or self.duration
         if self.samples is not None:
-            first = self.samples.first or 0.0
-            return _read_only(sample_times.logarithmic_times(self.samples.per_decade, first, self.duration))
-        return _read_only(sample_times.linear_times(self.sample_interval or self.duration, self.duration))
+            first, per_decade = self.samples.first or duration, self.samples.per_decade
+            decades = math.log10(duration) - math.log10(first)
+            steps = range(math.ceil(per_decade * decades - SAME))
+            times = np.array([0.0, *(first * 10 ** (k / per_decade) for k in steps), duration])
+        else:
+            times = np.arange(math.ceil(duration / interval - SAME) + 1) * interval
+            times[-1] = duration
+        times.flags.writeable = False
+        return times
 
     def replace(self, **keys: object) -> "Scene":
-        """Return a scene of the same name with other values of some keys."""
-        scene = super().replace(**keys)
+        """Return a scene of the same name with other values of some keys, which may be paths like disks.tracer.mass."""
+        given = self.model_dump(exclude_unset=True)
+        for path, value in reading.plain(keys).items():
+            set_value(given, path, value, "")
+        scene = reading.validated(Scene, given)
         scene._resolve(name=self.name)
         return scene
 
     def as_mapping(self) -> dict:
         """Return the scene as a mapping like that of a scene file, with every default written out."""
-        mapping = self.model_dump(exclude=set(ONLY_WITH_SPECIES) if self.velocities is None else None)
-        del mapping["samples" if self.samples is None else "sample_interval"]
+        mapping = self.model_dump(exclude={"samples" if self.samples is None else "sample_interval"})
         if isinstance(self.disks, Mixture):
-            for written, species in zip(mapping["disks"]["species"][::-1], self.species[::-1], strict=False):
-                written["count"] = species.count
-        return mapping
+            mapping["disks"]["species"] = [one.model_dump() for one in self.species if isinstance(one, Species)]
+            return mapping
+        return {
+            name: value for name, value in mapping.items() if name not in ("particles", "velocities", "equilibrate")
+        }
 
     @cached_property
     def text(self) -> str:
@@ -420,10 +369,19 @@ class Scene(Record):
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
-def _read_only(values: np.ndarray) -> np.ndarray:
-    """Return an array, from now on read-only."""
-    values.flags.writeable = False
-    return values
+def set_value(part: Any, path: str, value: Any, where: str) -> None:
+    """Set the value at a path in a mapping with mappings and lists of species, which are found by their names."""
+    *parents, last = path.split(".")
+    known = "NAME"
+    for word in parents:
+        if isinstance(part, list | tuple):
+            named = {str(one.get("name")): one for one in part if isinstance(one, dict)}
+            part, known = named.get(word), " or ".join(named)
+        elif isinstance(part, dict):
+            part = part.setdefault(word, {})
+    if not isinstance(part, dict):
+        raise RequestError(f"{where}{path}: must be a key like disks.tracer.mass, or mass of disks.species.{known}")
+    part[last] = round(value) if last == "count" and isinstance(value, float) else value
 
 
 def read_scene(path: str | Path, particles: int | None = None) -> Scene:
@@ -431,12 +389,12 @@ def read_scene(path: str | Path, particles: int | None = None) -> Scene:
 
     Raises RequestError, one line, for anything wrong with the file or the scene.
     """
-    return parse_scene(read_yaml(path), str(path), particles)
+    return parse_scene(reading.read_yaml(path), str(path), particles)
 
 
 def scene_yaml(scene: Scene) -> str:
     """Return the text of a scene file, with every default written out; `read_scene` returns an equal scene from it."""
-    return yaml_text(scene.as_mapping())
+    return reading.yaml_text(scene.as_mapping())
 
 
 def parse_scene(mapping: Any, where: str, particles: int | None = None, name: str | None = None) -> Scene:
@@ -450,11 +408,10 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
     if isinstance(mapping, dict) and "box" not in mapping and is_study(mapping):
         raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
     if particles is not None and isinstance(mapping, dict):
-        document = mapping if isinstance(mapping, Document) else Document(mapping)
-        mapping = document.with_values({"particles": particles})
-    scene = validated(Scene, mapping, where)
+        mapping = reading.with_values(mapping, {"particles": particles})
+    scene = reading.validated(Scene, mapping, where)
     stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
-    scene._resolve(name=validated(SceneName, stem, where, key))
+    scene._resolve(name=reading.validated(SceneName, stem, where, key))
     return scene
 
 

@@ -28,25 +28,24 @@ def read_seeds(value: object) -> Sequence[int]:
 def _seeds(value: Any) -> Sequence[int]:
     """Return the seeds of a value, within a validator."""
     if isinstance(value, int) and not isinstance(value, bool):
-        return range(value) if 1 <= value <= MOST_SEEDS else _must_be(f"an integer from 1 to {MOST_SEEDS}", value)
-    parts = value if isinstance(value, list | tuple) else [value]
-    found = [RANGE.fullmatch(word.strip()) for part in parts for word in str(part).split(",")]
-    ends = [(int(part[1]), int(part[2] or part[1])) for part in found if part]
-    if None in found or not ends:
-        counted = "a count like 2400, a range like 0-2399, or a list of seeds and ranges"
-        _must_be("seeds like 17, 0-2399 or 3,5,9" if isinstance(value, str) else counted, value)
-    if any(first > last for first, last in ends):
-        _must_be("ranges that ascend, like 0-2399", value)
-    if sum(last - first + 1 for first, last in ends) > MOST_SEEDS:
-        _must_be(f"at most {MOST_SEEDS} seeds", value)
+        ends = [(0, value - 1)]
+    else:
+        words = [
+            word for part in (value if isinstance(value, list | tuple) else [value]) for word in str(part).split(",")
+        ]
+        found = [RANGE.fullmatch(word.strip()) for word in words]
+        ends = [(int(one[1]), int(one[2] or one[1])) for one in found if one] if None not in found else []
+    if (
+        not ends
+        or any(first > last for first, last in ends)
+        or sum(last + 1 - first for first, last in ends) > MOST_SEEDS
+    ):
+        allowed = "seeds" if isinstance(value, str) else "a count like 2400, or seeds"
+        refuse(f"must be {allowed} like 17, 0-2399 or 3,5,9, ascending, at most {MOST_SEEDS}, not {shown(value)}")
     if len(ends) == 1:
         return range(ends[0][0], ends[0][1] + 1)
     seeds = sorted({*chain.from_iterable(range(first, last + 1) for first, last in ends)})
     return range(seeds[0], seeds[-1] + 1) if seeds[-1] - seeds[0] < len(seeds) else tuple(seeds)
-
-
-def _must_be(allowed: str, value: object) -> Any:
-    refuse(f"must be {allowed}, not {shown(value)}")
 
 
 _Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]

@@ -6,60 +6,46 @@ A key is a path such as `disks.tracer.mass`, `disks.species.bath.count` (a speci
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
+from pydantic import AfterValidator, Field
 
 from brownpipe.errors import RequestError
-from brownpipe.scene.reading import Number, Positive, Record, key, refuse, validated
-from brownpipe.scene.scene import Scene, parse_scene
-from brownpipe.scene.yaml_file import Document
+from brownpipe.scene.reading import As, Number, Positive, Record, key, refuse, validated, with_values
+from brownpipe.scene.scene import Scene, parse_scene, set_value
 
 PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
-UNITS = {
-    "mass": "mass",
-    "radius": "length",
-    "temperature": "energy",
-    "standard_deviation": "length/time",
-    "time": "time",
-    "duration": "time",
-    "sample_interval": "time",
-}
+UNITS = {"mass": "mass", "radius": "length", "temperature": "energy", "standard_deviation": "length/time"}
+UNITS |= dict.fromkeys(("time", "duration", "sample_interval"), "time")
 DIGITS = 12  # of a value in names and coordinates: 0.3 is 0.3, although the box is calculated from it
 
-Span: Any = create_model(  # type: ignore[call-overload]  # of keys of which `from` is none of Python's names
-    "Span",
-    __base__=Record,
-    __doc__="Values at equal steps, or at equal factors (log).",
-    **{
-        "from": (Number, key("the first value")),
-        "to": (Number, key("the last value")),
-        "count": (Annotated[int, Field(strict=True, ge=2, le=10_000)], key("how many")),
-        "spacing": (Literal["linear", "log"], key("equal steps or equal factors", "linear")),
-    },
-)
+
+class Span(Record):
+    """Values at equal steps, or at equal factors (log)."""
+
+    first: Number = key("the first value", alias="from")
+    last: Number = key("the last value", alias="to")
+    count: Annotated[int, Field(strict=True, ge=2, le=10_000)] = key("how many")
+    spacing: Literal["linear", "log"] = key("equal steps or equal factors", "linear")
 
 
-def _spanned(span: Any) -> tuple[float, ...]:
+def _spanned(span: Span) -> tuple[float, ...]:
     """Return the values of a span. Powers are computed by Python: NumPy's may differ between processors."""
-    first, last, count, spacing = dict(span).values()
-    if spacing == "log" and not first * last > 0:
+    first, last, count = span.first, span.last, span.count
+    if span.spacing == "log" and not first * last > 0:
         refuse("must be different from 0 and of one sign for spacing: log", "from")
-    if spacing == "linear":
+    if span.spacing == "linear":
         return tuple(np.linspace(first, last, count).tolist())
     return *(first * (last / first) ** (k / (count - 1)) for k in range(count - 1)), last
 
 
-Values = Annotated[
-    Annotated[Span, AfterValidator(_spanned), Tag("{span}")]
-    | Annotated[tuple[Any, ...], Field(min_length=1), Tag("{list}")],
-    Discriminator(lambda value: "{span}" if isinstance(value, Mapping) else "{list}"),
-]
-Vary = dict[str, Values]
+Values: Any = Annotated[Span, AfterValidator(_spanned)] | Annotated[tuple[Any, ...], Field(min_length=1)]
+Vary = dict[str, Annotated[tuple[Any, ...], As(Values)]]
 
 
 def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
@@ -87,47 +73,26 @@ def scene_with(
     """
     if not (values and isinstance(mapping, Mapping)):
         return parse_scene(mapping, where, particles, name or None)
-    changed: dict[str, Any] = dict(mapping)
-    for path, value in values.items():
-        if path != PACKING_FRACTION:
-            whole = round(value) if path.endswith("count") and isinstance(value, float) else value
-            changed = _with_value(changed, path.split("."), whole, f"{where}: {path}")
-    document = mapping if isinstance(mapping, Document) else Document(mapping)
-    document = document.with_values({key: value for key, value in changed.items() if value is not document.get(key)})
+    changed = deepcopy(dict(mapping))
+    paths = [path for path in values if path != PACKING_FRACTION]
+    for path in paths:
+        set_value(changed, path, values[path], f"{where}: ")
+    document = with_values(mapping, {key: changed[key] for key in (path.split(".")[0] for path in paths)})
     words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
-    name = ",".join([name or Path(where).stem, *words])
-    scene = parse_scene(document, where, particles, name)
+    scene = parse_scene(document, where, particles, ",".join([name or Path(where).stem, *words]))
     return _at(scene, values[PACKING_FRACTION], where) if PACKING_FRACTION in values else scene
-
-
-def _with_value(part: Any, path: Sequence[str], value: Any, where: str) -> Any:
-    """Return a copy of a mapping, or of a list of species, with another value at a path."""
-    if not path:
-        return value
-    if not isinstance(part, list | tuple):
-        part = part if isinstance(part, Mapping) else {}
-        return {**part, path[0]: _with_value(part.get(path[0]), path[1:], value, where)}
-    names = [item.get("name") if isinstance(item, Mapping) else None for item in part]
-    if path[0] not in names or len(path) < 2:
-        known = " or ".join(str(name) for name in names if name)
-        raise RequestError(f"{where}: must name a species ({known}) and one of its keys")
-    index = names.index(path[0])
-    return [*part[:index], _with_value(part[index], path[1:], value, where), *part[index + 1 :]]
 
 
 def _at(scene: Scene, packing_fraction: Any, where: str) -> Scene:
     """Return a scene whose box is scaled to a packing fraction."""
     wanted = validated(Annotated[Positive, Field(le=1)], packing_fraction, where, PACKING_FRACTION)
-    if scene.listed:
-        raise RequestError(f"{where}: {PACKING_FRACTION}: must be of disks that are placed, not of a list of them")
-    if scene.packing_fraction == 0:
-        raise RequestError(f"{where}: {PACKING_FRACTION}: there are no disks")
+    if scene.listed or scene.packing_fraction == 0:
+        raise RequestError(f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none")
     factor = math.sqrt(scene.packing_fraction / wanted)
     given = scene.model_dump(exclude_unset=True)
-    given["box"] |= {side: [factor * end for end in given["box"][side]] for side in "xy"}
-    tracer = given["disks"].get("tracer") or {}
-    if tracer.get("position"):
-        tracer["position"] = [factor * x for x in tracer["position"]]
+    for part, name in ((given["box"], "x"), (given["box"], "y"), (given["disks"].get("tracer") or {}, "position")):
+        if part.get(name):
+            part[name] = [factor * end for end in part[name]]
     return parse_scene(given, where, name=scene.name)
 
 

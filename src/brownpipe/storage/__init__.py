@@ -3,7 +3,7 @@
 A trajectory file holds a batch of runs, one for each of S seeds, as a netCDF4 file of which xarray makes the `DataTree`
 that `brownpipe.open` and `brownpipe.simulate` return. T sample times, N disks, E collisions:
 
-    /           position (T, S, 2), and image in a periodic box: disk 0 of every run, if recorded;
+    /           position (T, S, 2), and image in a periodic box: disk 0 of every run, if recorded; velocity, if asked;
                 pair_collisions (S,), energy_drift (S,), ...: one number per run;
                 stopped (S,): why a run could not go on, if there is such a run; its numbers are NaN, its counts 0;
                 arrays of observables (brownpipe.observables), if measured: square_displacement (S, T), ...;
@@ -19,6 +19,6 @@ of the scene) and `long_name` (its meaning). Numbers are stored with gzip 4 and 
 file is verified when it is read (`files`). Nothing in a file depends on when, where or by whom it was written: the same
 runs give the same bytes.
 
-A dataset says in its attributes what it was made from (`origin`) and by which source, versions and commit, so that the
-same installation gives the same bytes of the same runs.
+A dataset says in its attributes what it was made from (`datasets`) and by which source, versions and commit, so that
+the same installation gives the same bytes of the same runs.
 """

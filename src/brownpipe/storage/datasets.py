@@ -1,6 +1,17 @@
-"""Datasets: the results of an analysis, one netCDF4 (HDF5) file per study, in memory as xarray.Dataset."""
+"""Datasets: the results of an analysis, one netCDF4 (HDF5) file per study, in memory as xarray.Dataset.
+
+A dataset says in its attributes what it was made from. `made_from` (JSON) has an entry for each scene, number of disks
+and engine, with all that is needed to make its runs again. Nothing in it depends on batches, folders, machines or
+users.
+"""
 
 import io
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,13 +19,15 @@ import h5py
 import numpy as np
 
 from brownpipe.errors import WrongFileError
+from brownpipe.provenance import NAME, PACKAGE, made_with
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.trajectories import SMALL, values_of
+from brownpipe.storage.trajectories import SMALL, Trajectories, runs_record
 
 if TYPE_CHECKING:
     import xarray
 
 CHECKPOINT = "is the checkpoint of unfinished runs; repeat the command that wrote it, and they continue from there"
+LONGEST_GIT = 10.0  # seconds
 
 
 def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
@@ -50,13 +63,39 @@ def dataset_in(image: bytes) -> "xarray.Dataset":
         return dataset.load().drop_encoding()
 
 
-def read_variable(path: str | Path, name: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the coordinates of a variable along its dimensions, in order, and its values; nothing if it is not there.
+# -- what a dataset was made from -----------------------------------------------------------------------------------
 
-    Nothing else is read. Raises StorageError and WrongFileError like `read_dataset`.
+
+def origin_attributes(step: str, runs: Iterable[tuple[Trajectories, np.ndarray]], options: dict) -> dict[str, str]:
+    """Return the attributes of a dataset that say how a step of the pipeline makes it again.
+
+    runs: of each scene, number of disks and engine the contents of one of its files, and all its seeds (S,).
     """
-    with naming(path, "aggregate"), h5py.File.in_memory(read_sealed(path)) as file:
-        if name not in file:
-            return {}, np.zeros(0)
-        along = [dim[0] for dim in file[name].dims]
-        return {scale.name.strip("/"): values_of(scale) for scale in along}, values_of(file[name])
+    records = [runs_record(contents, seeds) for contents, seeds in runs]
+    told = {"options": options, "made_from": records}
+    return made_by(step) | {name: json.dumps(one, sort_keys=True, allow_nan=False) for name, one in told.items()}
+
+
+@cache
+def made_by(step: str) -> dict[str, str]:
+    """Return the source, versions and Python with which a step makes its output, and the commit of a git checkout.
+
+    The commit of a checkout with modified files ends with `, modified`.
+    """
+    commit = commit_of(PACKAGE)
+    python = {"python": sys.version.partition(" ")[0]}
+    return made_with(step) | python | ({"git_commit": commit} if commit else {})
+
+
+def commit_of(package: Path) -> str | None:
+    """Return the commit of the checkout that a package lies in; None if it is installed, or if git does not answer."""
+    checkout = package.parents[1]
+    if package != checkout / "src" / NAME or not (checkout / ".git").exists():
+        return None
+    command = ["git", "-C", str(checkout), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=, modified"]
+    env = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    try:
+        done = subprocess.run(command, env=env, timeout=LONGEST_GIT, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None

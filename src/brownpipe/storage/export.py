@@ -11,8 +11,8 @@ What the run was made from is in `log/origin` of the first frame of a GSD (JSON,
 of the first frame of an XYZ. A CSV has nothing but its table, so that every program reads it.
 """
 
-import csv
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +22,10 @@ from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 from brownpipe.storage.files import replacing, sync
-from brownpipe.storage.origin import runs_record
-from brownpipe.storage.trajectories import Trajectories, chosen_seed
+from brownpipe.storage.trajectories import Trajectories, chosen_seed, runs_record
 
 GSD_SCHEMA = (1, 4)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
-GSD_NUMBERS = np.finfo(np.float32)
+TITLES = {"position": ("x", "y"), "velocity": ("velocity_x", "velocity_y"), "image": ("image_x", "image_y")}  # in a CSV
 
 
 def export(
@@ -34,15 +33,20 @@ def export(
 ) -> tuple[dict[int, Track], list[str]]:
     """Write the run of a seed to the file `output` as `form`: gsd, xyz or csv; completely or not at all.
 
-    path: the file of the trajectories, for messages. seed: by default the smallest of the whole runs; for csv, all.
+    path: the file of the trajectories, for messages. seed: by default the smallest of the whole runs; for csv, all. A
+    table has the tracers of all runs if none is whole.
 
     Returns the tracks in the file by their seeds, and what a reader of the file must know. Raises RequestError for a
     file without such runs, numbers beyond single precision (GSD), or if the package gsd cannot be imported;
     StorageError if the file cannot be written.
     """
-    scene, ensemble = trajectories.scene, trajectories.ensemble
-    tracks = _tracks(trajectories, path, form, seed)
-    record = runs_record(trajectories.outline, sorted(tracks), "all" if ensemble.whole else "")
+    scene, ensemble, tracks = trajectories.scene, trajectories.ensemble, trajectories.ensemble.whole
+    if form == "csv" and not tracks and ensemble.tracer is not None:
+        ended = ((s, k) for s, k in enumerate(ensemble.seeds.tolist()) if k not in ensemble.stopped)
+        tracks = {k: ensemble.tracer.of(slice(s, s + 1)) for s, k in ended}
+    first = chosen_seed(trajectories, path, seed, tracks)
+    tracks = tracks if form == "csv" and seed is None else {first: tracks[first]}
+    record = runs_record(trajectories, sorted(tracks), "all" if ensemble.whole else "")
     with replacing(output) as part:
         FORMATS[form](part, scene, ensemble.times, tracks, record)
         sync(part)
@@ -53,15 +57,17 @@ def export(
     return tracks, remarks
 
 
-def _tracks(trajectories: Trajectories, path: str, form: str, seed: int | None) -> dict[int, Track]:
-    """Return one whole run by its seed; for a table all runs or, if none is whole, the tracers' tracks (T, 1, 2)."""
-    _, _, ensemble, *_ = trajectories
-    tracks = ensemble.whole
-    if form == "csv" and not tracks and ensemble.tracer is not None:
-        ended = [(s, k) for s, k in enumerate(ensemble.seeds.tolist()) if k not in ensemble.stopped]
-        tracks = {k: ensemble.tracer.of(slice(s, s + 1)) for s, k in ended}
-    first = chosen_seed(trajectories, path, seed, tracks)
-    return tracks if form == "csv" and seed is None else {first: tracks[first]}
+def _in_space(vectors: np.ndarray, kind: type = float) -> np.ndarray:
+    """Return vectors (N, 2) with a third component, 0, perhaps of another type."""
+    return np.pad(vectors.astype(kind), ((0, 0), (0, 1)))
+
+
+def _rows(scene: Scene, *columns: np.ndarray) -> Iterator[list[str]]:
+    """Yield the species of each disk and its numbers in columns (N, ...), with every digit."""
+    table = species_table(scene)
+    numbers = (np.reshape(values, (len(values), -1)).tolist() for values in columns)
+    for label, *row in zip(table.label[: len(columns[0])], *numbers, strict=True):
+        yield [table.name[label], *(repr(number) for part in row for number in part)]
 
 
 # -- formats --------------------------------------------------------------------------------------------------------
@@ -88,11 +94,10 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
     ((position, velocity, image),), box, species = tracks.values(), scene.box, species_table(scene)
     assert velocity is not None  # whole runs have velocities
     edges = np.array([box.width, box.height])
-    sizes, speed = np.concatenate([edges, scene.radius, scene.mass]), max(velocity.max(), -velocity.min())
-    if sizes.min() < GSD_NUMBERS.tiny or max(2 * sizes.max(), speed) > GSD_NUMBERS.max:
-        range_ = f"{GSD_NUMBERS.tiny:.1e} to {GSD_NUMBERS.max:.1e}"
+    sizes, single = np.concatenate([edges, scene.radius, scene.mass]), np.finfo(np.float32)
+    if sizes.min() < single.tiny or max(2 * sizes.max(), velocity.max(), -velocity.min()) > single.max:
+        range_ = f"{single.tiny:.1e} to {single.max:.1e}"
         raise RequestError(f"--to gsd: holds numbers from {range_} only; choose xyz or csv, or other units")
-    diameter, mass = (2 * scene.radius).astype(np.float32), scene.mass.astype(np.float32)
     path.touch()  # gsd would let others not read a file that it creates
     file = gsd.fl.open(path, "w", application="brownpipe", schema="hoomd", schema_version=GSD_SCHEMA)
     with gsd.hoomd.HOOMDTrajectory(file) as trajectory:
@@ -102,7 +107,7 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
             frame.configuration.box = np.array([*edges, 0, 0, 0, 0], np.float32)
             frame.particles.N, frame.particles.types = scene.particles, list(species.name)
             frame.particles.typeid = species.label
-            frame.particles.diameter, frame.particles.mass = diameter, mass
+            frame.particles.diameter, frame.particles.mass = np.float32(2 * scene.radius), np.float32(scene.mass)
             frame.particles.position = _in_space(position[k] - box.origin - edges / 2, np.float32)
             frame.particles.velocity = _in_space(velocity[k], np.float32)
             if image is not None:
@@ -113,11 +118,6 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
             trajectory.append(frame)
 
 
-def _in_space(vectors: np.ndarray, kind: type) -> np.ndarray:
-    """Return vectors (N, 2) with a third component, 0, and of another type."""
-    return np.pad(vectors.astype(kind), ((0, 0), (0, 1)))
-
-
 def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], record: dict) -> None:
     """Write one run as extended XYZ, with z = 0 and the box from its `Origin` on.
 
@@ -125,40 +125,30 @@ def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
     and velocities stand there twice: `mass` and `velo` for OVITO, `masses` and `momenta` for ASE, which otherwise takes
     1 and 0. The species is a `type`, as ASE takes `species` for chemical elements.
     """
-    ((position, velocity, image),), box, table = tracks.values(), scene.box, species_table(scene)
+    ((position, velocity, image),), box, mass = tracks.values(), scene.box, scene.mass[:, None]
     assert velocity is not None  # whole runs have velocities
-    names = [table.name[label] for label in table.label]
-    mass, none = scene.mass[:, None], np.zeros((scene.particles, 1))
     head = f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1" Origin="{box.x[0]} {box.y[0]} -0.5"'
     head += f' pbc="{"T T" if box.periodic else "F F"} F" Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1'
     head += f":velo:R:3:momenta:R:3{':image:I:3' if box.periodic else ''}"
     made = "".join(f" {key}={json.dumps(record[key])}" for key in ("command", "scene_digest", "source_digest"))
     with open(path, "w", encoding="ascii") as file:
         for k, time in enumerate(times.tolist()):
-            moving = [velocity[k], none, mass * velocity[k], none]
-            columns = [position[k], none, scene.radius[:, None], mass, mass, *moving]
-            rows = [" ".join(map(repr, row)) for row in np.hstack(columns).tolist()]
-            if image is not None:
-                rows = [f"{row} {x} {y} 0" for row, (x, y) in zip(rows, image[k].tolist(), strict=True)]
-            file.write(f"{len(rows)}\n{head} Time={time}{made if k == 0 else ''}\n")
-            file.writelines(f"{name} {row}\n" for name, row in zip(names, rows, strict=True))
+            moving = _in_space(velocity[k]), _in_space(mass * velocity[k])
+            images = () if image is None else (_in_space(image[k], np.int32),)
+            rows = _rows(scene, _in_space(position[k]), scene.radius, mass, mass, *moving, *images)
+            file.write(f"{scene.particles}\n{head} Time={time}{made if k == 0 else ''}\n")
+            file.writelines(f"{' '.join(row)}\n" for row in rows)
 
 
 def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], _: dict) -> None:
     """Write a table with a heading: a row for each seed, time and disk."""
-    table = species_table(scene)
-    names = [table.name[label] for label in table.label]
-    first = next(iter(tracks.values()))
-    titles = dict(zip(Track._fields, (["x", "y"], ["velocity_x", "velocity_y"], ["image_x", "image_y"]), strict=True))
-    recorded = [name for name, values in first._asdict().items() if values is not None]
-    with open(path, "w", encoding="ascii", newline="") as file:
-        write = csv.writer(file, lineterminator="\n").writerows
-        write([["seed", "time", "disk", "species", *(title for name in recorded for title in titles[name])]])
+    recorded = [name for name in TITLES if getattr(next(iter(tracks.values())), name) is not None]
+    with open(path, "w", encoding="ascii") as file:
+        file.write(",".join(["seed,time,disk,species", *(title for name in recorded for title in TITLES[name])]) + "\n")
         for seed, track in tracks.items():
             for k, time in enumerate(times.tolist()):
-                vectors = (getattr(track, name)[k].tolist() for name in recorded)
-                disks = enumerate(zip(*vectors, strict=True))
-                write([seed, time, disk, names[disk], *(x for pair in row for x in pair)] for disk, row in disks)
+                rows = _rows(scene, *(getattr(track, name)[k] for name in recorded))
+                file.writelines(f"{seed},{time},{disk},{','.join(row)}\n" for disk, row in enumerate(rows))
 
 
 FORMATS = {"gsd": _gsd, "xyz": _xyz, "csv": _csv}

@@ -99,8 +99,7 @@ def read_sealed(path: str | Path) -> bytes:
     try:
         contents = Path(path).read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a path that no system allows
-        problem = StorageError if isinstance(error, OSError) and error.errno == errno.EIO else WrongFileError
-        raise problem(f"cannot be read: {getattr(error, 'strerror', error)}") from error
+        raise WrongFileError(f"cannot be read: {getattr(error, 'strerror', error)}") from error
     rest, seal = contents[:-SEAL_LENGTH], SEAL.fullmatch(contents[-SEAL_LENGTH:])
     if seal is None and not HDF5.startswith(contents[: len(HDF5)]):
         raise WrongFileError("is not a trajectory file or dataset of brownpipe")

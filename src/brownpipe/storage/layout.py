@@ -3,7 +3,6 @@
 import numpy as np
 
 from brownpipe.engines.ensemble import Ensemble, Events, Track, blank
-from brownpipe.errors import StorageError
 from brownpipe.observables import ARRAYS, AXES
 from brownpipe.observables.own import NO_OWN, Own
 from brownpipe.scene import Scene
@@ -15,6 +14,8 @@ MEANING = {  # variable: units, long_name
     "position": ("length", "position of the disk's centre"),
     "velocity": ("length/time", "velocity"),
     "image": ("1", "periodic images crossed; unwrapped position = position + image * (width, height) of the box"),
+    "unwrapped": ("length", "position of the disk's centre, as if it had not been brought back into a periodic box"),
+    "box_size": ("length", "width and height of the box"),
     "radius": ("length", "radius"),
     "mass": ("mass", "mass"),
     "event_seed": ("1", "seed of the run of the collision"),
@@ -42,6 +43,7 @@ MEANING = {  # variable: units, long_name
     "stopped": ("1", "why the run could not go on; empty for a run that came to its end"),
 }
 SCALES = {"seed", "disk", "component", *AXES}  # coordinates: each along the dimension of its name
+OF_POSITIONS = {"failed": ("seed",), "box_size": ("component",)}  # further coordinates of a tree, and their dimensions
 LOG = dict(zip(("event_time", "a", "b", "impulse"), Events._fields, strict=True))  # variable: field of Events
 NO_OBSERVABLES = {*SCALES, *Track._fields, "stopped"}  # variables of the root
 
@@ -52,8 +54,9 @@ def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
     """Return the units and the meaning of a variable, and the function that measured it if it is one's own."""
     if name in own:
         return {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
-    arrays = {name: (array.units, array.long_name) for name, array in (AXES | ARRAYS).items()}
-    units, long_name = (MEANING | arrays).get(name, ("1", name.replace("_", " ")))
+    known = ARRAYS.get(name) or AXES.get(name)
+    other = MEANING.get(name, ("1", name.replace("_", " ")))
+    units, long_name = (known.units, known.long_name) if known else other
     return {"units": units, "long_name": long_name}
 
 
@@ -61,14 +64,16 @@ def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
     """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
     if name in SCALES:
         return (name,)
+    if name in OF_POSITIONS:
+        return OF_POSITIONS[name]
     if group == "/events":
         return ("event", "component") if name == "impulse" else ("event",)
-    if name in Track._fields:
+    if name in (*Track._fields, "unwrapped"):
         return ("time", "seed", "component") if group == "/" else ("time", "seed", "disk", "component")
     if group == "/disks":
         return ("disk",)
-    known = own if name in own else ARRAYS
-    return ("seed", *known[name].dims) if name in known else ("seed",)
+    known = own.get(name) or ARRAYS.get(name)
+    return ("seed", *known.dims) if known else ("seed",)
 
 
 def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
@@ -98,17 +103,16 @@ def _recorded(track: Track | None) -> dict[str, np.ndarray]:
 def _side_by_side(ensemble: Ensemble) -> Track:
     """Return the tracks of all disks of all runs (T, S, N, 2); without values for runs that could not go on."""
     seeds, first = ensemble.seeds.tolist(), next(iter(ensemble.whole.values()))
-    if len(seeds) == 1:
+    if len(seeds) == 1:  # not copied
         return Track(*(None if values is None else values[:, None] for values in first))
     absent = Track(*(None if values is None else blank(values.shape, values.dtype) for values in first))
     tracks = zip(*(ensemble.whole.get(seed, absent) for seed in seeds), strict=True)
     return Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
 
 
-def ensemble_of(scene: Scene, groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
-    """Return the runs of such variables. Raises StorageError if their sizes are not those of scene and seeds."""
+def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
+    """Return the runs of such variables."""
     root = groups["/"]
-    _refuse_sizes(scene, groups, own)
     seeds = root["seed"].tolist()
     stopped = {seed: str(reason) for seed, reason in zip(seeds, root.get("stopped", ()), strict=False) if reason}
     columns = {seed: column for column, seed in enumerate(seeds) if seed not in stopped}
@@ -126,18 +130,6 @@ def ensemble_of(scene: Scene, groups: Groups, average: str, own: Own = NO_OWN) -
     )
 
 
-def _refuse_sizes(scene: Scene, groups: Groups, own: Own) -> None:
-    """Raise StorageError for arrays whose sizes are not those of the scene, its sample times and the seeds."""
-    sizes = {"time": len(scene.times), "seed": len(groups["/"]["seed"]), "disk": scene.particles, "component": 2}
-    for group, variables in groups.items():
-        for name, values in variables.items():
-            dims = dims_of(group, name, own)
-            expected = {dim: len(AXES[dim].coordinates(scene)) for dim in dims if dim in AXES} | sizes
-            shape = tuple(expected.get(dim, size) for dim, size in zip(dims, values.shape, strict=True))
-            if values.shape != shape:
-                raise StorageError(f"holds {name} of shape {values.shape}; its scene and seeds make it {shape}")
-
-
 def _track(variables: dict[str, np.ndarray]) -> Track:
     return Track(*(variables.get(name) for name in Track._fields))
 
@@ -145,10 +137,6 @@ def _track(variables: dict[str, np.ndarray]) -> Track:
 def _events(variables: dict[str, np.ndarray], seeds: list[int]) -> dict[int, Events]:
     """Return the collisions of each run, in the order in which they are listed."""
     order = np.argsort(variables["event_seed"], kind="stable")
-    listed = variables["event_seed"][order]
-    first, end = (np.searchsorted(listed, seeds, side).tolist() for side in ("left", "right"))
-    columns = [variables[name][order] for name in LOG]
-    return {
-        seed: Events(*(column[begin:stop] for column in columns))
-        for seed, begin, stop in zip(seeds, first, end, strict=True)
-    }
+    ends = (np.searchsorted(variables["event_seed"][order], seeds, side) for side in ("left", "right"))
+    rows = {seed: order[first:end] for seed, first, end in zip(seeds, *ends, strict=True)}
+    return {seed: Events(*(variables[name][of_run] for name in LOG)) for seed, of_run in rows.items()}

@@ -4,7 +4,8 @@
 
 The last digits are those of a SHA-256 over the scene, the engine with its settings, what is recorded and measured, and
 the source of brownpipe that runs it. A file holds the seeds of its name. So every study that asks for the same runs
-finds them, and no run stands where another one is asked for: whatever was edited, copied or lost.
+finds them, and no run stands where another one is asked for: whatever was edited, copied or lost. Jobs of studies
+write them; Python reads them, too.
 """
 
 import re
@@ -15,9 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines import Engine
+from brownpipe.engines.ensemble import Ensemble
+from brownpipe.errors import StorageError
 from brownpipe.observables.own import identity
 from brownpipe.provenance import digest_of, modules_of, source_digest
 from brownpipe.scene import Scene
+from brownpipe.stages import tracked
+from brownpipe.storage.trajectories import read_trajectories
 
 RUNS = Path("results/runs")
 FILE = re.compile(r"(\d{1,19})-(\d{1,19})\.h5")
@@ -43,6 +48,21 @@ def runs_digest(scene: Scene, engine: Engine, record: Set[str], observables: Ite
 def folder_of_runs(scene: Scene, engine: Engine, digest: str) -> Path:
     """Return the folder of runs with this digest, relative to the folder of the studies."""
     return RUNS / scene.name / f"N{scene.particles}" / f"{engine.label}-{digest[:DIGITS]}"
+
+
+def stored_runs(scene: Scene, engine: Engine, digest: str, seeds: np.ndarray) -> list[Ensemble]:
+    """Return the files of the store in the current folder that hold some of these runs; `seeds` (S,) ascend.
+
+    Raises StorageError for a file that is damaged or holds other runs than its name says.
+    """
+    folder, found = folder_of_runs(scene, engine, digest), []
+    for first, last in tracked(stored_batches(folder, seeds), "files"):
+        path = folder / f"{first}-{last}.h5"
+        runs = read_trajectories(path)
+        if runs.header["runs_digest"] != digest or not np.array_equal(runs.ensemble.seeds, range(first, last + 1)):
+            raise StorageError(f"{path}: holds other runs than its name says; delete it")
+        found.append(runs.ensemble)
+    return found
 
 
 def stored_batches(folder: str | Path, seeds: np.ndarray) -> list[tuple[int, int]]:

@@ -4,7 +4,7 @@ Both have the same groups, names and attributes, which are drawn in `brownpipe.s
 """
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,13 +14,13 @@ import numpy as np
 from brownpipe.engines import Engine, recorded
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError, StorageError, WrongFileError
-from brownpipe.observables import observables_making
-from brownpipe.observables.own import NO_OWN, Own, own_arrays
+from brownpipe.observables import AXES, observables_making
+from brownpipe.observables.own import Own, own_arrays
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.layout import LOG, SCALES, Groups, described, dims_of, ensemble_of, groups_of
+from brownpipe.storage.layout import LOG, OF_POSITIONS, SCALES, Groups, described, dims_of, ensemble_of, groups_of
 
 if TYPE_CHECKING:
     from xarray import DataTree
@@ -30,6 +30,7 @@ CHUNK_BYTES = 2**18
 SMALL = 4096  # bytes of a variable that is not compressed: it would grow
 NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable."  # as netCDF4 marks such a scale
 WITHOUT_RESULTS = {"failed"}  # all that is known of runs that could not go on
+MOST_SCENE_TEXT = 100_000  # characters; a longer scene, of thousands of listed disks, is in the trajectory files only
 NO_TRAJECTORIES = "is a file of brownpipe, but not a trajectory file (of `brownpipe simulate`)"
 DEFAULTS = ("", "tracer", "runs")  # of the options --observables, --record and --average of `brownpipe simulate`
 
@@ -44,66 +45,71 @@ class Trajectories(NamedTuple):
     header: Mapping[str, str] = {}  # texts in the attributes of the file: versions, and more; empty without a file
 
     @property
-    def outline(self) -> "Outline":
-        """The same without tracks and observables."""
-        ensemble = self.ensemble
-        record = _record(ensemble.tracer is not None, ensemble.whole, ensemble.events)
-        setting = (self.scene, self.engine, ensemble.seeds, ensemble.times)
-        observables = _measured(ensemble.observables, ensemble.own)
-        return Outline(*setting, record, self.source, observables, ensemble.average, own=ensemble.own)
+    def record(self) -> frozenset[str]:
+        """What is recorded, in the words of `--record`: whose tracks, and whether collisions."""
+        tracer, whole, events = self.ensemble.tracer, self.ensemble.whole, self.ensemble.events
+        velocity = tracer is not None and tracer.velocity is not None
+        parts = {"tracer": tracer is not None, "velocity": velocity, "all": whole, "events": events}
+        return frozenset(name for name, is_recorded in parts.items() if is_recorded)
+
+    @property
+    def measured(self) -> tuple[str, ...] | None:
+        """The observables that were measured in the runs; None if none of them came to its end."""
+        names = self.ensemble.observables.keys()
+        own = dict.fromkeys(array.observable for array in self.ensemble.own.values())
+        return None if WITHOUT_RESULTS.issuperset(names) else (*observables_making(names), *own)
+
+    @property
+    def digest(self) -> str:
+        """That of all that determines the runs (`store.runs_digest`); empty for runs that were only saved."""
+        return self.header.get("runs_digest", "")
 
     @property
     def attributes(self) -> dict:
         """Those of the root: scene, engine, versions, the command that makes the runs again."""
-        outline, scene, engine = self.outline, self.scene, self.engine
+        scene, engine, ensemble = self.scene, self.engine, self.ensemble
         made = {
-            "title": f"{scene.name}: {len(outline.seeds)} runs",
+            "title": f"{scene.name}: {len(ensemble.seeds)} runs",
             "scene": scene.text,
             "scene_name": scene.name,
             "particles": scene.particles,
             "engine": engine.name,
             "settings": json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False),
-            "average": outline.average,
-            "variables": json.dumps(sorted(self.ensemble.observables)),
-            "command": simulate_command(outline, outline.seeds, ",".join(sorted(outline.record - {"tracer"}))),
+            "average": ensemble.average,
+            "variables": json.dumps(sorted(ensemble.observables)),
+            "command": simulate_command(self, ensemble.seeds, ",".join(sorted(self.record - {"tracer"}))),
             "source_digest": self.source,
             "runs_digest": "",
-            **({"own_arrays": json.dumps(outline.own)} if outline.own else {}),
+            **({"own_arrays": json.dumps(ensemble.own)} if ensemble.own else {}),
         }
         return {**made, **versions(), **self.header}
 
 
-class Outline(NamedTuple):
-    """Contents of a trajectory file without its tracks and observables."""
-
-    scene: Scene
-    engine: Engine
-    seeds: np.ndarray  # (S,) int64
-    times: np.ndarray  # (T,) [time]
-    record: frozenset[str]  # of tracer, all, events: whose tracks, and whether collisions, are stored
-    source: str  # digest of the source code that made the runs
-    observables: tuple[str, ...] | None = ()  # measured in the runs; None if none of them came to its end
-    average: str = "runs"  # as in Ensemble
-    digest: str = ""  # of all that determines the runs (`store.runs_digest`); empty for runs that were only saved
-    own: Own = NO_OWN  # what is said of arrays of the user's own functions
-
-    @property
-    def tracer(self) -> bool:
-        """Whether the tracks of the tracer are stored."""
-        return "tracer" in self.record
-
-
-def simulate_command(outline: Outline, seeds: Sequence[int] | np.ndarray, record: str) -> str:
+def simulate_command(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> str:
     """Return the command that makes runs of these seeds (S,) again.
 
-    record: as --record takes it; by default `tracer`, or `none` if its track was not recorded.
+    record: as --record takes it; by default what was recorded of the tracer, `none` if nothing was.
     """
-    record = record or ("tracer" if outline.tracer else "none")
-    options = {"record": record, "observables": ",".join(outline.observables or ()), "average": outline.average}
-    words = [f"--particles {outline.scene.particles}"] if outline.scene.species else []
-    words += [f"--seeds {seed_text(seeds)}", f"--engine {outline.engine.options}"]
+    record = record or next((word for word in ("velocity", "tracer") if word in runs.record), "none")
+    options = {"record": record, "observables": ",".join(runs.measured or ()), "average": runs.ensemble.average}
+    words = [f"--particles {runs.scene.particles}"] if runs.scene.species else []
+    words += [f"--seeds {seed_text(seeds)}", f"--engine {runs.engine.options}"]
     words += [f"--{key} {value}" for key, value in options.items() if value not in DEFAULTS]
-    return f"brownpipe simulate {outline.scene.name}.yaml {' '.join(words)}"
+    return f"brownpipe simulate {runs.scene.name}.yaml {' '.join(words)}"
+
+
+def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> dict:
+    """Return the command that makes runs (S,) of one scene and engine again, their scene and the source that made them.
+
+    record: as of `simulate_command`.
+    """
+    scene = runs.scene
+    return {
+        "command": simulate_command(runs, seeds, record),
+        "scene_digest": scene.digest,
+        "scene": json.loads(scene.text) if len(scene.text) <= MOST_SCENE_TEXT else None,
+        "source_digest": runs.source,
+    }
 
 
 def write_trajectories(
@@ -172,78 +178,36 @@ def trajectories_in(image: bytes) -> Trajectories:
     """Return the contents of a trajectory file, given its bytes; errors as of `read_trajectories`."""
     with h5py.File.in_memory(image) as file:
         scene, engine, header = _setting(file)
-        groups = {
-            path: {name: values_of(item) for name, item in _variables(file[path])} for path in GROUPS if path in file
-        }
-    ensemble = ensemble_of(scene, groups, header["average"], own_arrays_in(header))
+        groups = {path: _variables(file[path]) for path in GROUPS if path in file}
+    ensemble = ensemble_of(groups, header["average"], own_arrays(header))
     return Trajectories(scene, engine, ensemble, header["source_digest"], header)
 
 
-def own_arrays_in(header: Mapping) -> Own:
-    """Return what the attributes of runs say of arrays of the user's own functions."""
-    return own_arrays(header.get("own_arrays", "{}"))
+def read_outline(path: str | Path) -> Trajectories:
+    """Return the contents of a trajectory file after verifying its seal, with empty tracks and observables.
 
-
-def read_outline(path: str | Path) -> Outline:
-    """Return the outline of a trajectory file after verifying its seal; no track is decompressed.
-
-    Raises StorageError and WrongFileError like `read_trajectories`.
+    Nothing of these is decompressed, and whole runs and collisions are left out. Raises StorageError and WrongFileError
+    like `read_trajectories`.
     """
     with naming(path, "simulate"), h5py.File.in_memory(read_sealed(path)) as file:
         scene, engine, header = _setting(file)
-        record = _record("position" in file, "disks" in file, "events" in file)
-        stored = (values_of(file["seed"]), values_of(file["time"]), record, header["source_digest"])
-        own = own_arrays_in(header)
-        observables = _measured(json.loads(header["variables"]), own)
-        return Outline(scene, engine, *stored, observables, header["average"], header["runs_digest"], own)
+        times, observables = file["time"][()], dict.fromkeys(json.loads(header["variables"]), np.zeros(0))
+        none = np.zeros((len(times), 0, 2))
+        tracer = Track(none, none if "velocity" in file else None) if "position" in file else None
+        ensemble = Ensemble(
+            file["seed"][()], times, tracer, observables, {}, {}, header["average"], own=own_arrays(header)
+        )
+        return Trajectories(scene, engine, ensemble, header["source_digest"], header)
 
 
-def _measured(names: Collection[str], own: Own) -> tuple[str, ...] | None:
-    """Return the observables that were measured, given the names of all numbers and arrays of the runs."""
-    found = (*observables_making(names), *dict.fromkeys(array.observable for array in own.values()))
-    return None if WITHOUT_RESULTS.issuperset(names) else found
-
-
-def _record(tracer: object, whole: object, events: object) -> frozenset[str]:
-    """Return what is recorded, in the words of `--record`; an argument is true, or not empty, if it is recorded."""
-    parts = {"tracer": tracer, "all": whole, "events": events}
-    return frozenset(name for name, is_recorded in parts.items() if is_recorded)
-
-
-def chosen_seed(
-    trajectories: Trajectories, path: str, seed: int | None, tracks: Mapping[int, Track] | None = None
-) -> int:
-    """Return the seed of a run in the file at `path`, by default the smallest, of `tracks`, by default all whole runs.
-
-    Raises RequestError if there are no tracks, none of this seed, or no disks.
-    """
-    scene, _, ensemble, *_ = trajectories
-    tracks = ensemble.whole if tracks is None else tracks
-    if seed in ensemble.stopped:
-        wrong = f"seed {seed}: its run could not go on: {ensemble.stopped[seed]}"
-    elif not scene.particles:
-        wrong = "its scene has no disks"
-    elif not tracks:
-        made = "holds no whole runs; make it again: brownpipe simulate SCENE --record all"
-        wrong = stopped_in_words(ensemble.stopped) if len(ensemble.stopped) == len(ensemble.seeds) else made
-    elif seed is None or seed in tracks:
-        return min(tracks) if seed is None else seed
-    else:
-        wrong = f"seed {seed} is not in it; must be of {seed_text(sorted(tracks))}"
-    raise RequestError(f"{path}: {wrong}")
-
-
-# -- reading --------------------------------------------------------------------------------------------------------
+def _variables(group: h5py.Group) -> dict[str, np.ndarray]:
+    """Return the variables of a group, without dimensions that have no coordinates."""
+    return {name: values_of(item) for name, item in group.items() if "units" in item.attrs}
 
 
 def values_of(dataset: h5py.Dataset) -> Any:
     """Return the values of a dataset of HDF5: an array or a scalar, with texts as `str`."""
     return dataset.asstr()[()] if h5py.check_string_dtype(dataset.dtype) else dataset[()]
-
-
-def _variables(group: h5py.Group) -> list[tuple[str, h5py.Dataset]]:
-    """Return the names and datasets of a group, without dimensions that have no coordinates."""
-    return [(name, item) for name, item in group.items() if "units" in item.attrs]
 
 
 def _setting(file: h5py.File) -> tuple[Scene, Engine, dict[str, str]]:
@@ -255,8 +219,7 @@ def _setting(file: h5py.File) -> tuple[Scene, Engine, dict[str, str]]:
         raise WrongFileError(NO_TRAJECTORIES)
     header = {name: value for name, value in file.attrs.items() if isinstance(value, str) and name[0] != "_"}
     try:
-        scene, engine = setting_of(header)
-        return scene, engine, header
+        return *setting_of(header), header
     except RequestError as error:
         raise StorageError(f"is of brownpipe {header['brownpipe_version']}, not of this one: {error}") from error
 
@@ -267,21 +230,52 @@ def setting_of(attributes: Mapping) -> tuple[Scene, Engine]:
     return scene, recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
 
 
+def chosen_seed(
+    trajectories: Trajectories, path: str, seed: int | None, tracks: Mapping[int, Track] | None = None
+) -> int:
+    """Return the seed of a run in the file at `path`, by default the smallest, of `tracks`, by default all whole runs.
+
+    Raises RequestError if there are no tracks, none of this seed, or no disks.
+    """
+    ensemble = trajectories.ensemble
+    tracks = ensemble.whole if tracks is None else tracks
+    if seed in ensemble.stopped:
+        wrong = f"seed {seed}: its run could not go on: {ensemble.stopped[seed]}"
+    elif not trajectories.scene.particles:
+        wrong = "its scene has no disks"
+    elif len(ensemble.stopped) == len(ensemble.seeds):
+        wrong = stopped_in_words(ensemble.stopped)
+    elif not tracks:
+        wrong = "holds no whole runs; make it again: brownpipe simulate SCENE --record all"
+    elif seed is None or seed in tracks:
+        return min(tracks) if seed is None else seed
+    else:
+        wrong = f"seed {seed} is not in it; must be of {seed_text(sorted(tracks))}"
+    raise RequestError(f"{path}: {wrong}")
+
+
 # -- as xarray.DataTree ---------------------------------------------------------------------------------------------
 
 
 def to_tree(trajectories: Trajectories) -> "DataTree":
-    """Return runs as a tree, which shares arrays with them as far as `groups_of` does."""
+    """Return runs as a tree, which shares arrays with them as far as `groups_of` does.
+
+    Besides what a file has, positions are there unwrapped, too, and the size of the box is one of their coordinates. So
+    is `failed`: what is calculated from them keeps it.
+    """
     import xarray
 
     scene, _, ensemble, *_ = trajectories
-    own = ensemble.own
-    nodes = {
-        path: xarray.Dataset(
-            {name: (dims_of(path, name, own), values, described(name, own)) for name, values in group.items()}
-        )
-        for path, group in groups_of(scene, ensemble).items()
-    }
+    size = np.array([scene.box.width, scene.box.height])
+    nodes = {}
+    for path, group in groups_of(scene, ensemble).items():
+        if "position" in group:
+            group |= {"box_size": size, "failed": ensemble.observables["failed"], "unwrapped": group["position"]}
+        if "image" in group:
+            group["unwrapped"] = group["position"] + group["image"] * size
+        said = {name: (dims_of(path, name, ensemble.own), described(name, ensemble.own)) for name in group}
+        variables = {name: (dims, group[name], meaning) for name, (dims, meaning) in said.items()}
+        nodes[path] = xarray.Dataset(variables).set_coords(OF_POSITIONS.keys() & variables.keys())
     nodes["/"].attrs = trajectories.attributes
     return xarray.DataTree.from_dict(nodes, name=scene.name)
 
@@ -296,19 +290,20 @@ def from_tree(tree: "DataTree") -> Trajectories:
     if not isinstance(tree, xarray.DataTree):
         raise RequestError(f"runs: must be what simulate or open returns, not a {type(tree).__name__}")
     try:
-        (scene, engine), own = setting_of(tree.attrs), own_arrays_in(tree.attrs)
+        scene, engine = setting_of(tree.attrs)
+        own, arrays = _own_names(tree), own_arrays(tree.attrs)
         _refuse_part(scene, tree)
         groups = {
-            path: {
-                name: tree[path][name].transpose(*dims_of(path, name, own)).values
-                for name in sorted(names & tree[path].variables.keys())
+            node.path: {
+                name: node[name].transpose(*dims_of(node.path, name, arrays)).values
+                for name in sorted(own[node.path] & node.variables.keys())
             }
-            for path, names in _own_names(tree).items()
-            if path in tree.groups
+            for node in tree.subtree
+            if node.path in own
         }
-        ensemble = ensemble_of(scene, groups, tree.attrs["average"], own)
+        ensemble = ensemble_of(groups, tree.attrs["average"], arrays)
         return Trajectories(scene, engine, ensemble, tree.attrs["source_digest"])
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError, RequestError, StorageError) as error:
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError, RequestError) as error:
         wrong = "runs: must be what simulate or open returns, or a selection of its seeds"
         raise RequestError(f"{wrong} ({error})") from error
 
@@ -317,7 +312,7 @@ def refuse_foreign(tree: "DataTree") -> None:
     """Raise RequestError for a variable that a trajectory file has no place for."""
     own = _own_names(tree)
     names = [(node.path, name) for node in tree.subtree for name in node.data_vars]
-    foreign = [f"{path}/{name}".lstrip("/") for path, name in names if name not in own.get(path, ())]
+    foreign = [f"{path}/{name}".lstrip("/") for path, name in names if name not in {"unwrapped", *own.get(path, ())}]
     if foreign:
         wrong = f"a trajectory file has no place for {foreign[0]}"
         raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
@@ -339,10 +334,12 @@ def _refuse_part(scene: Scene, tree: "DataTree") -> None:
     seeds = tree.seed.values
     if seeds.dtype != np.int64 or not seeds.size or seeds.min() < 0 or len(np.unique(seeds)) < len(seeds):
         raise ValueError("its seeds must be one or several different integers")
-    complete = {"time": scene.times, "component": np.array(["x", "y"]), "disk": np.arange(scene.particles)}
+    complete = {"component": np.array(["x", "y"]), "disk": np.arange(scene.particles)}
+    complete |= {dim: np.asarray(AXES[dim].coordinates(scene)) for dim in AXES if dim in tree.dims}
     for node in tree.subtree:
         for dim, values in complete.items():
-            if dim in node.coords and not np.array_equal(node.coords[dim].values, values):
+            is_other = dim in node.coords and not np.array_equal(node.coords[dim].values, values)
+            if is_other or node.sizes.get(dim, len(values)) != len(values):
                 raise ValueError(f"of {dim} it must hold all {len(values)} in order; select from the analysis instead")
     if "position" in tree:
         if not np.isfinite(tree.position.transpose("seed", ...).values[tree.failed.values == 0]).all():

@@ -3,11 +3,8 @@
 Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simulated or timed here.
 """
 
-import pandas as pd
-
-from brownpipe.engines import DEFINITIONS, configured, forecast, friction
+from brownpipe.engines import forecast, friction
 from brownpipe.engines.friction import DECAY_TIMES, diffusive_from, window_caution
-from brownpipe.engines.lattice import lattice_gaps
 from brownpipe.engines.saturation import is_grown, placement_caution
 from brownpipe.engines.settling import settling_caution, settling_in_words
 from brownpipe.errors import RequestError
@@ -15,11 +12,10 @@ from brownpipe.formatting import in_bytes, in_time
 from brownpipe.observables.quarters import claims_equilibrium
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene, parse_scene
+from brownpipe.scene.reading import read_yaml
 from brownpipe.scene.scene import is_study
-from brownpipe.scene.yaml_file import read_yaml
 from brownpipe.study import Study, read_study
-from brownpipe.study.cost import describe_workload, with_assumed_runs
-from brownpipe.study.run_sets import RunSet, run_sets
+from brownpipe.study.run_sets import RunSet, describe_workload, run_sets, with_assumed_runs
 
 RUNS = 100  # of a scene, for which its placement should succeed
 
@@ -38,64 +34,35 @@ def _scene(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
     cost, start = forecast.of_run(scene), diffusive_from(scene)
     theory = "Enskog" if scene.packing_fraction <= friction.DENSEST else "free volume of a crystal"
-    counts = f"{cost.pair_collisions:,.0f} between disks, {cost.wall_collisions:,.0f} with walls"
-    lines = [
-        f"box         {scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
-        f"disks       {_disks(scene)}; packing fraction {scene.packing_fraction:.4g}",
-        f"start       {_start(scene)}",
-        *([f"settle      {settling}"] if (settling := settling_in_words(scene)) else []),
-        *([f"momentum    {momentum}"] if (momentum := _momentum(scene)) else []),
-        f"run         from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
-        *([f"diffusion   from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"] if start > 0 else []),
-        f"collisions  {counts} per run ({theory}, in equilibrium)",
-        f"memory      {in_bytes(forecast.memory(cost, 1))} for one run; {in_bytes(cost.recorded)} of file per run",
-    ]
-    window = friction.default_windows([scene])[0]
-    cautions = [
-        placement_caution(scene, RUNS),
-        settling_caution(scene),
-        window_caution(window, {scene.name: start}),
-    ]
-    for name, definition in DEFINITIONS.items():
-        engine = configured(name, **definition.example(scene))
-        try:
-            engine.refuse_unfit(scene)
-        except RequestError as error:
-            lines.append(f"engine      {name}: no: {error}")
-            continue
-        cost = engine.forecast(scene)
-        cpu = f"some {in_time(cost.seconds + cost.storing)} of CPU per run"
-        lines.append(f"engine      {engine.options}: {engine.model([scene])}; {cpu}")
-        cautions.append(definition.caution(scene))
-    return [*lines, *_cautions(cautions)]
-
-
-def _disks(scene: Scene) -> str:
-    """Return number, radius and mass of the disks of each species."""
     species = [f"{s.count} {s.name} (radius {s.radius:g}, mass {s.mass:g})" for s in scene.species if s.count]
-    return f"{scene.particles}: {', '.join(species)}" if species else f"{scene.particles}, listed one by one"
+    said = {
+        "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
+        "disks": f"{scene.particles}: {', '.join(species) or 'listed'}; packing fraction {scene.packing_fraction:.4g}",
+        "start": _start(scene),
+        "settle": settling_in_words(scene),
+        "momentum": _momentum(scene),
+        "run": f"from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
+        "diffusion": f"from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)" if start > 0 else None,
+        "collisions": f"{cost.pair_collisions:,.0f} between disks, {cost.wall_collisions:,.0f} with walls per run"
+        f" ({theory}, in equilibrium)",
+        "cost": f"some {in_time(cost.seconds + cost.storing)} of CPU and {in_bytes(cost.recorded)} of file per run"
+        f" of the exact engine; {in_bytes(forecast.memory(cost, 1))} of memory",
+    }
+    window = window_caution(friction.default_windows([scene])[0], {scene.name: start})
+    cautions = [placement_caution(scene, RUNS), settling_caution(scene), window]
+    return [*(f"{name:12}{text}" for name, text in said.items() if text), *_cautions(cautions)]
 
 
 def _start(scene: Scene) -> str:
-    """Return how positions and velocities are drawn, and how they are equilibrated."""
-    velocities = scene.velocities
-    if velocities is None:
+    """Return how disks are placed and equilibrated."""
+    if scene.velocities is None:
         return "as listed"
     placed = "on a lattice" if scene.placement == "lattice" else "placed at random"
-    if is_grown(scene):
-        placed = "placed at random as smaller disks that grow"
-    if scene.placement == "lattice" and scene.species[0].position is None:
-        placed += f" with gaps of {min(lattice_gaps(scene)):.2g} or more"
-    width = (
-        f"with kT = {velocities.temperature:g}"
-        if velocities.standard_deviation is None
-        else f"with standard deviation {velocities.standard_deviation:g}"
-    )
-    start = f"{placed}; velocity components normal {width}"
+    placed += " as smaller disks that grow" if is_grown(scene) else ""
     if not scene.equilibrate.time:
-        return start
+        return placed
     unsettled = "" if claims_equilibrium(scene) else ", which is not equilibrium"
-    return f"{start}; equilibrated for {scene.equilibrate.time:g}, tracer {scene.equilibrate.tracer}{unsettled}"
+    return f"{placed}; equilibrated for {scene.equilibrate.time:g}, tracer {scene.equilibrate.tracer}{unsettled}"
 
 
 def _momentum(scene: Scene) -> str | None:
@@ -113,6 +80,8 @@ def _momentum(scene: Scene) -> str | None:
 
 def _study(study: Study) -> list[str]:
     """Return the lines of the report on a study: a table of its runs, its engines and the whole workload."""
+    import pandas as pd  # takes 0.2 s
+
     assumed = with_assumed_runs(study)
     sets = run_sets(assumed)
     rows = [
@@ -124,7 +93,6 @@ def _study(study: Study) -> list[str]:
             "runs": f"{len(runs.seeds):,}",
             "collisions": f"{runs.cost.pair_collisions + runs.cost.wall_collisions:,.0f}",
             "CPU": in_time(runs.cost.seconds + runs.cost.storing),
-            "file": f"{in_bytes(runs.cost.recorded)} per run",
         }
         for runs in sets
     ]

@@ -26,22 +26,21 @@ import numpy as np
 from brownpipe import tradeoff
 from brownpipe.analysis import drift
 from brownpipe.analysis.dataset import refuse_taken
-from brownpipe.analysis.runs import blocks_of, groups_of
 from brownpipe.engines import Engine, forecast
+from brownpipe.engines.ensemble import joined, select
 from brownpipe.engines.saturation import share_failing
 from brownpipe.errors import RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.observables.own import is_own
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
+from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS, ranges
-from brownpipe.scene.yaml_file import read_yaml, yaml_text
 from brownpipe.stages import tracked
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.store import StoredFile, stored_batches, without
+from brownpipe.storage.store import stored_runs, without
 from brownpipe.storage.trajectories import write_trajectories
-from brownpipe.study.cost import pilot_runs, seconds_of_jobs
-from brownpipe.study.run_sets import batches, run_set
+from brownpipe.study.run_sets import batches, pilot_runs, run_set, seconds_of_jobs
 from brownpipe.study.study import MOST_JOBS, REFERENCE, Study
 
 SQUARES, DISTRIBUTION = "square_displacement", "displacement_distribution"  # an observable; a target
@@ -73,25 +72,31 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     if squares is None and "tracer" not in record:
         raise RequestError(f"{study.name}: the target {target} needs record: tracer, or {SQUARES} for msd and d")
     _share_sound(scene)
-    cost, first = engine.forecast(scene, *study.recording), study.seeds[0] if study.seeds else 0
+    cost, first = engine.forecast(scene, *study.recording), _first_seed(study)
     wanted = run_set(study, scene, engine, range(first, first + pilot_runs(scene, cost)))
+    seeds = np.asarray(wanted.seeds)
+    parts = stored_runs(scene, engine, wanted.digest, seeds)
+    missing = ranges(without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts]))
     simulate = partial(engine.simulate, scene, record=record, observables=observables, average=average)
-    began, seconds, seeds = time.process_time(), 0.0, np.asarray(wanted.seeds)
-    if missing := ranges(without(seeds, stored_batches(wanted.folder, seeds))):
+    began, seconds = time.process_time(), 0.0
+    if missing:
         simulate(seeds=[first])  # loads kernels
         wanted.folder.mkdir(parents=True, exist_ok=True)
     for first, last in missing:
         before = time.process_time()
-        ensemble = simulate(seeds=range(first, last + 1))
+        parts.append(simulate(seeds=range(first, last + 1)))
         seconds += time.process_time() - before - cost.once
-        refuse_taken(ensemble.own)
-        write_trajectories(wanted.folder / f"{first}-{last}.h5", scene, engine, ensemble, digest=wanted.digest)
+        refuse_taken(parts[-1].own)
+        write_trajectories(wanted.folder / f"{first}-{last}.h5", scene, engine, parts[-1], digest=wanted.digest)
     if made := sum(last - first + 1 for first, last in missing):
         cost = cost._replace(seconds=max(seconds / made, 1e-9))
-    spent, stored = time.process_time() - began, stored_batches(wanted.folder, seeds)
-    files = [StoredFile(wanted.folder / f"{a}-{b}.h5", wanted.digest, a, b, wanted.seeds) for a, b in stored]
-    runs = tradeoff.runs_of(scene, engine, [*blocks_of(*groups_of(files))], squares)
-    return Pilot(runs, cost, wanted.folder, made, spent)
+    every = joined(parts)
+    runs = tradeoff.runs_of(scene, engine, select(every, np.isin(every.seeds, seeds)), squares)
+    return Pilot(runs, cost, wanted.folder, made, time.process_time() - began)
+
+
+def _first_seed(study: Study) -> int:
+    return study.seeds[0] if study.seeds else 0
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
@@ -138,10 +143,7 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     if most > MOST_SEEDS:
         raise RequestError(f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}")
     plan = {"tolerance": study.tolerance, "target": study.target, "needed": needed, "runs": most}
-    write_file(
-        path,
-        sealed(f"# The runs that a tolerance needs, determined once\n\n{yaml_text(plan)}".encode()),
-    )
+    write_file(path, sealed(f"# The runs that a tolerance needs, determined once\n\n{yaml_text(plan)}".encode()))
     return most, pilots
 
 
@@ -222,7 +224,7 @@ def _settled(runs: tradeoff.EngineRuns) -> str:
     if not drift.is_tested(runs.scene, runs.engine):
         return ""
     found = drift.drift_of(runs.quarters)
-    if not len(found.quantity):
+    if not np.isfinite(found.p).any():
         return drift.TOO_FEW
     least = drift.found_with_power(found.error, len(runs.seeds), len(found.quantity))
     none = f"no drift within the runs; 90 % of the pressure's drifts by {_percent(least)} are found"
@@ -271,7 +273,7 @@ def _percent(share: float) -> str:
 def write_study(study: Study, study_file: str | Path, path: str | Path, offer: Offer, comment: str) -> None:
     """Write a study below a line of comment, all or nothing: what another study runs, with the runs of an offer."""
     mapping: dict[str, Any] = {key: value for key, value in read_yaml(study_file).items() if key not in NOT_INHERITED}
-    folder, first = Path(path).resolve().parent, study.seeds[0] if study.seeds else 0
+    folder, first = Path(path).resolve().parent, _first_seed(study)
     mapping["scenes"] = [os.path.relpath(scene, folder) for scene in study.scenes]
     mapping["observables"] = [os.path.relpath(name, folder) if is_own(name) else name for name in study.observables]
     mapping["engines"] = [{"name": offer.engine.name, **dict(offer.engine.settings)}]

@@ -1,30 +1,46 @@
-"""The runs that a study asks for: where they are stored, which are there, the jobs that make the others.
+"""The runs that a study asks for: where they are stored, which are there, the jobs that make the others, their cost.
 
 What a step is made from stands as a digest in the name of a file beside its results: a step whose file is missing is
-due, whatever times of modification say.
+due, whatever times of modification say. The forecast of costs is good to a factor of 2. Snakemake passes requests on to
+the queue of a cluster, which ends jobs that exceed them; on one machine they have no effect.
 """
 
 import json
+import math
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from brownpipe.engines import Engine, forecast
+from brownpipe.engines.saturation import share_failing
+from brownpipe.formatting import counted, in_bytes, in_time
 from brownpipe.provenance import STEPS, digest_of, source_digest
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import ranges, seed_text
+from brownpipe.scene.variation import short_name
 from brownpipe.storage.store import DIGITS, StoredFile, folder_of_runs, runs_digest, stored_batches, without
-from brownpipe.study.study import Study
+from brownpipe.study.study import REFERENCE, Study
 
 SECONDS = 30.0  # CPU time of a job of `batch: auto`: starting one takes 2 % of it
 OFTEN = 20.0  # and it is longer by so many times what a job calculates once
 LARGEST = 1e9  # bytes of memory of such a job
 EQUAL_JOBS = 256  # then their length doubles whenever the number of runs before has doubled
+
+MARGIN = 2.0  # of memory and time in requests
+AROUND = 300e6  # further bytes: two processes of Snakemake wait on the node for that of the job
+DELAY = 300.0  # further seconds: to compile kernels, to start an analysis, to wait for a network file system
+ANALYSIS = 300e6  # bytes of a process that analyses or draws, besides data
+REPLICATES = 10_000  # of one run's data in memory, to average over the runs of a case
+COPIES = 5  # of a file in memory while it is read; in the trade-off of all files
+SECONDS_PER_CASE, SECONDS_PER_BYTE = 1.0, 1e-7  # CPU, to analyse
+RUNS_TIMED = 30  # of each engine and case in the trade-off
+PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
+FEWEST_PILOT_RUNS, MOST_PILOT_RUNS = 10, 400
 
 
 class RunSet(NamedTuple):
@@ -109,15 +125,12 @@ def files_of(study: Study) -> list[StoredFile]:
 
 def commands(study: Study) -> dict[str, str]:
     """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of its folder."""
-    scenes = {
-        name: " ".join([shell_path(os.path.relpath(path)), *(f"--value {_assignment(*one)}" for one in values.items())])
-        for name, (path, values) in study.varied.items()
-    }
-    measured = (
-        f" --observables {shell_path(','.join(study.observables))} --average {study.average}"
-        if study.observables
-        else ""
-    )
+    scenes = {name: shell_path(os.path.relpath(path)) for name, (path, _) in study.varied.items()}
+    for name, (_, values) in study.varied.items():
+        assigned = [f"{key}={json.dumps(value)}" for key, value in values.items()]
+        scenes[name] += "".join(f" --value {shlex.quote(word)}" for word in assigned)
+    names = shell_path(",".join(study.observables))
+    measured = f" --observables {names} --average {study.average}" if study.observables else ""
     return {
         runs.key: f"{scenes[runs.case.name]} --particles {runs.case.particles} --engine {runs.engine.options}"
         f" --record {study.record}{measured} --planned {runs.digest}"
@@ -125,28 +138,99 @@ def commands(study: Study) -> dict[str, str]:
     }
 
 
-def _assignment(key: str, value: object) -> str:
-    """Return KEY=VALUE for a shell."""
-    return shlex.quote(f"{key}={json.dumps(value)}")
-
-
 def listed_runs(study: Study) -> list[str]:
     """Return a line for each set of runs: its folder and its seeds."""
     return [f"{runs.folder} {seed_text(np.asarray(runs.seeds))}" for runs in run_sets(study)]
+
+
+def figure_options(study: Study) -> list[str]:
+    """Return the options of `brownpipe figures` for a study."""
+    options = {
+        "--figures": ",".join(study.figures if "figures" in study.model_fields_set else ()),
+        "--particles": study.shown_particles,
+        "--panel": ",".join(short_name(name) if name in study.vary else name for name in study.panel),
+        "--title": study.title,
+        "--note": study.note,
+    }
+    return [word for option, value in options.items() if value for word in (option, str(value))]
 
 
 def digests(study: Study) -> dict[str, str]:
     """Return the first digits of a SHA-256 over all that each step of the workflow after `simulate` is made from."""
     runs = [*listed_runs(study), study.tolerance, study.target, study.fit_windows[0]]
     rings = study.rings and [study.rings.dr, study.rings.count]
-    analysis = [study.fit_windows, study.displacement_times, rings, [*study.vary], study.vary_together]
+    windows = study.fit_windows, "fit_windows" in study.model_fields_set  # the dataset says if they were asked for
+    analysis = [*windows, study.displacement_times, rings, [*study.vary], study.vary_together]
     found = {step: source_digest(*modules) for step, modules in STEPS.items()}
     aggregate = digest_of(runs, analysis, found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])
     return {
         "plan": digest_of(runs, found["tradeoff"]),
         "aggregate": aggregate,
-        "figures": digest_of(aggregate, study.figures, study.shown_particles, found["figures"]),
+        "figures": digest_of(aggregate, study.figures, figure_options(study), found["figures"]),
         "tradeoff": tradeoff,
         "tradeoff_figures": digest_of(tradeoff, found["figures"]),
     }
+
+
+# -- cost -----------------------------------------------------------------------------------------------------------
+
+
+def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
+    """Return the CPU seconds of so many processes that make and write so many runs together."""
+    return jobs * (forecast.START_UP + cost.once) + runs * (cost.seconds + cost.storing)
+
+
+def pilot_runs(scene: Scene, cost: forecast.Cost) -> int:
+    """Return the number of pilot runs of a scene; of failing ones it is larger, as they take no time."""
+    seconds = cost.seconds - forecast.SECONDS_TO_FAIL * share_failing(scene)
+    return int(np.clip(PILOT_SECONDS / seconds, FEWEST_PILOT_RUNS, MOST_PILOT_RUNS))
+
+
+def with_assumed_runs(study: Study) -> Study:
+    """Return a study with a tolerance with the runs of a quantity whose standard deviation is its mean, as r^2 has it.
+
+    One that has seeds is returned unchanged.
+    """
+    if study.tolerance is None or study.seeds:
+        return study
+    return study.model_copy(update={"seeds": range(math.ceil(study.tolerance**-2))})
+
+
+def describe_workload(study: Study) -> str:
+    """Return the workload of the whole study in one line. Its seeds must be known."""
+    sets = run_sets(study)
+    total = counted(sum(len(runs.seeds) for runs in sets), "run")
+    jobs = [len(runs.jobs(runs.seeds)) for runs in sets]
+    cpu = sum(seconds_of_jobs(runs.cost, len(runs.seeds), number) for runs, number in zip(sets, jobs, strict=True))
+    size = in_bytes(sum(len(runs.seeds) * runs.cost.recorded for runs in sets))
+    return f"{total} in {counted(sum(jobs), 'job')}: some {in_time(cpu)} of CPU, {size} of runs"
+
+
+def requests(study: Study) -> dict[str, dict[str, object]]:
+    """Return the `resources` of each rule: functions of wildcards and attempt, each twice as large."""
+    sets = run_sets(with_assumed_runs(study))
+    costs, data = {runs.key: runs.cost for runs in sets}, sum(len(runs.seeds) * runs.cost.kept for runs in sets)
+    files = [runs.most_seeds * runs.cost.kept for runs in sets]
+    memory = ANALYSIS + REPLICATES * max(cost.kept for cost in costs.values()) + COPIES * max(files)
+    seconds = SECONDS_PER_CASE * len(sets) + SECONDS_PER_BYTE * data
+    exact = [(case, REFERENCE.forecast(case, *study.recording)) for case in study.cases]
+    timed = seconds + sum(5.0 + RUNS_TIMED * cost.seconds for cost in (*costs.values(), *(cost for _, cost in exact)))
+    pilots = sum(seconds_of_jobs(cost, pilot_runs(case, cost)) for case, cost in exact)
+
+    def of_simulate(wildcards: Mapping[str, str]) -> tuple[float, float]:
+        cost, runs = costs[wildcards["digest"]], int(wildcards["last"]) - int(wildcards["first"]) + 1
+        return forecast.memory(cost, runs), seconds_of_jobs(cost, runs)
+
+    analysis = dict.fromkeys(("aggregate", "figures", "tradeoff_drawings"), _asked(lambda _: (memory, seconds)))
+    plan, tradeoff = _asked(lambda _: (memory, pilots)), _asked(lambda _: (memory + COPIES * data, timed))
+    return {"simulate": _asked(of_simulate), **analysis, "plan": plan, "tradeoff": tradeoff}
+
+
+def _asked(need: Callable[[Mapping[str, str]], tuple[float, float]]) -> dict[str, object]:
+    """Return the resources of a rule whose jobs need so many bytes and CPU seconds: memory [MB] and wall time [min]."""
+
+    def request(part: int, more: float, unit: float) -> Callable[..., int]:
+        return lambda wildcards, attempt: 2 ** (attempt - 1) * math.ceil((MARGIN * need(wildcards)[part] + more) / unit)
+
+    return {"mem_mb": request(0, AROUND, 1e6), "runtime": request(1, DELAY, 60), "cpus_per_task": 1}

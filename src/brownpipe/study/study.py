@@ -10,16 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
-from pydantic import (
-    Discriminator,
-    Field,
-    GetPydanticSchema,
-    StrictBool,
-    Tag,
-    ValidationInfo,
-    create_model,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, StrictBool, ValidationInfo, create_model, model_validator
 
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
@@ -31,25 +22,11 @@ from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, OWN, SCAN
 from brownpipe.observables.own import beside, is_own
 from brownpipe.provenance import digest_of
 from brownpipe.quoting import shell_path
-from brownpipe.scene import Scene
-from brownpipe.scene.reading import (
-    AtLeastOne,
-    Count,
-    Name,
-    NotNegative,
-    Positive,
-    Record,
-    alone,
-    converted,
-    distinct,
-    key,
-    refuse,
-    validated,
-)
+from brownpipe.scene import Scene, reading
+from brownpipe.scene.reading import As, AtLeastOne, Count, Name, NotNegative, Positive, Record, converted, key, refuse
 from brownpipe.scene.scene import is_study
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.variation import Vary, combinations, is_number, scene_with
-from brownpipe.scene.yaml_file import Document, read_yaml
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
@@ -61,16 +38,11 @@ REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of the
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
 
 
-def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
-    """Let values be read as this type, which is made at run time."""
-    return GetPydanticSchema(lambda _, handler: handler.generate_schema(kind))
-
-
 def one_or_more(kind: Any, least: int = 1) -> Any:
     """Return the type of a list of values that differ; a single value stands for a list of one."""
     schema = kind | Annotated[list[kind], Field(min_length=least)]
     listed = converted(lambda value: value if isinstance(value, list | tuple) else [value], schema)
-    return Annotated[distinct(kind, least), listed]
+    return Annotated[reading.distinct(kind, least), listed]
 
 
 def _share(value: Any) -> Any:
@@ -78,15 +50,14 @@ def _share(value: Any) -> Any:
     return float(value[:-1]) / 100 if isinstance(value, str) and PERCENTAGE.fullmatch(value) else value
 
 
-def _engine_name(value: Any) -> str:
-    return f"{{{value.get('name', 'null') if isinstance(value, dict) else value}}}"
-
-
 def _engine_kind(name: str) -> Any:
     """Return the type of an engine of a study: its name, its settings, the scenes it is used in and its seeds."""
     keys: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
-    record = create_model(name, __base__=settings_of(name), **keys)
-    return Annotated[record, alone("name", record | Literal[name]), Tag(f"{{{name}}}")]
+    return create_model(name, __base__=settings_of(name), **keys)
+
+
+def _own_name(name: str) -> str:
+    return name if is_own(name) else refuse("must be my_module:my_function")
 
 
 Text = Annotated[str, Field(min_length=1)]
@@ -96,20 +67,18 @@ Batch = Annotated[
     Annotated[AtLeastOne, Field(le=MOST_SEEDS)] | None,
     converted(lambda value: None if value == "auto" else value, int | Literal["auto"]),
 ]
-EngineKey: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Discriminator(_engine_name)]  # noqa: UP007  # as many as there are
+EngineRecord: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Field(discriminator="name")]  # noqa: UP007  # as many as there are
+EngineKey: Any = Annotated[EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
 Engines = Annotated[tuple[Any, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
-OwnName = Annotated[str, Field(json_schema_extra={"pattern": ".:."}), Tag("{own}")]
-Measure: Any = Annotated[
-    Annotated[Literal[tuple(measures.OBSERVABLES)], Tag("{name}")] | OwnName,
-    Discriminator(lambda value: "{own}" if isinstance(value, str) and is_own(value) else "{name}"),
-]
+OwnName = Annotated[str, AfterValidator(_own_name), Field(json_schema_extra={"pattern": ".:."})]
+Measure: Any = Literal[tuple(measures.OBSERVABLES)] | OwnName
 Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, least=0))]
 Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
-Windows = Annotated[tuple[tuple[float, float], ...], As(distinct(tuple[NotNegative, NotNegative], 1))]
+Windows = Annotated[tuple[tuple[float, float], ...], As(reading.distinct(tuple[NotNegative, NotNegative], 1))]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
 
 
@@ -146,7 +115,10 @@ class Study(Record):
     record: Literal["tracer", "none"] = key("the trajectory of the tracer, or only the observables", "tracer")
     observables: Observables = key("quantities measured in each run, from all of its disks", ())
     average: Average = key("average over runs alone, or also over time origins or equal disks", "runs")
+    title: Text | None = key("of the study, above its answer and its page", None)
+    note: Text | None = key("what the study is about, at the top of its page", None)
     figures: Figures | None = key("figures to draw (default: all that the study has data for)", None)
+    panel: Texts = key("scene, particles, engine, varied keys: what differs in them is drawn in panels of its own", ())
     displacement_times: Times = key("times of the displacement distribution (default: the end of each run)", ())
     fit_windows: Windows | None = key("[t0, t1] in which lines are fitted to the MSD [time]", None)
     rings: Rings | None = key("of the displacement distribution (default: from the data)", None)
@@ -176,22 +148,18 @@ class Study(Record):
         paths: dict[str, Path] = {}
         cases: list[Scene] = []
         varied: dict[str, tuple[Path, dict[str, Any]]] = {}
-        try:
-            variants = combinations(self.vary, self.vary_together)
-        except RequestError as error:
-            refuse(str(error).removeprefix("vary: "), "vary")
         for k, text in enumerate(self.scenes):
             if Path(text).stem in paths:
                 refuse(f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k)
             path = paths[Path(text).stem] = folder / text
             try:
-                mapping = read_yaml(path)
-                for values in variants:
+                mapping = reading.read_yaml(path)
+                for values in combinations(self.vary, self.vary_together):
                     of_counts = [scene_with(mapping, str(path), values, count) for count in self.particles or (None,)]
                     cases += of_counts
                     varied[of_counts[0].name] = path, values
             except RequestError as error:
-                refuse(str(error), *(("vary",) if self.vary else ("scenes", k)))
+                refuse(str(error).removeprefix("vary: "), *(("vary",) if self.vary else ("scenes", k)))
         self._resolve(scenes=tuple(paths.values()), cases=tuple(cases), varied=varied)
 
     def _read_engines(self) -> None:
@@ -221,10 +189,8 @@ class Study(Record):
 
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many."""
-        if self.tolerance is None and self.seeds is None:
-            refuse("missing; must be given, or a tolerance instead", "seeds")
-        if self.tolerance is not None and self.seeds is not None:
-            refuse("must not be given with a tolerance, which says how many", "seeds")
+        if (self.tolerance is None) == (self.seeds is None):
+            refuse("must be given, or a tolerance in their place; not both", "seeds")
         if self.tolerance is not None and (reason := why_no_relative_error(self.cases)):
             refuse(f"{reason}; must be seeds: 1", "tolerance")
         self._resolve(seeds=self.seeds or ())
@@ -255,6 +221,10 @@ class Study(Record):
             if unmet[name]:
                 refuse(f"{name} needs {unmet[name][0]}", "figures")
         self._resolve(figures=self.figures or tuple(name for name in FIGURES if not unmet[name]))
+        labels = ("scene", "particles", "engine", *self.vary)
+        for name in self.panel:
+            if name not in labels:
+                refuse(f"must be of {', '.join(labels)}, not {name!r}", "panel")
         if self.shown_particles not in (None, *counts):
             allowed = f"one of the study's numbers of disks, {counts}"
             refuse(f"must be {allowed}, not {self.shown_particles}", "shown_particles")
@@ -289,19 +259,11 @@ class Study(Record):
         return {self.record}, self.observables, self.average
 
     @property
-    def varied_keys(self) -> tuple[list[str], bool]:
-        """The varied keys, and whether their values belong together: the last arguments of `analysis.aggregate`."""
-        return [*self.vary], self.vary_together
-
-    @property
     def tradeoff_cases(self) -> list[str]:
         """The cases with exact runs and others to compare with them, by their names in the trade-off."""
-        labels = []
-        for case in self.cases:
-            engines = {use.engine for use in self.uses if use.case is case}
-            if REFERENCE in engines and (len(engines) > 1 or case.name in self.instead_of):
-                labels.append(case.label)
-        return labels
+        engines = {case: {use.engine for use in self.uses if use.case is case} for case in self.cases}
+        compared = [case for case in self.cases if len(engines[case]) > 1 or case.name in self.instead_of]
+        return [case.label for case in compared if REFERENCE in engines[case]]
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
@@ -338,17 +300,15 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     `overrides` replaces top-level keys; seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError,
     one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
     """
-    mapping, overrides = read_yaml(path), overrides or {}
-    if isinstance(mapping, Document):
+    mapping, overrides = reading.read_yaml(path), overrides or {}
+    if isinstance(mapping, dict):
         if not is_study(mapping) and mapping.keys() & {"box", "disks", "duration"}:
             cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
             raise RequestError(f"{path}: is a scene, not a study; {cure}")
-        gone = {
-            REPLACED[new]: None for new in overrides.keys() & REPLACED if overrides[new] and REPLACED[new] in mapping
-        }
-        mapping = mapping.with_values({**gone, **overrides}) if overrides else mapping
-    name = validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
-    return validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
+        gone = [REPLACED[new] for new in overrides if overrides[new] and REPLACED.get(new) in mapping]
+        mapping = reading.with_values(mapping, {**dict.fromkeys(gone), **overrides}) if overrides else mapping
+    name = reading.validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
+    return reading.validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
 
 
 def variant(overrides: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ from brownpipe.inspection import read_contents
 from brownpipe.scene.seeds import brief_seed_text, read_seeds
 from brownpipe.stages import tracked
 from brownpipe.storage.store import DIGITS, stored_batches, without
-from brownpipe.storage.trajectories import Outline, Trajectories
+from brownpipe.storage.trajectories import Trajectories
 
 
 def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]:
@@ -45,13 +45,10 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
         try:
             contents = read_contents(file)
             if isinstance(contents, Trajectories) and file in named:
-                _refuse_others(contents.outline, file, *named[file])
+                first, last = named[file]
+                is_named = file.parent.name.endswith(contents.digest[:DIGITS])
+                if not is_named or [*contents.ensemble.seeds] != [*range(first, last + 1)]:
+                    raise StorageError(f"{file}: holds other runs than its name says")
         except StorageError:
             damaged.append(file)
     return [str(file) for file in files if file not in damaged], [*map(str, damaged)], missing
-
-
-def _refuse_others(outline: Outline, file: Path, first: int, last: int) -> None:
-    """Refuse a file that holds other runs than its name and that of its folder say."""
-    if not (file.parent.name.endswith(outline.digest[:DIGITS]) and [*outline.seeds] == [*range(first, last + 1)]):
-        raise StorageError(f"{file}: holds other runs than its name says")

@@ -20,9 +20,8 @@ from brownpipe.errors import RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.provenance import PACKAGE
 from brownpipe.quoting import shell_path
-from brownpipe.scene.yaml_file import read_yaml, scalar
-from brownpipe.study.cost import seconds_of_jobs
-from brownpipe.study.run_sets import run_sets
+from brownpipe.scene.reading import read_yaml, scalar, validated
+from brownpipe.study.run_sets import run_sets, seconds_of_jobs
 from brownpipe.study.study import Study, read_study
 
 LOCKS = Path(".snakemake/locks")
@@ -47,10 +46,7 @@ def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object
     try:
         replaced: dict[str, object] = {}
         for file in others:
-            keys = read_yaml(file)
-            if not isinstance(keys, dict):
-                raise RequestError(f"{file}: must be a mapping of keys of a study")
-            replaced |= keys
+            replaced |= validated(dict[str, Any], read_yaml(file), file)
         replaced |= from_command_line(dict(config))
         study = read_study(first, replaced)
     except RequestError as error:
@@ -125,14 +121,15 @@ def profile_folder(profile: str) -> Path:
     Raises RequestError if there is none, or if Snakemake's plugin for its executor is not installed.
     """
     own = pipeline_folder() / "profiles"
-    names = sorted(path.parent.name for path in own.glob("*/config.yaml") if path.parent.name != "default")
-    folders = [Path(profile).absolute(), *(own / name for name in names if name == profile)]
-    folder = next((folder for folder in folders if (folder / "config.yaml").is_file()), None)
+    folder = next(
+        (path for path in (Path(profile).absolute(), own / profile) if (path / "config.yaml").is_file()), None
+    )
     if folder is None:
+        names = sorted(path.parent.name for path in own.glob("*/config.yaml") if path.parent.name != "default")
         raise RequestError(f"--profile {profile}: must be a folder with config.yaml, or one of {', '.join(names)}")
-    options = read_yaml(folder / "config.yaml")
-    executor = str(options.get("executor", "local")) if isinstance(options, dict) else "local"
+    executor = str(dict(read_yaml(folder / "config.yaml")).get("executor", "local"))
     if executor != "local" and not find_spec(f"snakemake_executor_plugin_{executor.replace('-', '_')}"):
-        package = f"snakemake-executor-plugin-{executor}"
-        raise RequestError(f"--profile {profile}: there is no {package} here; install it by pip")
+        raise RequestError(
+            f"--profile {profile}: there is no snakemake-executor-plugin-{executor} here; install it by pip"
+        )
     return folder

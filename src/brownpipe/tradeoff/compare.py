@@ -1,19 +1,91 @@
 """All biases of one engine and setting, relative to the exact runs of a scene, with their uncertainties."""
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from brownpipe.analysis.displacement import per_run_lines
+from brownpipe.analysis.drift import quarters_of
 from brownpipe.analysis.resampling import Estimate
+from brownpipe.analysis.runs import Group, blocks_of, reported
 from brownpipe.analysis.variables import with_intervals
+from brownpipe.engines import Engine
+from brownpipe.engines.ensemble import Ensemble, joined, select
 from brownpipe.errors import AnalysisError
+from brownpipe.observables.displacement import displacement
+from brownpipe.scene import Scene
 from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Pairs
-from brownpipe.tradeoff.runs import EngineRuns
+from brownpipe.tradeoff.front import REFERENCE_NAME
 
 TARGET_COLUMNS = {"msd": 0, "d": 1}  # columns of `_per_run`
 APART = 1e-3  # of the tracer's radius: two trajectories further apart than this have departed
+
+
+class EngineRuns(NamedTuple):
+    """All runs of one scene, number of disks and engine, in the order of their seeds; failed ones left out."""
+
+    scene: Scene
+    engine: Engine
+    seeds: np.ndarray  # (S,) int64
+    times: np.ndarray  # (T,) [time]
+    displacement: np.ndarray  # (S, T, 2) of the tracer from its start [length]
+    squared: np.ndarray  # (S, T) its square [length^2]
+    worst_overlap: np.ndarray  # (S,) in contact distances; NaN where an engine does not report it
+    pair_counts: np.ndarray | None  # (S, P, R) pairs of species by distance, if recorded
+    failed: int  # number of runs left out
+    quarters: Mapping[str, np.ndarray]  # (S, 4) what may drift within the runs, if they are counted in quarters
+
+    @property
+    def share_sound(self) -> float:
+        """The share of runs that did not fail."""
+        return len(self.seeds) / max(len(self.seeds) + self.failed, 1)
+
+    @property
+    def is_reference(self) -> bool:
+        return self.engine.name == REFERENCE_NAME
+
+
+def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
+    """Return the runs of groups of trajectory files, `analysis.runs.groups_of`.
+
+    Raises AnalysisError for files without a tracer and what `analysis.runs.blocks_of` raises.
+    """
+    found = []
+    for group in groups:
+        contents = group.contents
+        if contents.ensemble.tracer is None:
+            raise AnalysisError(f"{group.files[0].path}: holds no tracer; make it again without --record none")
+        found.append(runs_of(contents.scene, contents.engine, joined([*blocks_of(group)])))
+    return found
+
+
+def runs_of(scene: Scene, engine: Engine, every: Ensemble, squares: str | None = None) -> EngineRuns:
+    """Return the runs of an ensemble with ascending seeds.
+
+    squares: an observable that stands for the tracer's squared displacement. Without its track displacements are NaN.
+    """
+    runs = select(every, reported(every, "failed") == 0)
+    moved = np.full((len(runs.seeds), len(every.times), 2), np.nan)
+    if runs.tracer is not None:
+        moved = displacement(runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height))
+        moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
+    return EngineRuns(
+        scene=scene,
+        engine=engine,
+        seeds=runs.seeds,
+        times=every.times,
+        displacement=moved,
+        squared=runs.observables[squares] if squares else (moved**2).sum(axis=-1),
+        worst_overlap=reported(runs, "worst_overlap"),
+        pair_counts=runs.observables.get("pair_counts"),
+        failed=len(every.seeds) - len(runs.seeds),
+        quarters=quarters_of(scene, every.times, runs.observables),
+    )
+
+
+# --- biases
 
 
 def compare(
@@ -28,7 +100,7 @@ def compare(
     pairs = bias.same_seeds(runs.seeds, exact.seeds) if paired else None
     if pairs is not None and len(pairs[0]) < 2:
         pairs = None
-    return {
+    values = {
         "runs": len(runs.seeds),
         "failed_runs": runs.failed,
         "paired_runs": 0 if pairs is None else len(pairs[0]),
@@ -37,8 +109,9 @@ def compare(
         "departure_time": np.nan if pairs is None else _departure(runs, exact, pairs),
         **_biases(runs, exact, pairs, window),
         **_distances(runs, exact, pairs),
-        **with_intervals({} if (deviation := _contact(runs, exact, pairs)) is None else {"contact_bias": deviation}),
+        **_contact(runs, exact, pairs),
     }
+    return with_intervals(values)
 
 
 def refuse_unfit(exact: EngineRuns, *others: EngineRuns) -> None:
@@ -71,7 +144,7 @@ def _biases(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tu
     biases = bias.no_bias(references.shape[1:]) if runs is exact else bias.relative_bias(samples, references, pairs)
     values: dict[str, Any] = {}
     for name, column in TARGET_COLUMNS.items():
-        values |= with_intervals({f"{name}_bias": Estimate(*(part[column] for part in biases))})
+        values[f"{name}_bias"] = biases.at(column)
         values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(references[:, column].mean())
     return values
 
@@ -87,17 +160,16 @@ def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict
     ends = np.sqrt(runs.squared[:, -1]), np.sqrt(exact.squared[:, -1])
     distance = bias.no_bias(()) if runs is exact else bias.total_variation(*ends, pairs)
     noise, spread = distance.standard_error, bias.spread_of_shares()
-    return with_intervals(
-        {"displacement_bias": distance, "displacement_bias_noise": noise, "displacement_spread": spread}
-    )
+    return {"displacement_bias": distance, "displacement_bias_noise": noise, "displacement_spread": spread}
 
 
-def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> Estimate | None:
-    """g(r) near contact; None without pair counts, or if the two sets of runs have different bins."""
+def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Estimate]:
+    """g(r) near contact; {} without pair counts, or if the two sets of runs have different bins."""
     counts, reference = runs.pair_counts, exact.pair_counts
     if counts is None or reference is None or counts.shape[1:] != reference.shape[1:]:
-        return None
-    return bias.no_bias(()) if runs is exact else bias.contact_deviation(counts, reference, pairs)
+        return {}
+    deviation = bias.no_bias(()) if runs is exact else bias.contact_deviation(counts, reference, pairs)
+    return {} if deviation is None else {"contact_bias": deviation}
 
 
 def _departure(runs: EngineRuns, exact: EngineRuns, pairs: Pairs) -> float:

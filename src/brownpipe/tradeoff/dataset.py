@@ -5,22 +5,71 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.analysis.outer_join import joined
+from brownpipe.analysis.dataset import joined
 from brownpipe.analysis.runs import Source, groups_of
-from brownpipe.analysis.variables import SAME_TIME
+from brownpipe.analysis.variables import INTERVAL, SAME_TIME, Mean, Variable, with_uncertainties
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
-from brownpipe.storage.origin import made_by, origin_attributes
+from brownpipe.storage.datasets import origin_attributes
 from brownpipe.tradeoff import timing
-from brownpipe.tradeoff.compare import compare
+from brownpipe.tradeoff.compare import EngineRuns, compare, read_runs
 from brownpipe.tradeoff.front import REFERENCE_NAME, pareto_front, settings_of
-from brownpipe.tradeoff.runs import EngineRuns, read_runs
-from brownpipe.tradeoff.variables import ATTRIBUTES, COORDINATES, VARIABLES
 
 if TYPE_CHECKING:
     import xarray
+
+
+# --- the variables: biases, spreads and distances are relative to the exact result, 0.01 is 1 %
+
+ATTRIBUTES = {
+    "Conventions": "CF-1.11",
+    "title": "Cost-accuracy trade-off of engines",
+    "comment": (
+        "CPU times, and therefore the Pareto front, are measured anew whenever this dataset is made; they differ "
+        "between machines and from one measurement to the next. All other variables are reproducible to the bit. "
+        "Biases are relative to exact runs of the same scene; where an interval contains 0, the bias is not resolved."
+    ),
+}
+SCENE, SETTING = ("scene",), ("scene", "setting")
+ENDS = INTERVAL[1:]  # low and high, without a standard error
+BEST = "no setting has a smaller total error of the MSD"
+MSD, D = "MSD at the end", "D in the window"
+DISTRIBUTION = "total variation distance of the distribution of displacements at the end, in ten rings"
+
+COORDINATES = {
+    "scene": Variable(SCENE, None, "scene and number of disks, NAME_N150, whose exact runs are the reference"),
+    "setting": Variable(("setting",), None, "engine and settings; `exact in X`: exact runs of X in place of the scene"),
+}
+_TABLE = {
+    "particles": Variable(SCENE, "1", "number of disks", (), np.int64, 0),
+    "duration": Variable(SCENE, "time", "duration of a run"),
+    "window_start": Variable(SCENE, "time", "start of the window of time in which D is fitted"),
+    "window_end": Variable(SCENE, "time", "end of the window of time in which D is fitted"),
+    "runs": Variable(SETTING, "1", "number of runs that did not fail", (), np.int64, 0),
+    "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", (), np.int64, 0),
+    "paired_runs": Variable(SETTING, "1", "number of runs that start like an exact run", (), np.int64, 0),
+    "seconds": Variable(SETTING, "s", "CPU time of a run on this machine, start-up and files not counted"),
+    "cost_ratio": Variable(SETTING, "1", "CPU time of a run over that of an exact run, median of pairs taken in turn"),
+    "cost_ratio_low": Variable(SETTING, "1", "smallest of these ratios"),
+    "cost_ratio_high": Variable(SETTING, "1", "largest of these ratios"),
+    "pays_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, unresolved biases at their 95 % upper bounds"),
+    "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"),
+    "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"),
+    "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"),
+    "msd_bias": Mean(SETTING, "1", f"relative bias of the {MSD}"),
+    "msd_spread": Variable(SETTING, "1", f"relative standard deviation of the {MSD} in one run"),
+    "d_bias": Mean(SETTING, "1", f"relative bias of {D}"),
+    "d_spread": Variable(SETTING, "1", f"relative standard deviation of {D} in one run"),
+    "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted", ENDS),
+    "displacement_bias_noise": Variable(SETTING, "1", f"mean of the {DISTRIBUTION}, due to noise alone"),
+    "displacement_spread": Variable(SETTING, "1", "mean distance due to noise in the distribution of one run"),
+    "contact_bias": Mean(SETTING, "1", "most significant relative deviation of g(r) near contact"),
+    "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
+    "departure_time": Variable(SETTING, "time", "median time until the tracer is 0.001 R off its exact path; or inf"),
+}
+VARIABLES = with_uncertainties(_TABLE)
 
 
 def measure(
@@ -66,9 +115,8 @@ def measure(
             values = compare(runs, exact, fitted, unit * cost.ratio, paired=runs.scene.label == exact.scene.label)
             costs = dict(zip(("cost_ratio", "cost_ratio_low", "cost_ratio_high"), cost, strict=True))
             parts.append(of_scene | {"setting": [label]} | values | costs)
-    stand_ins = {scene: [*others] for scene, others in instead_of.items()}
-    options = {"instead_of": stand_ins, "fit_window": window}
-    made = made_by("tradeoff") | origin_attributes(((group.outline, group.seeds) for group in groups), options)
+    options = {"instead_of": {scene: [*others] for scene, others in instead_of.items()}, "fit_window": window}
+    made = origin_attributes("tradeoff", ((group.contents, group.seeds) for group in groups), options)
     return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES))
 
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis.variables import estimate_in
+from brownpipe.analysis.resampling import Estimate
+from brownpipe.analysis.variables import names_of
 from brownpipe.tradeoff import bias
 
 if TYPE_CHECKING:
@@ -85,7 +86,8 @@ def settings_of(dataset: "xarray.Dataset", scene: str, careful: bool = False) ->
     """
     of_scene = dataset.sel(scene=scene)
     of_scene = of_scene.isel(setting=of_scene.runs.values > 0)
-    squares = (bias.careful_square if careful else bias.square)(estimate_in(of_scene, "msd_bias"))
+    estimate = Estimate(*(of_scene[name].values for name in names_of("msd_bias")))
+    squares = (bias.careful_square if careful else bias.square)(estimate)
     columns = of_scene.setting.values, squares, of_scene.msd_spread.values, of_scene.seconds.values
     settings = [MeasuredSetting(str(label), *map(float, of_one)) for label, *of_one in zip(*columns, strict=True)]
     return sorted(settings, key=lambda setting: setting.label != REFERENCE_NAME)

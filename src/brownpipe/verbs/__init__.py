@@ -1,11 +1,12 @@
-"""The verbs of the command line, one module each, in the order of the help.
+"""The verbs of the command line, in the order of the help.
 
-A module has the function of its name, whose docstring is the help and which returns the exit status (None: done);
-`add_arguments`, which is given `add_argument` of the verb's parser; and EXAMPLE, the arguments of an example. If it has
-PASSES_ON, arguments after `--` are for another program. Imports that take time are inside the functions that need them.
+A verb is a function of the parsed arguments, whose docstring is the help, with an example at its end, and which returns
+the exit status (None: done). `add_NAME` beside it is given `add_argument` of its parser. Imports that take long are
+inside the functions that need them.
 """
 
-from importlib import import_module
+from brownpipe.verbs import files, results, simulate, studies
 
-NAMES = "new run simulate aggregate figures movie export tradeoff plan inspect verify check schema"
-VERBS = {name: import_module(f"{__name__}.{name}") for name in NAMES.split()}
+OF_STUDIES, OF_RUNS = (studies.new, studies.run), (simulate.simulate, results.aggregate, results.figures)
+OTHERS = (files.movie, files.export, results.tradeoff, studies.plan, files.inspect, files.verify, studies.check)
+VERBS = {verb.__name__: verb for verb in (*OF_STUDIES, *OF_RUNS, *OTHERS, studies.schema)}

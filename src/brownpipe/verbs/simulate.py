@@ -4,32 +4,36 @@ import math
 import time
 from argparse import Namespace
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from brownpipe import progress
+from brownpipe.engines import DEFINITIONS, Engine, option, read_record, requested
+from brownpipe.engines.ensemble import Ensemble, failures
+from brownpipe.engines.saturation import growth_caution
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.formatting import counted, in_time
+from brownpipe.observables import OBSERVABLES
+from brownpipe.observables.own import identity
+from brownpipe.provenance import made_with
+from brownpipe.scene import Scene
+from brownpipe.scene.reading import Count, Positive, read_yaml
+from brownpipe.scene.seeds import read_seeds, seed_text
+from brownpipe.scene.variation import scene_with
+from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
+from brownpipe.storage.store import runs_digest
+from brownpipe.storage.trajectories import write_trajectories
+from brownpipe.study import forecast_of_runs
+from brownpipe.verbs.options import add_particles, key_value, several, typed
 from brownpipe.verbs.output import HDF5, refuse_if_too_large, say, show, writable
-from brownpipe.verbs.values import SCENE, add_particles, assignment, several, typed
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from brownpipe.engines import Engine
-    from brownpipe.engines.ensemble import Ensemble
-    from brownpipe.scene import Scene
-
-EXAMPLE = f"{SCENE} --seeds 17 --record all --output seed17.h5"
 
 
-def add_arguments(add: Callable) -> None:
-    from brownpipe.engines import DEFINITIONS, option
-    from brownpipe.observables import OBSERVABLES
-    from brownpipe.scene.reading import Count, Positive
-
+def add_simulate(add: Callable) -> None:
     add("scene", metavar="SCENE", help="scene file (YAML)")
     add_particles(add)
     replaced = "another value of a key of the scene, like disks.tracer.mass=10 or packing_fraction=0.3; may be repeated"
-    add("--value", dest="values", action="append", type=assignment, default=[], metavar="KEY=VALUE", help=replaced)
+    add("--value", dest="values", action="append", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
     add("--seeds", default="0", help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)")
     first, *others = DEFINITIONS.values()
     names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
@@ -38,7 +42,7 @@ def add_arguments(add: Callable) -> None:
         for key, setting in definition.settings.items():
             what = f"of {definition.name}: {setting.help}"
             add(option(key), type=typed(setting.kind), metavar=setting.metavar, help=what)
-    what = "tracer (default), all, events, none; all,events"
+    what = "tracer (default: its positions), velocity (of the tracer, too), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what)
     some = f"some of {', '.join(OBSERVABLES)}, or a function of your own, my_module:my_function"
     measured = f"what to measure in each run: names joined by commas, {some}"
@@ -63,16 +67,9 @@ def simulate(arguments: Namespace) -> int:
     `--checkpoint-every` stores the state of the batch in FILE.h5.checkpoint: after this many seconds, when the next
     block of simulated time (some 128 collisions of each disk) is complete. If the command is killed, the same command
     resumes there and writes the same file, byte for byte.
-    """
-    from brownpipe.engines import read_record
-    from brownpipe.engines.ensemble import failures
-    from brownpipe.engines.saturation import growth_caution
-    from brownpipe.scene.seeds import read_seeds
-    from brownpipe.scene.variation import scene_with
-    from brownpipe.scene.yaml_file import read_yaml
-    from brownpipe.storage.store import runs_digest
-    from brownpipe.study import forecast_of_runs
 
+    example: brownpipe simulate config/scenes/harrison2020.yaml --seeds 17 --record all --output seed17.h5
+    """
     began = time.process_time()
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
@@ -86,10 +83,6 @@ def simulate(arguments: Namespace) -> int:
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
     refuse_if_too_large(output, len(seeds) * cost.recorded)
 
-    from brownpipe import progress
-    from brownpipe.storage.checkpoints import remove_checkpoint
-    from brownpipe.storage.trajectories import write_trajectories
-
     for remark in filter(None, (engine.definition.caution(scene), growth_caution(scene, len(seeds)))):
         say(remark, DONE)
     checkpoint = f"{output}.checkpoint"
@@ -97,7 +90,7 @@ def simulate(arguments: Namespace) -> int:
     with progress.shown("simulate"):
         ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
     if ensemble.own:
-        from brownpipe.analysis.dataset import refuse_taken
+        from brownpipe.analysis.dataset import refuse_taken  # takes 0.2 s
 
         refuse_taken(ensemble.own)
     write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
@@ -110,7 +103,7 @@ def simulate(arguments: Namespace) -> int:
     return FAILED if len(ensemble.failed_seeds) > allowed else DONE
 
 
-def _made(output: str, ensemble: "Ensemble", seconds: float) -> str:
+def _made(output: str, ensemble: Ensemble, seconds: float) -> str:
     """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and the CPU time."""
     overlaps = zip(ensemble.seeds, ensemble.observables.get("worst_overlap", ()), strict=False)
     sound = [overlap for seed, overlap in overlaps if seed not in ensemble.stopped]
@@ -118,10 +111,8 @@ def _made(output: str, ensemble: "Ensemble", seconds: float) -> str:
     return f"{output}: {counted(len(ensemble.seeds), 'run')}{worst}, {in_time(seconds)} of CPU"
 
 
-def engine_of(arguments: Namespace) -> "Engine":
+def engine_of(arguments: Namespace) -> Engine:
     """Return the requested engine with its settings. Raises RequestError for checkpoints of an engine without them."""
-    from brownpipe.engines import DEFINITIONS, requested
-
     settings = {key: getattr(arguments, key) for definition in DEFINITIONS.values() for key in definition.settings}
     engine = requested(arguments.engine, {key: value for key, value in settings.items() if value is not None})
     if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
@@ -131,20 +122,14 @@ def engine_of(arguments: Namespace) -> "Engine":
     return engine
 
 
-def _checkpoints(
-    arguments: Namespace, path: str, scene: "Scene", seeds: Sequence[int], record: frozenset[str]
-) -> tuple:
+def _checkpoints(arguments: Namespace, path: str, scene: Scene, seeds: Sequence[int], record: frozenset[str]) -> tuple:
     """Return (Checkpoints,) for `exact.simulate`, stored in the file `path` and resumed from it if it exists.
 
     Without --checkpoint-every return ().
     """
     if arguments.checkpoint_every is None:
         return ()
-    from brownpipe.engines.exact.checkpoint import Checkpoints
-    from brownpipe.observables.own import identity
-    from brownpipe.provenance import made_with
-    from brownpipe.scene.seeds import seed_text
-    from brownpipe.storage.checkpoints import read_checkpoint, write_checkpoint
+    from brownpipe.engines.exact.checkpoint import Checkpoints  # imports Numba
 
     options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
     options |= {"observables": ",".join(map(identity, arguments.observables)) or "none", "average": arguments.average}
@@ -155,7 +140,7 @@ def _checkpoints(
     def due() -> bool:
         return time.monotonic() - last_written >= arguments.checkpoint_every
 
-    def store(arrays: "dict[str, np.ndarray]") -> None:
+    def store(arrays: dict[str, np.ndarray]) -> None:
         nonlocal last_written
         write_checkpoint(path, made_by, arrays)
         last_written = time.monotonic()

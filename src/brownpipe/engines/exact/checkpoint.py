@@ -69,7 +69,7 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
         stopped = json.loads(arrays["stopped"].tobytes())
         batch.stopped.update((int(seed), reason) for seed, reason in stopped.items())
     if "own" in arrays:
-        batch.own.update(own_arrays(arrays["own"].tobytes()))
+        batch.own.update(own_arrays({"own_arrays": arrays["own"].tobytes()}))
     finished = int(arrays["done"])
     if ensemble.tracer is not None:
         for values, stored in zip(ensemble.tracer, _record(Track, arrays, "tracer"), strict=True):

@@ -142,5 +142,4 @@ LANGEVIN = Definition(
     scene_with_disks=scene_with_disks,
     measured=of_tracer,
     counts_collisions=False,
-    example=lambda scene: {"friction": "enskog"},  # it needs no runs of the exact engine
 )

@@ -91,5 +91,4 @@ TIMESTEP = Definition(
     refuse_unfit=refuse_unfit,
     caution=forecast.few_collisions,
     forecast=_forecast,
-    example=lambda scene: {"time_step": float(f"{largest_step(scene) / 2:.1g}")},
 )

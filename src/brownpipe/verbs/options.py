@@ -6,21 +6,21 @@ A reader raises ArgumentTypeError, which argparse shows with the name of the opt
 import json
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
-if TYPE_CHECKING:
-    from brownpipe.study import Study
+from brownpipe.errors import RequestError
+from brownpipe.scene.reading import Count, scalar, validated
+from brownpipe.scene.seeds import Seed
+from brownpipe.storage.files import write_file
+from brownpipe.study import Study, read_study
+from brownpipe.study.plan import settled
+from brownpipe.study.run_sets import listed_runs
 
 Value = TypeVar("Value")
-
-SCENE = "config/scenes/harrison2020.yaml"  # of the examples
 
 
 def typed(kind: Any) -> Callable[[str], Any]:
     """Return the reader of a value of this type, which is read and refused as in a scene or study file."""
-    from brownpipe.errors import RequestError
-    from brownpipe.scene.reading import validated
-    from brownpipe.scene.yaml_file import scalar
 
     def read(text: str) -> Any:
         try:
@@ -50,35 +50,19 @@ def window(text: str) -> tuple[float, float]:
 def key_value(text: str) -> tuple[str, object]:
     """Return the key and the value of KEY=VALUE; the value is JSON or, if it is not, a text."""
     key, sign, value = text.partition("=")
-    if not (sign and key.isidentifier()):
-        raise ArgumentTypeError(f"must be KEY=VALUE, with a key of the study, like seeds=100, not {text!r}")
-    return key, _json_or_text(value)
-
-
-def _json_or_text(value: str) -> object:
+    if not (sign and key.replace(".", "").isidentifier()):
+        raise ArgumentTypeError(f"must be KEY=VALUE, like seeds=100 or disks.tracer.mass=10, not {text!r}")
     try:
-        return json.loads(value)
+        return key, json.loads(value)
     except (ValueError, RecursionError):
-        return value
-
-
-def assignment(text: str) -> tuple[str, object]:
-    """Return the path and the value of KEY=VALUE, a key of a scene."""
-    path, sign, value = text.partition("=")
-    if not (sign and path.replace(".", "").isidentifier()):
-        raise ArgumentTypeError(f"must be KEY=VALUE, with a key of the scene, like disks.tracer.mass=10, not {text!r}")
-    return path, _json_or_text(value)
+        return key, value
 
 
 def add_particles(add: Callable, help: str = "number of disks instead of the scene's") -> None:
-    from brownpipe.scene.reading import Count
-
     add("--particles", type=typed(Count), metavar="N", help=help)
 
 
 def add_seed(add: Callable, help: str) -> None:
-    from brownpipe.scene.seeds import Seed
-
     add("--seed", type=typed(Seed), metavar="SEED", help=help)
 
 
@@ -95,18 +79,12 @@ def add_runs_of_study(add: Callable) -> None:
     add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
 
 
-def study_of(arguments: Namespace) -> "Study":
+def study_of(arguments: Namespace) -> Study:
     """Return the study that the options say, with its number of runs."""
-    from brownpipe.study import read_study
-    from brownpipe.study.plan import settled
-
     return settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
 
 
-def list_runs(study: "Study", arguments: Namespace) -> None:
+def list_runs(study: Study, arguments: Namespace) -> None:
     """Write the list of runs of a study, if that is asked for."""
-    from brownpipe.storage.files import write_file
-    from brownpipe.study.run_sets import listed_runs
-
     if arguments.list_runs is not None:
         write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())

@@ -1,0 +1,50 @@
+"""Figure `density_profile`: the number density of each species against the distance from the walls."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pandas import DataFrame
+from xarray import Dataset
+
+from brownpipe.figures.cases import defined, estimate_of, frame_of, has, panels_by_species, parts_of
+from brownpipe.figures.style import DOTTED, band, drawn_in_panels, points, told_apart
+
+NAME = "density_profile"
+LABELS = ("number density $n(z)$ of centres",)
+BULK = 0.75  # share of the largest distance from which on the density is that of the bulk
+
+
+def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
+    """Draw a panel per case with a curve for each species or, if cases share panels, a panel per species."""
+    return drawn_in_panels(panels_by_species(cases, panel, NAME), LABELS[0], 4.2, _curves)
+
+
+def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+    """Draw the density of all species of the cases."""
+    _curves(axes, [part for case in cases for part in parts_of(case, "species", NAME)], **looks)
+
+
+def _curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
+    """Draw the profiles with their 95 % bands, their values at the wall, and those of the bulk."""
+    parts = [defined(part, NAME, "wall_distance") for part in parts]
+    for part, line in told_apart(parts, _contact_in_words, looks):
+        band(axes, part, NAME, **line)
+        if has(part, "contact_density"):
+            points(axes, [0.0], [part], "contact_density", fmt="o", color=line["color"], clip_on=False)
+        z = part.wall_distance.values
+        bulk = float(part[NAME][z > BULK * z[-1]].mean())
+        axes.axhline(bulk, color=line["color"], linestyle=DOTTED, linewidth=1)
+    axes.set_xlim(0, max(float(part.wall_distance[-1]) for part in parts))
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("distance $z$ of the disk's edge from the wall")
+
+
+def _contact_in_words(part: Dataset) -> str:
+    return f"n(wall) = {estimate_of(part, 'contact_density')}" if has(part, "contact_density") else ""
+
+
+def table(cases: list[Dataset]) -> DataFrame:
+    """Return one row per case, species and distance."""
+    return frame_of(cases, ("species", "wall_distance"), [NAME])

@@ -1,0 +1,41 @@
+"""Figure `orientational_order`: the bond-orientational order abs(psi_6) of all disks against what is varied."""
+
+from itertools import cycle
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pandas import DataFrame
+from xarray import Dataset
+
+from brownpipe.figures.cases import axis_label, axis_of, frame_of, series_of, title_of_panel
+from brownpipe.figures.style import SERIES, WIDTH, grid, heads, points
+
+NAME = "orientational_order"
+LABELS = ("bond-orientational order $|\\psi_6|$",)
+
+
+def draw(cases: list[Dataset], _: object = None) -> Figure:
+    """Draw one panel."""
+    figure, ((axes,),) = grid(1, 1, WIDTH, 4.2)
+    main(axes, cases)
+    axes.set_ylabel(LABELS[0])
+    heads([axes], [title_of_panel(cases)])
+    return figure
+
+
+def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+    """Draw a point per case against a varied key, the packing fraction or the number of disks, by what else differs."""
+    densities = {float(case.packing_fraction) for case in cases}
+    axis = axis_of(cases, "packing_fraction" if len(densities) > 1 else "particles")
+    series = series_of(cases, axis, *(["particles"] if axis == "packing_fraction" else []))
+    for (label, of_series), (colour, _, marker) in zip(series.items(), cycle(SERIES), strict=False):
+        x = [case[axis].item() for case in of_series]
+        points(axes, x, of_series, NAME, **{"color": colour, "fmt": marker, "label": label} | looks)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel(axis_label(cases[0], axis))
+
+
+def table(cases: list[Dataset]) -> DataFrame:
+    """Return one row per case."""
+    return frame_of(cases, (), ["packing_fraction", NAME, f"{NAME}_squared"])

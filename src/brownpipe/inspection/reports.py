@@ -1,0 +1,207 @@
+"""What is in a trajectory file, dataset or product, in words: `brownpipe inspect`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
+from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
+from brownpipe.errors import RequestError, WrongFileError
+from brownpipe.figures import tradeoff
+from brownpipe.figures.cases import aligned
+from brownpipe.figures.origin import RECORD, installation_in_words, read_record
+from brownpipe.figures.summary import summary
+from brownpipe.formatting import counted
+from brownpipe.observables.displacement import displacement
+from brownpipe.provenance import made_with
+from brownpipe.quoting import in_lines, shell_path
+from brownpipe.scene import scene_yaml
+from brownpipe.scene.seeds import brief_seed_text, seed_text
+from brownpipe.storage.datasets import dataset_in
+from brownpipe.storage.files import naming, read_sealed
+from brownpipe.storage.layout import described, dims_of
+from brownpipe.storage.trajectories import Trajectories, trajectories_in
+from brownpipe.tradeoff import is_tradeoff
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+DIGITS = 12  # of a digest
+PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".gif", ".html")  # of `brownpipe figures` and `movie`
+OF_TRAJECTORIES, OF_DATASETS = "trajectory files (of `brownpipe simulate`)", "datasets (of `brownpipe aggregate`)"
+
+
+def report(path: str | Path, seed: int | None = None) -> str:
+    """Return what a trajectory file or dataset contains, as lines of text; of a `seed`, all about its run.
+
+    Raises StorageError if the file is damaged, WrongFileError if it is of neither kind, FigureError for a dataset that
+    is not as it was made, RequestError, which names the seeds of the file, if this one is not among them.
+    """
+    contents = read_contents(path) if seed is None else trajectories_of(path, "--seed", seed)
+    if isinstance(contents, Trajectories):
+        lines, table = lines_on_runs(contents), table_of_runs(contents.ensemble)
+        lines.append(f"run again    brownpipe inspect {shell_path(path)} --reproduce")
+        made, now = contents.header, made_with("simulate", contents.engine.name)
+    else:
+        lines, table = lines_on_results(contents), table_of_results(contents)
+        made, now = contents.attrs, made_with("tradeoff" if is_tradeoff(contents) else "aggregate")
+    versions = [f"{name.removesuffix('_version')} {made[name]}" for name in made if name.endswith("_version")]
+    source = made.get("source_digest", "unknown")
+    whose = "that of this installation" if source == now["source_digest"] else "not that of this installation"
+    lines += [
+        f"written by   {', '.join(versions) or 'unknown'}",
+        f"source       {source[:DIGITS]}, {whose}",
+        "intact       yes: every byte as it was written",
+    ]
+    return in_lines([f"{path}  {Path(path).stat().st_size / 1e6:.2f} MB", *lines, "", *table])
+
+
+def variables(path: str | Path) -> str:
+    """Return a table of all variables of a dataset: dimensions, units and meaning. Errors as of `report`."""
+    dataset = read_contents(path)
+    if isinstance(dataset, Trajectories):
+        raise WrongFileError(f"{path}: is a trajectory file; --variables works on {OF_DATASETS}")
+    rows: list[tuple[str, ...]] = [("variable", "dimensions", "units", "meaning")]
+    for name, variable in dataset.variables.items():
+        attributes = (str(variable.attrs.get(key, "-")) for key in ("units", "long_name"))
+        rows.append((str(name), ", ".join(map(str, variable.dims)), *attributes))
+    return in_lines(aligned([*zip(*rows, strict=True)]))
+
+
+def scene_text(path: str | Path) -> str:
+    """Return the scene of a trajectory file as the text of a scene file (YAML). Errors as of `report`."""
+    scene = trajectories_of(path, "--scene").scene
+    return f"# Scene {scene.name} of a trajectory file, with all defaults. Digest: {scene.digest}\n{scene_yaml(scene)}"
+
+
+def trajectories_of(path: str | Path, option: str, seed: int | None = None) -> Trajectories:
+    """Return the contents of a trajectory file, or the run of one seed, for an `option` that works on no other file.
+
+    Errors as of `report`.
+    """
+    contents = read_contents(path)
+    if not isinstance(contents, Trajectories):
+        raise WrongFileError(f"{path}: is a dataset; {option} works on {OF_TRAJECTORIES}")
+    seeds = contents.ensemble.seeds
+    if seed is not None and seed not in seeds:
+        raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(seeds)}")
+    return contents if seed is None else contents._replace(ensemble=select(contents.ensemble, seeds == seed))
+
+
+def read_contents(path: str | Path) -> Trajectories | Dataset:
+    """Return the contents of a file of either kind; the file is read once."""
+    with naming(path, "aggregate" if Path(path).suffix == ".nc" else "simulate"):
+        image = read_sealed(path)
+        try:
+            return trajectories_in(image)
+        except WrongFileError:
+            return dataset_in(image)
+
+
+# -- runs -----------------------------------------------------------------------------------------------------------
+
+
+def lines_on_runs(contents: Trajectories) -> list[str]:
+    """Return the lines of the report on the runs of a trajectory file."""
+    scene, engine, ensemble, *_ = contents
+    times, box = ensemble.times, scene.box
+    size, phi = f"{box.boundary} box {box.width:g} x {box.height:g}", scene.packing_fraction
+    lines = [
+        f"scene        {scene.name}: {scene.particles} disks in a {size}, packing fraction {phi:.4g}",
+        f"engine       {engine.options}",
+        f"seeds        {seed_text(ensemble.seeds)} ({counted(len(ensemble.seeds), 'run')})",
+        f"samples      {len(times)} from t = {times[0]:g} to {times[-1]:g}",
+        f"recorded     {', '.join(sorted(contents.record)) or 'none'}",
+        f"averages     over {ensemble.average}",
+        f"health       {_health(ensemble)}",
+        *equilibrium(contents),
+    ]
+    if ensemble.tracer is not None and len(ensemble.seeds) == 1 and not ensemble.stopped:
+        moved = displacement(ensemble.tracer.position, ensemble.tracer.image, (box.width, box.height))[-1, 0]
+        lines += [f"displaced    by ({moved[0]:.6g}, {moved[1]:.6g}); squared displacement {np.sum(moved**2):.6g}"]
+    return lines
+
+
+def _health(ensemble: Ensemble) -> str:
+    """Return which runs failed and, of each reported error, the largest with its seed; NaN is largest."""
+    parts = [failures(ensemble) or "no failed runs"]
+    complete = ~np.isin(ensemble.seeds, list(ensemble.stopped))
+    for name in (name for name in HEALTH if name in ensemble.observables and complete.any()):
+        sizes = np.abs(ensemble.observables[name][complete])
+        seed = f" (seed {ensemble.seeds[complete][np.argmax(sizes)]})" if np.max(sizes) else ""
+        parts.append(f"worst {name.removeprefix('worst_').replace('_', ' ')} {np.max(sizes):.2g}{seed}")
+    return "; ".join(parts)
+
+
+def equilibrium(contents: Trajectories) -> list[str]:
+    """Return whether the runs drift, if their scene claims to be in equilibrium from t = 0."""
+    scene, ensemble = contents.scene, contents.ensemble
+    if not is_tested(scene, contents.engine):
+        return []
+    kept = select(ensemble, ensemble.observables["failed"] == 0)
+    found = drift_of(quarters_of(scene, ensemble.times, kept.observables))
+    words = in_words(found, time_to_try(scene)) or f"no drift found (family-wise level {LEVEL:.0%})"
+    return [f"equilibrium  {words if np.isfinite(found.p).any() else TOO_FEW}"]
+
+
+def table_of_runs(ensemble: Ensemble) -> list[str]:
+    """Return a table of all observables: mean, min and max of the runs that did not fail, or that of one run.
+
+    Of arrays it has the dimensions instead.
+    """
+    several, shown = len(ensemble.seeds) > 1, ensemble.observables["failed"] == 0
+    shown = shown if several else np.array([not ensemble.stopped])
+    columns = ("mean", "min", "max") if several else ("value",)
+    rows: list[tuple[str, ...]] = [("observable", *(f"{name:>12}" for name in columns), "units", "meaning")]
+    for name in sorted(ensemble.observables.keys() - {"failed"}):
+        values, numbers = ensemble.observables[name], ["", "", ""]
+        units, meaning = [*described(name, ensemble.own).values()][:2]
+        if values.ndim > 1:
+            sizes = zip(dims_of("/", name, ensemble.own), values.shape, strict=True)
+            meaning += f" ({', '.join(f'{dim} {size}' for dim, size in sizes)})"
+        elif shown.any():
+            numbers = [f"{of(values[shown]):12.6g}" for of in (np.mean, np.min, np.max)]
+        rows.append((name, *numbers[: len(columns)], units, meaning))
+    return aligned([*zip(*rows, strict=True)])
+
+
+# -- results --------------------------------------------------------------------------------------------------------
+
+
+def lines_on_results(dataset: Dataset) -> list[str]:
+    """Return the lines of the report on a dataset: its sizes, and the largest errors of all runs, failed ones too."""
+    sizes = {name: abs(dataset[name]) for name in ("energy_drift", "worst_overlap") if name in dataset}
+    worst = {name: size.where(np.isfinite(size), 0.0).max().item() for name, size in sizes.items()}
+    words = (f"worst {name.removeprefix('worst_').replace('_', ' ')} {size:.2g}" for name, size in worst.items())
+    return [
+        f"title        {dataset.attrs.get('title', '-')}",
+        f"dimensions   {', '.join(f'{name} {size}' for name, size in dataset.sizes.items())}",
+        f"variables    {len(dataset.data_vars)}; --variables lists them with units and meaning",
+        *([f"health       {'; '.join(words)}"] if worst else []),
+    ]
+
+
+def table_of_results(dataset: Dataset) -> list[str]:
+    """Return the results of a dataset of `brownpipe aggregate` or `brownpipe tradeoff` as their summaries show them."""
+    return (tradeoff.summary if is_tradeoff(dataset) else summary)(dataset).splitlines()
+
+
+def describe_product(path: str | Path) -> list[str]:
+    """Return lines that say what made a figure, page or movie, and by which commands its runs are made again.
+
+    Raises WrongFileError for a file that does not say what it was made from, or that cannot be read.
+    """
+    try:
+        record = read_record(path)
+    except OSError as error:
+        raise WrongFileError(f"{path}: cannot be read: {error.strerror}") from error
+    if record is None:
+        raise WrongFileError(f"{path}: does not say what it was made from, and no {RECORD} beside it does")
+    dataset = record.get("dataset", {})
+    runs = [*dataset.get("made_from", []), *record.get("made_from", [])]
+    lines = [f"{path}  made by {installation_in_words(record['made_by'])}"]
+    lines += [f"dataset      {dataset['sha256'][:DIGITS]}"] if dataset else []
+    return lines + [f"runs         {one['command']}" for one in runs]

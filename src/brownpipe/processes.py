@@ -1,0 +1,114 @@
+"""Signals, and independent pieces of work on several cores.
+
+Ctrl-C and SIGTERM end what is under way by an exception, but not while machine code is made. Work on several cores is
+done in processes that are forked from this one and inherit all it has read. They only calculate: this process alone
+writes files and shows progress.
+"""
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn, TypeVar
+
+from brownpipe import stages
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+_inherited: list[tuple[Callable, Sequence]] = []  # in a forked process: the work and its items
+
+
+class Terminated(SystemExit):
+    """SIGTERM has arrived."""
+
+
+def _terminate(*_: object) -> NoReturn:
+    raise Terminated(128 + signal.SIGTERM)
+
+
+@contextmanager
+def terminated_by_exception() -> Iterator[None]:
+    """Within this context SIGTERM raises Terminated, as Ctrl-C raises KeyboardInterrupt."""
+    with _handled({signal.SIGTERM: _terminate}):
+        yield
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Let signals that arrive in this context wait for its end; handlers are those of the main thread alone."""
+    arrived: list[int] = []
+    try:
+        with _handled(dict.fromkeys(SIGNALS, lambda number, _: arrived.append(number))):
+            yield
+    finally:
+        for number in arrived[:1]:
+            signal.raise_signal(number)
+
+
+@contextmanager
+def _handled(handlers: dict) -> Iterator[None]:
+    """Handle signals by these handlers in this context; in another thread than the main one nothing changes."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def leave() -> None:
+    """Let the process end with the status of its work, which is done, whatever signal arrives meanwhile."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+# -- several cores --------------------------------------------------------------------------------------------------
+
+
+def calculated(work: Callable[[Item], Result], items: Sequence[Item], unit: str, cores: int) -> list[Result]:
+    """Return the work of each item, done on up to so many cores; `unit` is the plural of an item.
+
+    Where processes cannot be forked (on macOS its own libraries may fail then), one core does the work.
+    """
+    if min(cores, len(items)) < 2 or sys.platform != "linux":
+        return [work(item) for item in stages.tracked(items, unit)]
+    fork, results = multiprocessing.get_context("fork"), list[Result]()
+    pool = ProcessPoolExecutor(min(cores, len(items)), fork, _begin, (work, items))
+    try:
+        with suppress(Exception):  # of the work, raised again below, with its causes; or a process was killed
+            for result in pool.map(_do, range(len(items))):
+                results.append(result)
+                stages.report(unit, len(results), len(items))
+    finally:
+        for process in multiprocessing.active_children():
+            process.kill()
+        pool.shutdown(cancel_futures=True)
+    return results + [work(item) for item in items[len(results) :]]
+
+
+def _begin(work: Callable, items: Sequence) -> None:
+    """Begin a forked process, which a signal ends at once, as does the end of the first process."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    stages.listeners.clear()
+    _inherited[:] = [(work, items)]
+
+
+def _do(number: int) -> Any:
+    work, items = _inherited[0]
+    return work(items[number])
+
+
+def _end_with_parent() -> None:
+    if parent := multiprocessing.parent_process():
+        parent.join()
+    os._exit(1)

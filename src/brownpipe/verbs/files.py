@@ -1,0 +1,202 @@
+"""The verbs of one file: what it contains, whether it is intact, a movie of a run, a run for other programs."""
+
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+
+from brownpipe import inspection, progress
+from brownpipe.analysis.varied import failed_runs
+from brownpipe.errors import DONE, FAILED, RequestError, StorageError
+from brownpipe.formatting import counted, in_bytes
+from brownpipe.inspection import read_contents, reproduction
+from brownpipe.inspection.reports import PRODUCTS
+from brownpipe.scene.reading import AtLeastOne, Count, Positive
+from brownpipe.scene.seeds import seed_text
+from brownpipe.storage.export import FORMATS
+from brownpipe.storage.export import export as exported
+from brownpipe.storage.files import write_file
+from brownpipe.storage.trajectories import Trajectories, read_trajectories
+from brownpipe.study.verification import verify_results
+from brownpipe.verbs.options import add_seed, typed
+from brownpipe.verbs.output import PAGE, say, show, suffix, writable
+
+FPS = 25.0  # frames a second
+
+
+def add_inspect(add: Callable) -> None:
+    add("file", metavar="FILE", help="trajectory file, dataset, figure, table, page or movie")
+    add_seed(add, "all about this run of a trajectory file")
+    again = "make the runs of a trajectory file again, or with --seed one of them, and compare every bit"
+    add("--reproduce", action="store_true", help=again)
+    add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
+    allowed = "of a dataset, say only which runs failed; exit status 1 if they are more than N"
+    add("--allow-failed", type=typed(Count), metavar="N", help=allowed)
+    add("--variables", action="store_true", help="list the variables of a dataset with dimensions, units and meaning")
+
+
+def inspect(arguments: Namespace) -> int:
+    """Describe the contents of a trajectory file or dataset, and say whether it is intact.
+
+    Of a figure, table, summary, page or movie it says what they were made from. `--reproduce` takes scene, engine,
+    seeds and all settings from a trajectory file, makes its runs again, and ends with exit status 1 if a bit differs.
+    `--allow-failed N` names the failed runs of a dataset and ends with exit status 1 if they are more than N. A study
+    ends with this step.
+
+    example: brownpipe inspect seed17.h5 --seed 17
+    """
+    _refuse_together(arguments)
+    if arguments.allow_failed is not None:
+        return _failed(arguments.file, arguments.allow_failed)
+
+    if arguments.reproduce:
+        return _reproduce(arguments)
+    if arguments.scene:
+        lines = inspection.scene_text(arguments.file).splitlines()
+    elif arguments.variables:
+        lines = inspection.variables(arguments.file).split("\n")
+    elif arguments.seed is None and Path(arguments.file).suffix.lower() in PRODUCTS:
+        lines = inspection.describe_product(arguments.file)
+    else:
+        lines = inspection.report(arguments.file, arguments.seed).split("\n")
+    show(*lines)
+    return DONE
+
+
+def _refuse_together(arguments: Namespace) -> None:
+    """Raise RequestError for options that exclude each other."""
+    options = ("scene", "variables", "reproduce", "allow_failed", "seed")
+    given = [name for name in options if getattr(arguments, name) not in (None, False)]
+    if len(given) > 1 and given != ["reproduce", "seed"]:
+        raise RequestError(f"--{given[0]}: must not be given with --{given[1]}".replace("_", "-"))
+
+
+def _failed(path: str, allowed: int) -> int:
+    """Say which runs of a dataset failed, if any."""
+    failed, runs, cases = failed_runs(path)
+    if not failed:
+        return DONE
+    status = FAILED if failed > allowed else DONE
+    limit = f"allow_failed: {allowed} accepts no more" if status else f"accepted by allow_failed: {allowed}"
+    which = f"{failed:,} of {runs:,} runs failed and are in no average, {limit}"
+    return say(f"{path}: {which}: {cases}", status)
+
+
+def _reproduce(arguments: Namespace) -> int:
+    """Make runs of a trajectory file again and print whether they are the same."""
+    original = reproduction.read_original(arguments.file, arguments.seed)
+    show(*reproduction.announcement(original), flush=True)
+    with progress.shown("inspect"):
+        found = reproduction.differences(original)
+    show(*reproduction.verdict(original, found).split("\n"))
+    return FAILED if found else DONE
+
+
+def add_verify(add: Callable) -> None:
+    what = "folder with the results of a study, or single trajectory files and datasets"
+    add("paths", nargs="+", metavar="RESULTS", help=what)
+
+
+def verify(arguments: Namespace) -> int:
+    """Read every trajectory file and dataset of a study and verify its checksum.
+
+    Names every file that is damaged, and runs and figures that are missing; then the exit status is 1. To make damaged
+    files again, delete them and run the study. Nothing is written.
+
+    example: brownpipe verify results/small
+    """
+    statuses: set[int] = {DONE}
+    with progress.shown("verify"):
+        for path in arguments.paths:
+            try:
+                if Path(path).is_dir():
+                    intact, damaged, missing = verify_results(path)
+                    wrong = [f"{file}: is damaged; delete it and run the study again" for file in damaged]
+                    wrong += [f"{file}: is missing; run the study again" for file in missing]
+                    show(*wrong, f"{path}: {len(intact)} intact, {len(damaged)} damaged, {len(missing)} missing")
+                    statuses.add(FAILED if damaged or missing else DONE)
+                else:
+                    read_contents(path)
+                    show(f"{path}: intact")
+            except StorageError as error:
+                statuses.add(say(str(error), error.exit_status))
+    return FAILED if FAILED in statuses else max(statuses)
+
+
+def add_movie(add: Callable) -> None:
+    add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
+    add_seed(add, "the run to show (default: the first in the file)")
+    add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: FILE.gif, in this folder)")
+    add("--frames", type=typed(AtLeastOne), metavar="COUNT", help="samples to show (default: all)")
+    add("--fps", type=typed(Positive), help="frames a second (default: 25); of a .gif at most 50, in steps of 0.01 s")
+
+
+def movie(arguments: Namespace) -> None:
+    """Show one whole run of a trajectory file: a picture, an animation (GIF), a video (MP4, by ffmpeg), or a web page.
+
+    The file must have been recorded with `--record all`, for a page with `--record all,events`. The picture shows the
+    end of the run. The page (HTML) replays the run from collision to collision, and needs no other file.
+
+    example: brownpipe movie seed17.h5 --output seed17.gif
+    """
+    from brownpipe.figures.movie import SUFFIXES
+
+    output = arguments.output or f"{Path(arguments.file).stem}.gif"
+    output = writable(output, arguments.file, suffixes=(*SUFFIXES, *PAGE))
+    made = _page if suffix(output) in PAGE else _frames
+    contents, shown = made(read_trajectories(arguments.file), arguments, suffix(output))
+    write_file(output, contents)
+    show(f"{output}: {shown}, {in_bytes(len(contents))}")
+
+
+def _frames(trajectories: Trajectories, arguments: Namespace, kind: str) -> tuple[bytes, str]:
+    """Return a picture, animation or video, and what it shows."""
+    from brownpipe.figures.movie import movie, samples_shown, whole_run
+    from brownpipe.figures.origin import movie_record
+
+    frames, fps = arguments.frames, arguments.fps or FPS
+    with progress.shown("movie"):
+        run = whole_run(trajectories, arguments.file, arguments.seed)
+        record = movie_record(trajectories, "all", run.seed, frames=frames, fps=fps)
+        contents = movie(run, kind, record, frames, fps)
+    return contents, counted(len(samples_shown(len(run.times), frames)) if kind != ".png" else 1, "frame")
+
+
+def _page(trajectories: Trajectories, arguments: Namespace, _: str) -> tuple[bytes, str]:
+    """Return the page that replays a run, and what it shows."""
+    from brownpipe.figures.origin import movie_record
+    from brownpipe.figures.replay import RECORD, is_whole, replay_of, replay_page
+
+    for option in ("frames", "fps"):
+        if getattr(arguments, option) is not None:
+            raise RequestError(f"--{option}: must not be given for a page, which has every collision instead of frames")
+    replay = replay_of(trajectories, arguments.file, arguments.seed)
+    contents = replay_page(replay, movie_record(trajectories, RECORD, replay.seed))
+    part = "" if is_whole(replay) else f" of {replay.collisions:,}, up to time {replay.end:.3g}"
+    return contents, f"{counted(len(replay.time), 'collision')}{part}"
+
+
+def add_export(add: Callable) -> None:
+    add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all); for csv, any")
+    add("--to", required=True, choices=FORMATS, metavar="FORMAT", help="gsd, xyz (extended XYZ) or csv")
+    add_seed(add, "the run to export (default: the first in the file; csv: all)")
+    add("--output", metavar="FILE", help="*.gsd, *.xyz or *.csv (default: name of the file, in this folder)")
+
+
+def export(arguments: Namespace) -> None:
+    """Export a run to GSD (HOOMD-blue, freud, MDAnalysis, OVITO), extended XYZ (ASE, OVITO, VMD) or a table (CSV).
+
+    The file must have been recorded with `--record all`. Without whole runs, CSV has the tracers of all runs.
+    GSD has single precision and the centre of the box at the origin, and needs the package gsd; XYZ and CSV have every
+    digit. Unwrapped positions in a periodic box are position + image * (width, height).
+
+    example: brownpipe export seed17.h5 --to gsd
+    """
+    kind = f".{arguments.to}"
+    output = writable(arguments.output or f"{Path(arguments.file).stem}{kind}", arguments.file, suffixes=(kind,))
+    tracks, remarks = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
+    for remark in remarks:
+        say(f"{output}: {remark}", DONE)
+    samples, disks = next(iter(tracks.values())).position.shape[:2]
+    runs = f"{'seed' if len(tracks) == 1 else 'seeds'} {seed_text(sorted(tracks))}"
+    size = in_bytes(Path(output).stat().st_size)
+    show(f"{output}: {runs}: {counted(samples, 'sample')} of {counted(disks, 'disk')}, {size}")

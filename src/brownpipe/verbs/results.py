@@ -1,0 +1,140 @@
+"""The verbs of results: from trajectory files to a dataset, figures and a trade-off."""
+
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from brownpipe import analysis, progress
+from brownpipe import tradeoff as comparison
+from brownpipe.errors import RequestError
+from brownpipe.figures.catalogue import FIGURES
+from brownpipe.formatting import counted
+from brownpipe.quoting import shell_path
+from brownpipe.scene.reading import AtLeastOne, Positive
+from brownpipe.storage.datasets import write_dataset
+from brownpipe.study.run_sets import files_of
+from brownpipe.verbs.options import add_particles, add_runs_of_study, list_runs, several, study_of, typed, window
+from brownpipe.verbs.output import NETCDF, PAGE, folder, show, writable
+
+
+def add_aggregate(add: Callable) -> None:
+    add("files", nargs="*", metavar="FILE.h5", help="trajectory files of one study, in any order")
+    add("--output", required=True, metavar="DATASET.nc", help="dataset to write (netCDF4)")
+    instead = "study file (YAML), in place of FILE.h5 and the options below: analyse its runs as it says"
+    add("--study", metavar="STUDY", help=instead)
+    add_runs_of_study(add)
+    windows = "where lines are fitted to the MSD (default: two that begin when motion is diffusive)"
+    add("--fit-windows", type=several(window), metavar="T0:T1", help=windows)
+    width = "of the displacement distribution, with --rings (default: from the data)"
+    add("--ring-width", type=typed(Positive), metavar="DR", help=width)
+    times = "of the displacement distribution (default: the end of each run)"
+    add("--displacement-times", type=several(typed(Positive)), metavar="T", help=times)
+    count = "of the displacement distribution, with --ring-width"
+    add("--rings", type=typed(AtLeastOne), metavar="COUNT", help=count)
+
+
+def aggregate(arguments: Namespace) -> None:
+    """Analyse trajectory files: one dataset of displacements, fits and distributions, with their errors over runs.
+
+    With `--study` instead of files, those in `results` of this folder are analysed as the study says. A file that holds
+    other seeds, another scene or engine, or other records than the study asks for is refused by name.
+
+    example: brownpipe aggregate results/runs/dilute/N200/exact-*/*.h5 --output dilute.nc
+    """
+    _refuse_together(arguments)
+    files, windows, times = arguments.files, arguments.fit_windows, arguments.displacement_times
+    width, count, study = arguments.ring_width, arguments.rings, None
+    if arguments.study is not None:
+        study = study_of(arguments)
+        files, times = files_of(study), study.displacement_times
+        windows = study.fit_windows if "fit_windows" in study.model_fields_set else None
+        width, count = (study.rings.dr, study.rings.count) if study.rings else (None, None)
+    inputs = [getattr(file, "path", file) for file in files]
+    output = writable(arguments.output, *inputs, suffixes=NETCDF)
+    with progress.shown("aggregate"):
+        dataset = analysis.aggregate(
+            files, windows, width, count, times or (), *(([*study.vary], study.vary_together) if study else ())
+        )
+    write_dataset(output, dataset)
+    if study is not None:
+        list_runs(study, arguments)
+    show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
+
+
+def _refuse_together(arguments: Namespace) -> None:
+    """Raise RequestError unless either files and options, or a study are given."""
+    own = ("files", "fit_windows", "displacement_times", "ring_width", "rings")
+    of_study = ("config", "list_runs", "plan")
+    for name in own if arguments.study else of_study:
+        if getattr(arguments, name):
+            raise RequestError(f"{name}: must not be given {'with' if arguments.study else 'without'} --study")
+    if not arguments.study and not arguments.files:
+        raise RequestError("FILE.h5: missing; give trajectory files, or a study with --study")
+
+
+def add_figures(add: Callable) -> None:
+    add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
+    add("--output", required=True, metavar="FOLDER", help="folder for the figures, tables and the summary")
+    add("--page", metavar="FILE.html", help="also write a page with all results, in one file")
+    names = f"names joined by commas, some of {', '.join(FIGURES)} (default: all)"
+    add("--figures", type=several(typed(Literal[tuple(FIGURES)])), metavar="NAMES", help=names)
+    add_particles(add, "show the runs with this many disks (default: the most)")
+    add("--panel", type=several(str), metavar="NAMES", help="draw what differs in these labels in panels of its own")
+    add("--title", metavar="TEXT", help="of the study, above the answer and the page")
+    add("--note", metavar="TEXT", help="what the study is about, at the top of the page")
+    cores = "draw so many figures at the same time (default: 1); the files are the same"
+    add("--cores", type=typed(AtLeastOne), metavar="N", default=1, help=cores)
+
+
+def figures(arguments: Namespace) -> None:
+    """Draw the figures of a dataset, each with a table of its numbers, and write the summary.
+
+    provenance.json in the folder says what they were made from, and so do the pictures in their metadata. Those of
+    an earlier drawing are removed. Files that brownpipe did not make are neither replaced nor removed.
+
+    example: brownpipe figures small.nc --output figures
+    """
+    from brownpipe.report.products import read, write  # takes 0.5 s
+
+    output = folder(arguments.output)
+    given = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
+    dataset, record = read(arguments.dataset, given)
+    page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
+    with progress.shown("figures"):
+        written = write(dataset, output, record, page=page, cores=arguments.cores)
+    show(f"{output}: {counted(len(written), 'file')}" + (f", all on one page: {page}" if page else ""))
+
+
+def add_tradeoff(add: Callable) -> None:
+    add("study", metavar="STUDY", help="study file (YAML)")
+    add("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
+    add_runs_of_study(add)
+    add("--output", metavar="DATASET.nc", help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)")
+    fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
+    add("--fit-window", type=window, metavar="T0:T1", help=fitted)
+
+
+def tradeoff(arguments: Namespace) -> None:
+    """Measure the cost-accuracy trade-off: bias and CPU time of every engine of a study, relative to its exact runs.
+
+    Compares the trajectory files of the study, or those given by --files, and runs each engine for some seconds to
+    measure its cost. A file of the study that holds other runs than the study asks for is refused by name.
+    `brownpipe figures` draws the figures and tables of the dataset.
+
+    example: brownpipe tradeoff config/tradeoff.yaml
+    """
+    study = study_of(arguments)
+    expected = files_of(study)
+    inputs = arguments.files or [file.path for file in expected]
+    missing = [path for path in inputs if not Path(path).exists()]
+    if missing and not arguments.files:
+        first = f"brownpipe run {shell_path(arguments.study)} ({missing[0]} is missing)"
+        raise RequestError(f"{arguments.study}: has no results yet; run it first: {first}")
+    default = f"results/{study.name}/tradeoff/{study.name}.nc"
+    output = writable(arguments.output or default, arguments.study, *inputs, suffixes=NETCDF)
+    with progress.shown("tradeoff"):
+        dataset = comparison.measure(arguments.files or expected, dict(study.instead_of), arguments.fit_window)
+    write_dataset(output, dataset)
+    list_runs(study, arguments)
+    show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")

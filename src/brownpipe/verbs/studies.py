@@ -1,0 +1,143 @@
+"""The verbs of a study: a new one, what it will cost, the whole workflow, and the runs that a tolerance needs."""
+
+import json
+import os
+import shlex
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+
+from brownpipe import progress
+from brownpipe.errors import DONE, FAILED, RequestError
+from brownpipe.provenance import PACKAGE
+from brownpipe.quoting import shell_path
+from brownpipe.scene import Scene
+from brownpipe.scene.reading import AtLeastOne, Name, validated
+from brownpipe.storage.files import write_file
+from brownpipe.study import Study, read_study
+from brownpipe.study.check import describe_scene_or_study
+from brownpipe.study.plan import offers, performance_of, recommendation, spent_on, write_plan, write_study
+from brownpipe.study.study import Target, Tolerance, why_no_relative_error
+from brownpipe.study.workflow import pipeline_folder, run_study
+from brownpipe.verbs.options import add_config, add_particles, typed
+from brownpipe.verbs.output import YAML, show, writable
+
+
+def add_new(add: Callable) -> None:
+    add("name", metavar="NAME", help="name of the study")
+    add("--folder", default=".", metavar="FOLDER", help="where to write the files (default: this folder)")
+
+
+def new(arguments: Namespace) -> None:
+    """Write a commented scene and study to start from: NAME_scene.yaml and NAME.yaml.
+
+    They run as they are, in half a minute: a heavy disk among 199 and among 399 light ones, 300 runs each.
+
+    example: brownpipe new my_study
+    """
+    name = arguments.name.removesuffix(".yaml")
+    validated(Name, f"{name}_scene", key="name of the scene")
+    scene, study = Path(arguments.folder) / f"{name}_scene.yaml", Path(arguments.folder) / f"{name}.yaml"
+    for path in (scene, study):
+        if os.path.lexists(path):
+            raise RequestError(f"{path}: exists; choose another name or folder")
+    for path, template in ((scene, "scene.yaml"), (study, "study.yaml")):
+        write_file(path, (PACKAGE / "study" / "templates" / template).read_bytes().replace(b"NAME", name.encode()))
+    show(f"{scene}: the physics of one run", f"{study}: the runs and their analysis", "")
+    show(f"brownpipe check {shell_path(study)}    # what will be simulated, at what cost")
+    show(f"brownpipe run {shell_path(study)}      # results and figures in results/{study.stem}")
+    show(f"all keys: {pipeline_folder() / 'config' / 'README.md'}")
+
+
+def add_check(add: Callable) -> None:
+    add("file", metavar="SCENE|STUDY", help="scene or study file (YAML)")
+    add_particles(add)
+
+
+def check(arguments: Namespace) -> None:
+    """Say whether a scene or study is valid, what will be simulated, and what it will cost.
+
+    example: brownpipe check config/scenes/harrison2020.yaml
+    """
+    show(*describe_scene_or_study(arguments.file, arguments.particles).split("\n"))
+
+
+def add_run(add: Callable) -> None:
+    add("study", metavar="STUDY", help="study file (YAML)")
+    jobs = "jobs at the same time (default: number of cores)"
+    add("-j", "--cores", type=typed(AtLeastOne), metavar="N", help=jobs)
+    places = "run the jobs on a cluster: slurm, or a folder with a profile of Snakemake"
+    add("--profile", metavar="NAME", help=places)
+
+
+def run(arguments: Namespace) -> int:
+    """Run a study: simulate, aggregate, figures, with the results in `results` of this folder.
+
+    A second run has nothing to do; after a change only the steps that depend on it run again. All other options are
+    those of Snakemake: `-n` lists the jobs that are due and why, `--config seeds=100` replaces a key of the study,
+    `--report report.html` writes Snakemake's report of results that are there.
+
+    example: brownpipe run my_study.yaml -j 2
+    """
+    return run_study(arguments.study, arguments.cores, arguments.profile, arguments.further)
+
+
+def add_plan(add: Callable) -> None:
+    add("study", metavar="STUDY", help="study file (YAML)")
+    add("--tolerance", type=typed(Tolerance), metavar="ERROR", help="relative error that is allowed: 2%% or 0.02")
+    target = "quantity with this error: msd (at the end; default), d, or displacement_distribution (at the end)"
+    add("--target", type=typed(Target), metavar="QUANTITY", help=target)
+    add_config(add)
+    add("--count", metavar="PLAN.yaml", help="only determine how many runs the tolerance needs, and store it here")
+    add("--write", metavar="FILE.yaml", help="study file to write, with the best choice")
+
+
+def plan(arguments: Namespace) -> int:
+    """Find the engine of a study, and the number of runs, that meet a tolerance at the lowest cost.
+
+    From pilot runs of some 4 s of CPU for each engine, scene and number of disks. They are the first runs of the study,
+    which uses them again: they are stored in `results/runs` of this folder.
+
+    example: brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml
+    """
+    study = read_study(arguments.study, dict(arguments.config))
+    if arguments.count is not None:
+        with progress.shown("plan"):
+            runs, pilots = write_plan(study, writable(arguments.count, arguments.study, suffixes=YAML))
+        show(f"{arguments.count}: {runs:,} runs for a tolerance of {100 * study.tolerance:g} % of {study.target}")
+        show(spent_on(pilots))
+        return DONE
+    target, tolerance = arguments.target or study.target, arguments.tolerance or study.tolerance
+    if tolerance is None:
+        raise RequestError("--tolerance: missing; must be given, as the study has none")
+    if reason := why_no_relative_error(study.cases):
+        raise RequestError(f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan")
+    if arguments.write is not None:
+        validated(Name, Path(arguments.write).stem, key="--write")  # of the new study
+    inputs = (arguments.study, *map(str, study.scenes))
+    output = None if arguments.write is None else writable(arguments.write, *inputs, suffixes=YAML)
+    with progress.shown("plan"):
+        cases, pilots = performance_of(study, target)
+    show(*recommendation(cases, target, tolerance).split("\n"))
+    best = next(iter(offers(cases, tolerance)), None)
+    if output is not None and best is not None:
+        write_study(study, arguments.study, output, best, f"brownpipe plan {shlex.join(arguments.argv[1:])}")
+        show(f"{output}: a study with this engine and number of runs")
+    show(spent_on(pilots))
+    return FAILED if best is None else DONE
+
+
+def add_schema(add: Callable) -> None:
+    add("kind", choices=("scene", "study"), metavar="scene|study", help="the kind of file")
+
+
+def schema(arguments: Namespace) -> None:
+    """Print the JSON Schema of scene or study files, with which editors complete and check their keys.
+
+    An editor with a YAML language server reads it if the file begins with a comment that says where it is:
+    # yaml-language-server: $schema=study.json
+
+    example: brownpipe schema study
+    """
+    made = (Scene if arguments.kind == "scene" else Study).model_json_schema()
+    show(*json.dumps(made, indent=1).split("\n"))

@@ -1,0 +1,217 @@
+"""What a file meets: a full disk, a writer that is killed, flipped bits, cut and exchanged files. None is silent."""
+
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import brownpipe
+from brownpipe.cli import main
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
+from brownpipe.storage.datasets import read_dataset
+from brownpipe.storage.files import write_file
+from brownpipe.storage.trajectories import read_trajectories
+from brownpipe.study import read_study
+from brownpipe.study.run_sets import files_of
+from brownpipe.study.verification import verify_results
+from test_workflow import SCENE
+
+RESULTS = Path("results/mine")
+DATASET, FIGURES = f"{RESULTS}/aggregate/mine.nc", f"{RESULTS}/figures"
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    """A folder with a finished study, made by the commands of the rules of the workflow."""
+    folder = tmp_path_factory.mktemp("original")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        Path("hot.yaml").write_text(SCENE)
+        Path("mine.yaml").write_text("scenes: hot.yaml\nseeds: 4\nbatch: 2\nfigures: [health]\n")
+        for file in files_of(read_study("mine.yaml")):
+            words = ["--seeds", f"{file.first}-{file.last}", "--output", str(file.path), "--planned", file.digest]
+            assert main(["simulate", "hot.yaml", *words]) == DONE
+        listed = f"{RESULTS}/aggregate/made_from_0.txt"
+        assert main(["aggregate", "--study", "mine.yaml", "--output", DATASET, "--list-runs", listed]) == DONE
+        page = ["--figures", "health", "--page", f"{RESULTS}/report.html"]
+        assert main(["figures", DATASET, "--output", FIGURES, *page]) == DONE
+    return folder
+
+
+@pytest.fixture
+def study(original, tmp_path, monkeypatch):
+    """A copy of the original, which is the working directory."""
+    folder = shutil.copytree(original, tmp_path / "copy")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+# -- a full disk ----------------------------------------------------------------------------------------------------
+
+
+def limited(size, words):
+    """Run the command line where no file may be larger than `size` bytes, which to a program is as a full disk."""
+    command = [sys.executable, "-m", "brownpipe", *words]
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    return subprocess.run(command, preexec_fn=limit, capture_output=True, text=True, timeout=120)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "outputs"),
+    [
+        (["simulate", "hot.yaml", "--seeds", "0-1", "--output", "out/0-1.h5"], ["0-1.h5"]),
+        (
+            ["figures", DATASET, "--output", "out", "--figures", "health"],
+            ["health.svg", "health.csv", "summary.txt", "summary.csv"],
+        ),
+    ],
+    ids=["simulate", "figures"],
+)
+def test_without_space_there_is_one_line_and_no_half_a_file(words, outputs, study, faults):
+    assert main(words) == DONE
+    expected = {name: Path("out", name).read_bytes() for name in outputs}
+    shutil.rmtree("out")
+    done = limited(faults.random.randint(0, int(1.2 * max(map(len, expected.values())))), words)
+    assert not list(Path().rglob("*.part"))
+    assert "Traceback" not in done.stderr, done.stderr
+    if done.returncode != DONE:
+        assert "not written: File too large" in done.stderr.splitlines()[-1], done.stderr
+    for name, contents in expected.items():
+        written = Path("out", name)
+        assert not written.exists() or written.read_bytes() == contents, name
+        assert written.exists() or done.returncode == FAILED, name
+
+
+@pytest.mark.slow
+def test_figures_that_cannot_all_be_written_replace_none(study):
+    """They would be of another dataset than the rest of the folder."""
+
+    def there():
+        return {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in Path(FIGURES).iterdir()}
+
+    before = there()
+    least = max(len(contents) for _, contents in before.values())
+    done = limited(least - 1, ["figures", DATASET, "--output", FIGURES, "--figures", "health,msd"])
+    assert done.returncode != DONE and "not written: File too large" in done.stderr
+    assert before == there()
+
+
+# -- writers --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_killed_writers_leave_the_old_file_and_the_next_one_no_litter(faults, tmp_path):
+    contents = [bytes([k]) * 300_000 for k in range(2)]
+    write_file(tmp_path / "x", contents[0])
+    for _ in faults.tries(20):
+        child = os.fork()
+        if child == 0:
+            while True:
+                for each in contents:
+                    write_file(tmp_path / "x", each)
+        time.sleep(faults.random.uniform(0.0, 0.02))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        assert (tmp_path / "x").read_bytes() in contents
+        write_file(tmp_path / "x", contents[0])
+        assert os.listdir(tmp_path) == ["x"]
+
+
+def test_a_file_is_on_disk_before_it_has_its_name(monkeypatch, tmp_path):
+    """Else a power cut may leave an empty file under the name of a whole one."""
+    calls, replace = [], os.replace
+    monkeypatch.setattr(os, "fsync", lambda number: calls.append(os.readlink(f"/proc/self/fd/{number}")))
+    monkeypatch.setattr(os, "replace", lambda old, new: (calls.append("renamed"), replace(old, new)))
+    write_file(tmp_path / "x", b"contents")
+    assert "renamed" in calls[1:] and calls[0].endswith(".part")
+
+
+@pytest.mark.parametrize("mask", [0o022, 0o077])
+def test_files_have_the_usual_permissions(mask, tmp_path):
+    before = os.umask(mask)
+    try:
+        write_file(tmp_path / "x", b"")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "x").stat().st_mode & 0o777 == 0o666 & ~mask
+
+
+def test_paths_that_cannot_be_read(tmp_path):
+    for path in (str(tmp_path / ("x" * 5000)), str(tmp_path)):
+        for read in (brownpipe.read_scene, read_trajectories, read_dataset, brownpipe.open):
+            with pytest.raises(BrownpipeError, match="cannot be read"):
+                read(path)
+
+
+# -- damage, as `brownpipe verify` finds it --------------------------------------------------------------------------
+
+
+def sealed():
+    return [DATASET, *map(str, sorted(Path("results/runs").rglob("*.h5")))]
+
+
+def flip(path, chance):
+    data = bytearray(path.read_bytes())
+    data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+    path.write_bytes(data)
+
+
+def cut(path, chance):
+    os.truncate(path, chance.randrange(path.stat().st_size))
+
+
+def append(path, chance):
+    with open(path, "ab") as file:
+        file.write(chance.randbytes(chance.choice([1, 7, 4096])))
+
+
+@pytest.mark.slow
+def test_any_damage_is_found_and_nothing_else(study, faults):
+    assert verify_results(RESULTS) == (sealed(), [], [])
+    for _ in faults.tries(12):
+        file = faults.random.choice(sealed())
+        before = Path(file).read_bytes()
+        faults.random.choice((flip, cut, append))(Path(file), faults.random)
+        assert verify_results(RESULTS)[1] == [file], faults.seed
+        Path(file).write_bytes(before)
+    first, second = map(Path, sealed()[1:])
+    contents = first.read_bytes()
+    first.write_bytes(second.read_bytes())  # exchanged
+    second.write_bytes(contents)
+    assert verify_results(RESULTS)[1] == [str(first), str(second)]
+
+
+@pytest.mark.slow
+def test_what_is_wrong_is_said(study, capsys):
+    _, first, second = sealed()
+    assert main(["verify", DATASET, first]) == DONE
+    assert capsys.readouterr().out.splitlines() == [f"{DATASET}: intact", f"{first}: intact"]
+    flip(Path(first), random.Random(1))
+    assert main(["verify", DATASET, first]) == FAILED
+    assert f"{first}: " in capsys.readouterr().err
+    (RESULTS / "figures/health.png").unlink()
+    Path(second).unlink()
+    assert main(["verify", str(RESULTS)]) == FAILED
+    assert capsys.readouterr().out.splitlines() == [
+        f"{first}: is damaged; delete it and run the study again",
+        f"{RESULTS}/figures/health.png: is missing; run the study again",
+        f"{Path(first).parent}: seeds 2-3: is missing; run the study again",
+        f"{RESULTS}: 1 intact, 1 damaged, 2 missing",
+    ]
+
+
+@pytest.mark.parametrize("folder", ["absent", "."])
+def test_what_is_no_folder_of_results_is_refused(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["verify", folder]) == WRONG_REQUEST

@@ -1,0 +1,308 @@
+"""The initial state: the same for a seed, distributed as the scene says, sound; overlaps against all pairs of disks."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.initial_state import draw
+from brownpipe.errors import PlacementError, RequestError
+from brownpipe.scene import packing, parse_scene
+from test_exact import P, W, box, explicit, make, note_scene, species
+
+VELOCITY_17 = [-0.042623150097255494, 2.3328060725321036]
+POSITION_17 = [-2.5213268957650588, 0.5819693892044553]
+
+
+# -- what a seed gives ----------------------------------------------------------------------------------------------
+
+
+def test_a_seed_gives_the_state_of_the_note_and_always_the_same():
+    """Seeds name states, in files and papers: a guard against a new stream by accident."""
+    state, again = draw(note_scene(1.0), 17), draw(note_scene(7.0, sample_interval=0.1), 17)
+    assert state.velocity[0].tolist() == VELOCITY_17 and state.position[1].tolist() == POSITION_17
+    assert all(np.array_equal(a, b) for a, b in zip(state, again, strict=True))
+    assert state.position[0].tolist() == [0.0, 0.0]
+    assert state.radius.tolist() == [0.3] + [0.1] * 149 and state.mass.tolist() == [1.0] + [0.4] * 149
+    for other in (draw(note_scene(1.0), 18), draw(note_scene(1.0, particles=100), 17)):  # streams of their own
+        assert not np.isin(other.velocity, state.velocity).any()
+
+
+def test_explicit_disks_are_taken_as_they_are():
+    state = draw(note_scene(1.0), 5)
+    again = draw(explicit(box(6, 6, W), state, 1.0), 99)
+    assert all(np.array_equal(a, b) for a, b in zip(state, again, strict=True))
+    assert draw(explicit(box(6, 6, W), state._replace(**{k: getattr(state, k)[:0] for k in state._fields}), 1.0), 0)[
+        0
+    ].shape == (0, 2)
+
+
+# -- velocities -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("velocities", "deviations"),
+    [({"standard_deviation": 2.0}, (2.0, 2.0)), ({"temperature": 1.6}, (np.sqrt(1.6), 2.0))],
+)
+def test_velocities_are_normal(velocities, deviations):
+    """Kolmogorov-Smirnov over 600 states: tracer (1,200 components) and bath; false alarm 1e-6 each."""
+    scene = make(box(6, 6, W), [(30, 0.1, 0.4)], 1.0, {"radius": 0.3, "mass": 1.0}, velocities)
+    velocity = np.array([draw(scene, seed).velocity for seed in range(600)])
+    for part, deviation in ((velocity[:, 0], deviations[0]), (velocity[:, 1:], deviations[1])):
+        assert stats.kstest(part.ravel(), "norm", args=(0, deviation)).pvalue > 1e-6
+    # components, disks and seeds are independent: the means of products are within 5 standard errors of 0
+    for one, two in (
+        (velocity[..., 0], velocity[..., 1]),
+        (velocity[:, 1], velocity[:, 2]),
+        (velocity[1:], velocity[:-1]),
+    ):
+        products = (one * two).ravel()
+        assert abs(products.mean()) < 5 * products.std() / np.sqrt(products.size)
+
+
+def test_zero_momentum():
+    """To round-off of the sum of abs(m v)."""
+    velocities = {"temperature": 1.0, "zero_momentum": True}
+    state = draw(make(box(6, 6, P), [(30, 0.1, 1.0), (20, 0.2, 7.0)], 1.0, velocities=velocities), 1)
+    assert np.abs(state.mass @ state.velocity).max() < 1e-15 * np.sum(state.mass[:, None] * np.abs(state.velocity))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("tracer", "runs"), [("pinned", 400), ("free", 1500)])
+def test_zero_momentum_at_t_zero_after_equilibration(tracer, runs):
+    """Taken out before a pinned equilibration it would come back; taken out twice, it would cool the tracer by 7 %."""
+    disks = {
+        "tracer": {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]},
+        "species": [{"name": "bath", "count": 29, "radius": 0.1, "mass": 0.4}],
+    }
+    mapping = {
+        "box": {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": "periodic"},
+        "disks": disks,
+        "velocities": {"temperature": 1.6, "zero_momentum": True},
+        "duration": 0.01,
+        "equilibrate": {"time": 2.0, "tracer": tracer},
+    }
+    scene = parse_scene(mapping, "scene.yaml")
+    whole = simulate(scene, range(runs), {"all"}).whole.values()
+    velocity = np.array([run.velocity[0] for run in whole])
+    momentum = np.einsum("i,rix->rx", scene.mass, velocity)
+    assert np.abs(momentum).max() < 1e-13
+    if tracer == "pinned":
+        drawn = np.array([draw(scene, seed).velocity[0] for seed in range(runs)])
+        check_pinned(velocity[:, 0], drawn, scene.mass)
+        return
+    square = np.sum(velocity[:, 0] ** 2, axis=1)  # exponentially distributed: its deviation is its mean
+    expected = 2 * 1.6 * (1 - 1 / scene.mass.sum())
+    assert abs(square.mean() - expected) < 4.5 * expected / math.sqrt(runs)  # false alarm 7e-6
+
+
+def check_pinned(velocity, drawn, mass):
+    """The tracer's velocity (R, 2) at t = 0 is 1 - m/M of what was drawn, less the bath's momentum over M, a noise.
+
+    False alarm: 7e-6 each for the factor and for the variance of this noise, kT (M - m)/M^2.
+    """
+    kt, whole = 1.6, mass.sum()
+    noise = velocity - (1 - mass[0] / whole) * drawn
+    variance, number = kt * (whole - mass[0]) / whole**2, drawn.size
+    error_of_factor = math.sqrt(variance / (kt / mass[0]) / number)
+    assert abs(np.sum(noise * drawn) / np.sum(drawn**2)) < 4.5 * error_of_factor
+    assert error_of_factor < 0.073 / 7  # taken out twice, the factor is smaller by 0.073
+    assert abs(np.mean(noise**2) / variance - 1) < 4.5 * math.sqrt(2 / number)
+
+
+# -- places -----------------------------------------------------------------------------------------------------------
+
+TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
+
+
+def dense(where, kinds, placement, **more):
+    mapping = {"box": where, "disks": {"species": species(*kinds), "placement": placement} | more}
+    return parse_scene(mapping | {"velocities": {"temperature": 1.0}, "duration": 1.0}, "dense.yaml")
+
+
+def on_lattice(where, kinds, **more):
+    return dense(where, kinds, "lattice", **more)
+
+
+def assert_sound(scene, state):
+    """Inside the walls, in a periodic box inside it, and no two overlap, checked by other means than placement's."""
+    low, high = np.array((scene.box.x, scene.box.y)).T
+    margin = 0.0 if scene.box.periodic else state.radius[:, None] * (1 - 1e-14)
+    assert (state.position >= low + margin).all()
+    assert (state.position <= high - margin).all()
+    sides = (scene.box.x, scene.box.y) if scene.box.periodic else None
+    assert packing.overlap(state.position, state.radius, sides) is None
+
+
+RANDOM = {
+    "note": note_scene(1.0),
+    "far": make(box(6, 3, W, (100.0, -50.0)), [(50, 0.1, 1)], 1.0),
+    "periodic": make(box(3, 2, P), [(60, 0.12, 1)], 1.0),
+    "narrowest": make(box(1, 1, P), [(2, 0.25, 1)], 1.0),
+    "mixture": make(box(4, 3, P), [(10, 0.3, 1), (30, 0.1, 1), (200, 0.02, 1)], 1.0),
+    "big last": make(box(6, 6, W), [(40, 0.05, 1), (2, 0.5, 1)], 1.0),
+    "big": make(box(6, 6, P), [(3, 0.9, 1), (150, 0.08, 1)], 1.0),
+    "big after small": make(box(6, 6, W), [(1400, 0.05, 1), (1, 1.0, 1), (1, 0.9, 1)], 1.0),
+    "tight": make(box(2.0000001, 2.0000001, W), [(1, 1.0, 1)], 1.0),
+}
+
+
+@pytest.mark.parametrize("name", RANDOM)
+def test_random_places_are_sound(name):
+    for seed in range(10 if name == "big after small" else 40):
+        assert_sound(RANDOM[name], draw(RANDOM[name], seed))
+
+
+@pytest.mark.parametrize("boundary", [W, P])
+def test_a_disk_is_uniform_over_where_it_can_be(boundary):
+    """Kolmogorov-Smirnov per coordinate over 3,000 states; false alarm 1e-6 each."""
+    scene = make(box(2, 3, boundary, (0.5, 1.0)), [(2, 0.3, 1)], 1.0)
+    places = np.array([draw(scene, seed).position for seed in range(3000)])
+    margin = 0.0 if boundary == P else 0.3
+    for axis, (low, high) in enumerate((scene.box.x, scene.box.y)):
+        law = stats.uniform(low + margin, high - low - 2 * margin)
+        assert stats.kstest(places[:, 0, axis], law.cdf).pvalue > 1e-6
+    if boundary == P:  # the second one sees the first as uniform over what is left: a ring of the torus
+        size = np.array((2.0, 3.0))
+        apart = places[:, 1] - places[:, 0]
+        distance = np.hypot(*(apart - size * np.round(apart / size)).T)
+        near = distance[distance < 1.0]
+        assert stats.kstest(near, lambda r: (r**2 - 0.36) / (1 - 0.36)).pvalue > 1e-6
+        expected = 3000 * np.pi * (1 - 0.36) / (6 - np.pi * 0.36)
+        assert abs(len(near) - expected) < 5 * np.sqrt(expected)
+
+
+LATTICES = {
+    **{
+        f"{n} of {radius}, {side}": (box(3, 2.5, side, (10.0, 0.0)), [(n, radius, 1.0)], {})
+        for side in (W, P)
+        for n, radius in [(1, 0.5), (2, 0.4), (7, 0.3), (100, 0.125), (1000, 0.043)]
+    },
+    "phi = 0.85": (box(30, 15 * np.sqrt(3), P), [(900, 0.5 * np.sqrt(0.85 / 0.9069), 1.0)], {}),
+    "walls, tracer": (box(4, 4, W), [(80, 0.12, 1.0), (80, 0.08, 1.0)], {"tracer": TRACER}),
+    "periodic, tracer": (box(4, 4, P), [(80, 0.12, 1.0), (80, 0.08, 1.0)], {"tracer": TRACER}),
+}
+
+
+@pytest.mark.parametrize("name", LATTICES)
+def test_lattices_are_sound(name):
+    where, kinds, more = LATTICES[name]
+    scene = on_lattice(where, kinds, **more)
+    state = draw(scene, 1)
+    assert_sound(scene, state)
+    assert not more or state.position[0].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("number", "radius", "placement", "message"),
+    [
+        (150, 0.13, "random", r"only \d+ of 150 disks found a place .*\(packing fraction 0\.885\)"),
+        (150, 0.13, "auto", r"^disks: 150 disks still overlap .*\(packing fraction 0\.885\)"),
+        (110, 0.15, "lattice", r"110 places for disks of radius 0\.15"),
+    ],
+)
+def test_what_cannot_be_placed_ends_with_a_message(number, radius, placement, message):
+    """Random insertion jams near phi = 0.547; in bounded time."""
+    with pytest.raises(RequestError, match=message):
+        draw(dense(box(3, 3, P), [(number, radius, 1)], placement), 0)
+
+
+def test_species_share_a_lattice_at_random():
+    scene = on_lattice(box(4, 4, P), [(60, 0.12, 1.0), (60, 0.08, 1.0)])
+    one, two = draw(scene, 1), draw(scene, 2)
+    assert not np.array_equal(one.position, two.position)
+    sites = {tuple(np.round(x, 9)) for state in (one, two) for x in state.position.tolist()}
+    assert len(sites) <= 150  # of one lattice of few more than 120 sites
+
+
+GROWN = {  # side of the box, (number, radius, mass) of each species, and a tracer: packing fractions of 0.65 to 0.75
+    "tracer": (box(20.1, 20.1, P), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0}),
+    "tracer held, walls": (box(20.1, 20.1, W), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0, "position": [1, 2]}),
+    "equal": (box(22.9, 22.9, P), [(500, 0.5, 1)], None),
+    "binary": (box(15.7, 15.7, P, (-5.0, 3.0)), [(80, 0.5, 1), (80, 0.7, 1)], None),
+    "one to ten": (box(10, 10, W), [(12, 1.0, 1), (950, 0.1, 1)], None),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GROWN)
+def test_mixtures_too_dense_for_insertion_grow(name):
+    where, kinds, tracer = GROWN[name]
+    scene = dense(where, kinds, "auto", **({"tracer": tracer} if tracer else {}))
+    assert 0.6 < scene.packing_fraction < 0.76
+    states = [draw(scene, seed) for seed in (0, 1)]
+    for state in states:
+        assert_sound(scene, state)
+    assert np.array_equal(draw(scene, 0).position, states[0].position)
+    assert not np.array_equal(states[0].position[1:], states[1].position[1:])
+    if tracer and "position" in tracer:
+        assert states[0].position[0].tolist() == tracer["position"]
+
+
+@pytest.mark.slow
+def test_where_some_runs_find_no_place_these_grow():
+    """Of equal disks at a packing fraction of 0.52 in a small box, 6 % get stuck."""
+    scenes = [dense(box(10, 10, P), [(66, 0.5, 1)], how) for how in ("auto", "random")]
+    stuck = 0
+    for seed in range(100):
+        state = draw(scenes[0], seed)
+        assert_sound(scenes[0], state)
+        try:
+            assert np.array_equal(state.position, draw(scenes[1], seed).position)
+        except PlacementError:
+            stuck += 1
+    assert 0 < stuck < 20
+
+
+@pytest.mark.slow
+def test_grown_disks_reach_the_pressure_of_the_fluid():
+    """At 0.65, after equilibration: Z by the virial beside that of a lattice start; both forget where they began."""
+    pressure = []
+    for how in ("auto", "lattice"):
+        mapping = dense(box(15.54, 15.54, P), [(200, 0.5, 1)], how).replace(duration=20.0, equilibrate={"time": 20.0})
+        found = simulate(mapping, range(16), {"none"}).observables["virial"]
+        pressure.append((found.mean(), found.std(ddof=1) / 4))
+    (grown, error), (lattice, other) = pressure
+    assert abs(grown - lattice) < 4 * np.hypot(error, other)
+
+
+# -- overlaps ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@given(
+    st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(1e-3, 0.24)), min_size=0, max_size=12), st.booleans()
+)
+@settings(max_examples=300, deadline=None)
+def test_finds_an_overlap_where_all_pairs_do(disks, periodic):
+    position, radius = np.array([d[:2] for d in disks]).reshape(-1, 2), np.array([d[2] for d in disks])
+
+    def gap(a, b):
+        apart = position[a] - position[b]
+        if periodic:
+            apart -= np.rint(apart)
+        return np.hypot(*apart) - radius[a] - radius[b]
+
+    gaps = {pair: gap(*pair) for pair in combinations(range(len(disks)), 2)}
+    found = packing.overlap(position, radius, ((0, 1), (0, 1)) if periodic else None)
+    if found is None:
+        assert all(value > -1e-12 for value in gaps.values())
+    else:
+        a, b, value = found
+        assert value < 0
+        assert value == pytest.approx(gaps[a, b], abs=1e-12)
+
+
+def test_passes_a_hexagonal_packing_in_contact():
+    i, j = np.divmod(np.arange(60 * 52), 60)
+    position = np.stack([0.2 * (j + i % 2 / 2), 0.1 * math.sqrt(3) * i], axis=1)
+    box = ((0, 60 * 0.2), (0, 52 * 0.1 * math.sqrt(3)))
+    radius = np.full(len(i), 0.1)
+    assert packing.overlap(position, radius, box) is None
+    radius[77] += 1e-9
+    assert 77 in packing.overlap(position, radius, box)[:2]
