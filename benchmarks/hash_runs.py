@@ -199,7 +199,9 @@ def all_cases():
         "measured_between_walls": Case(between, seeds="0-11", options=every, record="tracer", aggregated=True),
         "measured_over_origins": Case(mixed, seeds="0-11", options=f"{every} --average origins", aggregated=True),
         "measured_over_disks": Case(alike, seeds="0-7", options=f"{without_bath} --average disks", record="none"),
-        "measured_in_walls": Case(gas(0.2, (80, *EQUAL), walls=True, **stationary), options=without_bath, record="none"),
+        "measured_in_walls": Case(
+            gas(0.2, (80, *EQUAL), walls=True, **stationary), options=without_bath, record="none"
+        ),
         "aggregated_logarithmic": Case(logarithmic, seeds="0-7", record="tracer", aggregated=True),
         "collisions_alone": Case(note(duration=1.0), record="events"),
         "nothing_recorded": Case(note(duration=1.0), record="none"),
