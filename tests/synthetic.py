@@ -25,7 +25,7 @@ def render(dataset, folder, names=None, particles=None):
 def with_measures(dataset):
     """The dataset with all variables of observables and thermodynamics added."""
     rng = np.random.default_rng(1)
-    added = _over_time(dataset, rng) | _distributions(dataset, rng) | _thermodynamics(dataset, rng)
+    added = _over_time(dataset, rng) | _distributions(dataset, rng) | _thermodynamics(dataset, rng) | _own(dataset, rng)
     return dataset.assign(added).assign_coords(species=list(SPECIES), species_pair=list(PAIRS))
 
 
@@ -77,6 +77,15 @@ def _over_time(dataset, rng):
         "enskog_diffusion": (EACH, 0.21 * each),
         "accessible_half_width": (EACH, 2.7 * each),
     }
+
+
+def _own(dataset, rng):
+    """A curve and a number that a function of the user measured."""
+    time, left = (*EACH, "time"), 75 + 5 * np.exp(-3 * dataset.time.values)
+    found = _estimate("left_disks", time, _spread(dataset, left.shape, left), 0.1, rng)
+    found |= _estimate("turned", EACH, _spread(dataset, (), 0.0), 0.2, rng)
+    described = {"units": "1", "long_name": "as measured", "observable": "my_module:my_function"}
+    return {name: (*one, described if name in ("left_disks", "turned") else {}) for name, one in found.items()}
 
 
 def _distributions(dataset, rng):

@@ -674,7 +674,8 @@ def test_the_answer_begins_with_what_the_study_measured(dataset):
     energy = [f"energy, {name}" for name in SPECIES]
     contact = [f"g(contact), {name}" for name in PAIRS[1:]]
     of_walls = [f"n(wall), {name}" for name in SPECIES]
-    names = ["scene", "N", "runs", *energy, "Z", *contact, "|psi_6|", *of_walls, "D (Green-Kubo)", "MSD(t = 1)", "D"]
+    names = ["scene", "N", "runs", *energy, "Z", *contact, "|psi_6|", *of_walls]
+    names += ["D (Green-Kubo)", "turned", "MSD(t = 1)", "D"]
     assert [*found] == names
     assert found["Z"] == f"{estimate(case, 'compressibility')} ({float(case.enskog_compressibility):#.4g})"
     assert found[energy[1]] == estimate(case.isel(time=-1, species=1), "species_energy")

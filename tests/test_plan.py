@@ -3,17 +3,20 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from brownpipe import cli, tradeoff
 from brownpipe.analysis.displacement import squared_displacement
+from brownpipe.analysis.resampling import resample
 from brownpipe.engines import Engine, configured
 from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.forecast import START_UP, Cost
 from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError, RequestError, StorageError
 from brownpipe.study import plan, read_study
 from brownpipe.study.plan import Performance, offers
-from brownpipe.study.run_sets import run_sets
+from brownpipe.study.run_sets import MOST_PILOT_RUNS, files_of, run_sets
 from ensembles import make_scene
 
 EXACT = Engine("exact")
@@ -31,12 +34,9 @@ sample_interval: 0.05
 """
 
 
-def list_of(*performances):
-    return [*performances]
-
-
-def measured(*values, **more):
-    return Performance(make_scene(), *values, **more)
+def measured(engine, bias, bias_error, spread, seconds, share_sound=1.0):
+    cost = Cost(0.0, 0.0, seconds, 0.0, 0.0, 0.0)
+    return Performance(make_scene(), engine, bias, bias_error, spread, cost, share_sound)
 
 
 @pytest.fixture
@@ -64,39 +64,29 @@ def here(tmp_path, monkeypatch):
 
 def test_cheapest_that_meets_the_tolerance_comes_first():
     """Biases of 1 % in half the time: for 2 % it is cheaper, 1/(1 - 1/4) = 4/3 of the runs; for 1 % it cannot do."""
-    case = list_of(measured(EXACT, 0.0, 0.0, 1.0, 0.02), measured(COARSE, 0.01, 1e-4, 1.0, 0.01))
+    case = [measured(EXACT, 0.0, 0.0, 1.0, 0.02), measured(COARSE, 0.01, 1e-4, 1.0, 0.01)]
     first, second = offers([case], 0.02)
     assert (first.engine, first.runs, second.engine, second.runs) == (COARSE, 3334, EXACT, 2500)
     assert [one.engine for one in offers([case], 0.01)] == [EXACT]
 
 
-def test_what_is_not_known_of_a_bias_counts_as_error():
-    case = list_of(measured(EXACT, 0.0, 0.0, 1.0, 0.02), measured(COARSE, 0.001, 0.03, 1.0, 0.01))
+def test_bias_and_what_is_not_known_of_it_count_as_error():
+    """Each alone is below the tolerance of 2 %; together they are sqrt(0.015^2 + 0.018^2) = 2.3 %."""
+    case = [measured(EXACT, 0.0, 0.0, 1.0, 0.02), measured(COARSE, 0.015, 0.018, 1.0, 0.001)]
+    assert [one.engine for one in offers([case], 0.02)] == [EXACT] and offers([case], 0.03)[0].engine == COARSE
+    case = [measured(EXACT, 0.0, 0.0, 1.0, 0.02), measured(COARSE, 0.001, 0.03, 1.0, 0.01)]
     assert [one.engine for one in offers([case], 0.02)] == [EXACT]
     assert offers([case], 0.05)[0].runs == math.ceil(1 / (0.05**2 - 0.03**2 - 0.001**2))
 
 
-def test_costlier_engines_that_were_not_compared_offer_nothing():
-    case = list_of(measured(EXACT, 0.0, 0.0, 1.0, 0.02), measured(FINE, math.nan, math.nan, 1.0, 0.05))
-    assert [one.engine for one in offers([case], 0.02)] == [EXACT]
-    assert "costs more than exact" in plan.recommendation([case], "msd", 0.02)
-
-
-def test_bias_and_its_standard_error_add_up():
-    """Each alone is below the tolerance of 2 %; together they are sqrt(0.015^2 + 0.018^2) = 2.3 %."""
-    case = list_of(measured(EXACT, 0.0, 0.0, 1.0, 0.02), measured(COARSE, 0.015, 0.018, 1.0, 0.001))
-    assert [one.engine for one in offers([case], 0.02)] == [EXACT]
-    assert offers([case], 0.03)[0].engine == COARSE
-
-
 def test_one_engine_for_all_cases_has_the_most_runs_of_any():
     cases = [
-        list_of(measured(EXACT, 0.0, 0.0, 1.0, 0.02), measured(COARSE, 0.01, 1e-4, 1.0, 0.01)),
-        list_of(measured(EXACT, 0.0, 0.0, 1.2, 0.05)),
+        [measured(EXACT, 0.0, 0.0, 1.0, 0.02), measured(COARSE, 0.01, 1e-4, 1.0, 0.01)],
+        [measured(EXACT, 0.0, 0.0, 1.2, 0.05)],
     ]
     (only,) = offers(cases, 0.02)
     assert (only.engine, only.runs) == (EXACT, 3600)
-    assert only.seconds == pytest.approx(3600 * 0.07)
+    assert 3600 * 0.07 < only.seconds < 3600 * 0.07 + 20 * START_UP  # with its jobs
     assert "3,600 runs in each case" in plan.recommendation(cases, "msd", 0.02)
 
 
@@ -105,14 +95,17 @@ def test_one_engine_for_all_cases_has_the_most_runs_of_any():
 
 def counted(study):
     """How many runs the tolerance of a study needs, as its workflow determines it."""
-    return plan.write_plan(study, "counted.yaml")
+    return plan.write_plan(study, "counted.yaml")[0]
 
 
-def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, here):
+def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, here, monkeypatch):
     study = read_study(study_file(tolerance="4%"))
     runs, text = counted(study), Path("counted.yaml").read_bytes()
     assert counted(study) == runs and Path("counted.yaml").read_bytes() == text
     assert plan.settled(study, "counted.yaml").seeds == range(runs)
+    many = study.model_copy(update={"batch": 1})
+    monkeypatch.setattr(plan, "MOST_JOBS", 100)
+    assert plan.settled(many, "counted.yaml").batch is None  # too many jobs take larger batches
     half = counted(read_study(study_file(tolerance=0.08)))
     assert runs / half == pytest.approx(4, rel=0.02)  # rounded up to whole runs
     other = counted(read_study(study_file(tolerance=0.1, target="displacement_distribution")))
@@ -126,15 +119,15 @@ def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, 
         counted(read_study(study_file(seeds=5)))
 
 
-def test_runs_that_fail_are_made_up_for(study_file, tmp_path, here, monkeypatch):
+def test_runs_that_fail_are_made_up_for(study_file, here, monkeypatch):
     """Three of four runs of the pilot failed: four times as many runs are needed."""
-    needed = range(counted(read_study(study_file(tolerance=0.05))))
-    pilot = plan.run_pilot
-    monkeypatch.setattr(plan, "run_pilot", lambda *case: (runs := pilot(*case))._replace(failed=3 * len(runs.seeds)))
-    more = range(counted(read_study(study_file(tolerance=0.05))))
-    assert len(more) == 4 * len(needed)
+    needed = counted(read_study(study_file(tolerance=0.05)))
+    of_blocks = tradeoff.runs_of
+    failing = lambda *given: (runs := of_blocks(*given))._replace(failed=3 * len(runs.seeds))  # noqa: E731
+    monkeypatch.setattr(tradeoff, "runs_of", failing)
+    assert counted(read_study(study_file(tolerance=0.05))) == 4 * needed
     sound, failing = (measured(EXACT, 0.0, 0.0, 1.0, 0.02, share) for share in (1.0, 0.25))
-    (one,), (other,) = (offers([list_of(each)], 0.02) for each in (sound, failing))
+    (one,), (other,) = (offers([[each]], 0.02) for each in (sound, failing))
     assert (one.runs, other.runs) == (2500, 10_000)
 
 
@@ -168,22 +161,66 @@ def test_a_tracer_that_does_not_move_has_no_relative_error(study_file, tmp_path,
         tradeoff.compare(runs, runs, (0.1, 0.5), 1.0)
 
 
-def test_plan_replaces_no_scene_and_refuses_one_without_chance(study_file, tmp_path, here, capsys):
+def test_plan_replaces_no_scene(study_file, tmp_path, here, capsys):
     path, scene = study_file(seeds=5), tmp_path / "scenes" / "few.yaml"
     for name in (scene, tmp_path / "scenes" / ".." / "scenes" / "few.yaml"):
         assert cli.main(["plan", str(path), "--tolerance", "20%", "--write", str(name)]) == WRONG_REQUEST
         assert "is an input; choose another name" in capsys.readouterr().err
     assert scene.read_text() == SCENE
-    listed = "box: {x: [0, 9], y: [0, 9], boundary: periodic}\nduration: 1.0\n"
-    scene.write_text(f"{listed}disks: [{{position: [1, 1], velocity: [1, 0], radius: 0.5, mass: 1.0}}]\n")
-    assert cli.main(["plan", str(study_file(seeds=1)), "--tolerance", "20%"]) == WRONG_REQUEST
-    assert "few leaves nothing to chance" in capsys.readouterr().err
 
 
-def test_a_planned_study_records_what_was_planned(study_file, here):
-    path = study_file(seeds=5, record="none", observables=["species_energy"])
-    plan.write_study(path, "planned.yaml", plan.Offer(EXACT, 20, 1.0), "planned")
-    assert read_study("planned.yaml").record == "tracer"
+def test_a_study_that_stores_no_displacements_has_no_plan_for_them(study_file, here):
+    study = read_study(study_file(tolerance=0.1, record="none", observables=["species_energy"]))
+    with pytest.raises(RequestError, match="the target msd needs record: tracer, or square_displacement"):
+        counted(study)
+
+
+@pytest.mark.parametrize("measured", [{}, {"record": "none", "observables": ["square_displacement"]}])
+def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file, here, capsys, measured):
+    """And a plan that is asked again makes none, and says the same."""
+    path = study_file(tolerance=0.04, **measured)
+    study = read_study(path)
+    runs, (pilot,) = plan.write_plan(study, "counted.yaml")
+    (file,) = Path("results/runs").rglob("*.h5")
+    assert file.parent == pilot.folder and file.name == f"0-{MOST_PILOT_RUNS - 1}.h5"
+    assert (pilot.made, len(pilot.runs.seeds)) == (MOST_PILOT_RUNS, MOST_PILOT_RUNS)
+    first, *others = files_of(plan.settled(study, "counted.yaml"))
+    assert first.path == file and others[-1].last == runs - 1 and others[0].first == MOST_PILOT_RUNS
+    again, (pilot,) = plan.write_plan(study, "counted.yaml")
+    assert (again, pilot.made) == (runs, 0) and [*Path("results/runs").rglob("*.h5")] == [file]
+    assert cli.main(["plan", str(path), "--write", "planned.yaml"]) == DONE
+    said = capsys.readouterr().out
+    assert f"exact: {runs:,} runs" in said and str(file.parent) in said and "no pilot run had to be made" in said
+    assert files_of(read_study("planned.yaml"))[0].path == file
+
+
+def test_only_engines_of_the_study_are_considered_in_their_order(study_file, here, monkeypatch, capsys):
+    monkeypatch.setattr("brownpipe.study.run_sets.MOST_PILOT_RUNS", 20)
+    (here / "scenes" / "few.yaml").write_text(SCENE.replace("mass: 1.0", "mass: 5.0"))
+    langevin = {"name": "langevin", "friction": "enskog"}
+    for engines in (["exact"], [langevin], [langevin, "exact"]):
+        cases, pilots = plan.performance_of(read_study(study_file(seeds="7-9", engines=engines)), "msd")
+        names = [engine if engine == "exact" else "langevin" for engine in engines]
+        assert [one.engine.name for one in cases[0]] == names
+        assert {pilot.runs.engine.name for pilot in pilots} == {"exact", *names}
+        assert all(pilot.runs.seeds.tolist() == [*range(7, 27)] for pilot in pilots)
+
+
+@pytest.mark.slow
+def test_intervals_cover_the_truth_although_pilot_runs_decide_their_number():
+    """Two-stage sampling of r^2, exponential with mean 1, to 4 %, with pilots of 100 runs.
+
+    400 studies know a coverage of 95 % to 1.1 %, and a bias to a twentieth of the tolerance.
+    """
+    rng, covered, means = np.random.default_rng(5), [], []
+    for _ in range(400):
+        pilot = rng.exponential(size=100)
+        more = rng.exponential(size=max(0, math.ceil((pilot.std(ddof=1) / pilot.mean() / 0.04) ** 2) - 100))
+        found = resample(np.append(pilot, more))
+        covered.append(found.low < 1.0 < found.high)
+        means.append(found.mean)
+    assert np.mean(covered) == pytest.approx(0.95, abs=3.3 * 0.011)
+    assert np.mean(means) == pytest.approx(1.0, abs=3.3 * 0.05 * 0.04)
 
 
 def test_achieved_error_is_the_tolerance(study_file, tmp_path, here):
@@ -193,7 +230,7 @@ def test_achieved_error_is_the_tolerance(study_file, tmp_path, here):
     track = exact.simulate(scene, range(counted(study))).tracer
     end = squared_displacement(track.position)[:, -1]
     achieved = end.std(ddof=1) / end.mean() / math.sqrt(len(end))
-    known_to = math.sqrt(2 / plan.MOST_RUNS + 2 / len(end))
+    known_to = math.sqrt(2 / MOST_PILOT_RUNS + 2 / len(end))
     assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000
 
 
@@ -215,17 +252,9 @@ sample_interval: 0.5
     for average in ("runs", "disks"):
         study = read_study(study_file(**keys, average=average))
         runs[average] = len(range(counted(study)))
-        (case,) = plan.performance_of(study, "msd")
+        ((case,), _) = plan.performance_of(study, "msd")
         assert case[0].spread == pytest.approx(0.05 * math.sqrt(runs[average]), rel=0.05)
     assert 5 < runs["runs"] / runs["disks"] < 15
-
-
-def test_too_many_jobs_take_larger_batches(study_file, here, monkeypatch):
-    monkeypatch.setattr(plan, "MOST_JOBS", 100)
-    study = read_study(study_file(tolerance=0.05, batch=1))
-    counted(study)
-    settled = plan.settled(study, "counted.yaml")
-    assert settled.batch is None
 
 
 # -- refusals -------------------------------------------------------------------------------------------------------
@@ -241,23 +270,11 @@ def test_too_many_jobs_take_larger_batches(study_file, here, monkeypatch):
         ({"tolerance": 1e-300}, "tolerance: must be >= 0.000316"),
         ({"tolerance": "200%"}, "tolerance: must be < 1"),
         ({"tolerance": True}, "tolerance: must be a number"),
-        (
-            {"tolerance": 0.02, "target": "energy"},
-            "target: must be 'msd', 'd' or",
-        ),
+        ({"tolerance": 0.02, "target": "energy"}, "target: must be 'msd', 'd' or"),
         ({"seeds": 5, "instead_of": {"many": "few"}}, "instead_of.many: must be a scene of the study"),
-        (
-            {"seeds": 5, "instead_of": {"few": "few"}},
-            "instead_of.few: must be other scenes with the sample times of few",
-        ),
-        (
-            {"seeds": 5, "engines": [{"name": "exact", "scenes": "many"}]},
-            "engines[0].scenes: must be a scene of the study",
-        ),
-        (
-            {"seeds": 5, "engines": ["exact", {"name": "exact", "seeds": 3}]},
-            "engines: must be engines or settings that",
-        ),
+        ({"seeds": 5, "instead_of": {"few": "few"}}, "instead_of.few: must be other scenes with the sample times"),
+        ({"seeds": 5, "engines": [{"name": "exact", "scenes": "many"}]}, "engines[0].scenes: must be a scene of"),
+        ({"seeds": 5, "engines": ["exact", {"name": "exact", "seeds": 3}]}, "engines: must be engines or settings"),
     ],
 )
 def test_studies_that_cannot_be_are_refused(study_file, keys, message):
@@ -284,18 +301,8 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
 
 def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, here):
     path, engine = study_file(seeds=5, figures=["thermodynamics"]), configured("langevin", friction="enskog")
-    plan.write_study(path, "other.yaml", plan.Offer(engine, 20, 1.0), "planned")
+    plan.write_study(read_study(path), path, "other.yaml", plan.Offer(engine, 20, 1.0), "planned")
     assert "msd" in read_study("other.yaml").figures
-
-
-def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys):
-    monkeypatch.setattr(tradeoff.timing, "seconds_per_run", lambda engine, *_, **__: 1.0 if engine == EXACT else 2.0)
-    path = study_file(tolerance=0.1)
-    assert cli.main(["plan", str(path)]) == DONE
-    said = capsys.readouterr().out
-    assert "msd to 10 %:" in said and said.count("costs more than exact") == 4
-    number = counted(read_study(path))
-    assert f"exact: {number:,} runs" in said  # as its workflow will have it
 
 
 @pytest.mark.parametrize(
@@ -304,10 +311,7 @@ def test_a_pilot_tells_what_is_not_stored(study_file, here, monkeypatch, capsys)
         (["--tolerance", "0"], "--tolerance: must be >= 0.000316"),
         (["--tolerance", "much"], "--tolerance: must be a number"),
         ([], "--tolerance: missing; must be given, as the study has none"),
-        (
-            ["--tolerance", "2%", "--target", "energy"],
-            "--target: must be 'msd', 'd' or",
-        ),
+        (["--tolerance", "2%", "--target", "energy"], "--target: must be 'msd', 'd' or"),
     ],
 )
 def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, words, message):

@@ -21,6 +21,7 @@ from xarray import DataArray, Dataset, DataTree
 
 from brownpipe import progress
 from brownpipe.analysis import aggregate
+from brownpipe.analysis.dataset import refuse_taken
 from brownpipe.analysis.resampling import resample
 from brownpipe.engines import DEFINITIONS, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures, joined, select
@@ -30,6 +31,7 @@ from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import summary_table
 from brownpipe.inspection import read_contents
+from brownpipe.observables.own import named
 from brownpipe.processes import calculated
 from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
@@ -125,7 +127,7 @@ def simulate(
     particles: int | None = None,
     engine: str = "exact",
     record: str | Iterable[str] = "tracer",
-    observables: Collection[str] = (),
+    observables: Collection[str | Callable] = (),
     average: str = "runs",
     cores: int = 1,
     quiet: bool = False,
@@ -142,7 +144,8 @@ def simulate(
     particles: number of disks instead of that of the scene file.
     engine, settings: "exact", "timestep" (time_step=...) or "langevin" (friction=...), as in studies.
     record: "tracer", "velocity" (of the tracer, too), "all", "events", "none", or several of them.
-    observables, average: measured in each run, and over what displacements are averaged within it.
+    observables, average: measured in each run, by names or functions of your own, and over what displacements are
+    averaged within it.
     cores: processes that share the seeds (on Linux); the runs are the same, to the bit.
     quiet: no progress on stderr.
 
@@ -165,7 +168,9 @@ def simulate(
         raise RequestError("particles: must not be given with a scene, which has its number of disks")
     chosen = requested(engine, {key: plain(value) for key, value in settings.items()}, str)
     recorded = read_record(_words("record", record), "record")
-    names = tuple(filter(None, _words("observables", observables).split(",")))
+    several = isinstance(observables, Iterable) and not isinstance(observables, str)
+    given = [*map(named, observables)] if several else observables
+    names = tuple(filter(None, _words("observables", given).split(",")))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
         seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
     numbers = read_seeds(plain(seeds))
@@ -179,6 +184,7 @@ def simulate(
         missing = without(np.asarray(numbers), [(part.seeds[0], part.seeds[-1]) for part in parts])
         found = joined([*parts, *_made(make, missing, cores)])
         ensemble = select(found, np.isin(found.seeds, numbers))
+    refuse_taken(ensemble.own)
     if failed := failures(ensemble):
         warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=3)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))
@@ -315,7 +321,8 @@ def plot(
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation, velocity_distribution,
-    pair_distribution, density_profile, orientational_order, energy, thermodynamics, scan or health.
+    pair_distribution, density_profile, orientational_order, energy, own_observables,
+    thermodynamics, scan or health.
     particles: show the runs with this many disks; by default each scene's largest number.
     panel: dimensions, such as scene or tracer_mass: cases that differ in them are drawn in panels of their own.
     ax, looks: draw the main panel into these axes of yours, in your style, and return them; looks are those of the

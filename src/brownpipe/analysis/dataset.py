@@ -14,13 +14,15 @@ from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import Averages, Case, Columns, results_of
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported
-from brownpipe.analysis.variables import FAILED, KEPT, SAME_TIME, Variable, with_uncertainties
+from brownpipe.analysis.variables import FAILED, KEPT, SAME_TIME, Variable, names_of, with_uncertainties
 from brownpipe.analysis.varied import over_keys
 from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
-from brownpipe.errors import AnalysisError
-from brownpipe.observables import AXES
+from brownpipe.errors import AnalysisError, RequestError
+from brownpipe.observables import ARRAYS, AXES
+from brownpipe.observables.own import Own, OwnArray
 from brownpipe.storage.datasets import origin_attributes
+from brownpipe.storage.layout import MEANING
 from brownpipe.storage.trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -37,8 +39,7 @@ TABLES = [*(estimator.VARIABLES for estimator in (*ESTIMATORS, drift)), variable
 BY_NAME = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
 ALWAYS = with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES).keys()  # in every dataset
-DIMENSIONS = {dim for one in ALL_VARIABLES.values() for dim in one.dims}
-ALL_COORDINATES = {dim: Variable((dim,), *AXES[dim][:2]) for dim in AXES if dim in DIMENSIONS} | variables.COORDINATES
+ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | variables.COORDINATES
 ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 
@@ -76,19 +77,41 @@ def aggregate(
     scenes, fixed = [one.scene for one in every], None if dr is None else ring_edges(dr, rings)
     fitted, times = windows or default_windows(scenes), [*displacement_times]
     cases = [
-        Case(one.scene, one.engine, one.ensemble.times, one.ensemble.average, fitted, times, fixed) for one in every
+        Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own)
+        for one, runs in ((one, one.ensemble) for one in every)
     ]
+    own = averaged.variables_of(_own_of(groups))
     _refuse_unfit(cases)
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
     parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = origin_attributes("aggregate", ((group.contents, group.seeds) for group in groups), asked)
     attributes = variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({*map(_followed, every)}))} | made
-    dataset = joined(parts, ALL_VARIABLES, ALL_COORDINATES, attributes, ALWAYS)
+    dataset = joined(parts, ALL_VARIABLES | with_uncertainties(own), ALL_COORDINATES, attributes, ALWAYS)
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value
         p.values = holm(p.values.ravel()).reshape(p.shape)
     return over_keys(dataset, scenes, vary, vary_together)
+
+
+def _own_of(groups: Sequence[Group]) -> Own:
+    """Return the arrays of the user's own functions. Raises AnalysisError if runs differ in more than shapes."""
+    own: dict[str, OwnArray] = {}
+    for file in chain.from_iterable(group.files for group in groups):
+        for name, array in file.contents.ensemble.own.items():
+            if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):
+                wrong = "was measured by another function, or has other dimensions, in other runs"
+                raise AnalysisError(f"{file.path}: {name}: {wrong}")
+    return own
+
+
+def refuse_taken(own: Own) -> None:
+    """Raise RequestError for arrays of the user's own with names that variables of runs or datasets have."""
+    taken = {*ALL_VARIABLES, *ALL_COORDINATES, *MEANING, *ARRAYS}
+    for name, array in own.items():
+        for new in (*names_of(name), *(dim for dim in array.dims if dim not in AXES)):
+            if new in taken:
+                raise RequestError(f"{array.observable}: {name}: {new} is a name in runs or datasets; choose another")
 
 
 def _followed(runs: Trajectories) -> str:
@@ -152,6 +175,7 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
         part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
     part |= results_of(ESTIMATORS, case, averages) | drift.of_case(case, quarters)
     dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
+    dims |= {dim for array in case.own.values() for dim in array.dims}
     part |= {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
     return [part, *(labels | of_time for of_time in distribution.at_each_time(case, averages))]
 

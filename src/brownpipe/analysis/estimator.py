@@ -18,6 +18,7 @@ from brownpipe.analysis import resampling
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.variables import with_intervals
 from brownpipe.engines import Engine
+from brownpipe.observables.own import NO_OWN, Own
 from brownpipe.scene import Scene
 
 
@@ -32,6 +33,7 @@ class Case(NamedTuple):
     displacement_times: Sequence[float] = ()  # of the displacement distribution [time]; empty for the end of the run
     edges: np.ndarray | None = None  # (K + 1,) asked for, of its rings [length]; None: from the data
     rings: tuple[np.ndarray, ...] = ()  # (K + 1,) edges of the rings at each of these times
+    own: Own = NO_OWN  # arrays of the user's own functions
 
 
 class Columns(NamedTuple):

@@ -13,6 +13,7 @@ import numpy as np
 from brownpipe import observables, stages
 from brownpipe.engines.placement import never_placed
 from brownpipe.errors import PlacementError, RequestError, RunError
+from brownpipe.observables.own import NO_OWN, Own, OwnArray, is_own, measure
 from brownpipe.observables.tracks import Track
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
@@ -41,6 +42,7 @@ class Ensemble(NamedTuple):
     events: dict[int, Events]  # seed -> collisions, if recorded
     average: str = "runs"  # what displacements and autocorrelations are averaged over, of observables.AVERAGES
     stopped: Mapping[int, str] = NONE_STOPPED  # seed -> why its run could not go on: failed, and without data
+    own: Own = NO_OWN  # what is said of the arrays of a user's own functions among `observables`
 
     @property
     def failed_seeds(self) -> np.ndarray:
@@ -63,13 +65,14 @@ class Batch(NamedTuple):
     scene: Scene
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
-    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order
+    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order, then one's own
     stopped: dict[int, str]  # that of the ensemble
+    own: dict[str, OwnArray]  # that of the ensemble
 
     @property
     def needed_record(self) -> frozenset[str]:
         """What the engine must record of a run: `record`, and every disk if an observable needs it."""
-        every_disk = observables.needs_every_disk(self.scene, self.observables, self.ensemble.average)
+        every_disk = observables.needs_every_disk(self.observables, self.ensemble.average)
         return self.record | {"all"} if every_disk else self.record
 
 
@@ -86,15 +89,15 @@ def new_batch(
     Raises RequestError for observables that the scene does not have.
     """
     observables.refuse_unfit(scene, tuple(names), average)
-    ordered = tuple(name for name in observables.OBSERVABLES if name in names)
+    ordered = (*(name for name in observables.OBSERVABLES if name in names), *filter(is_own, names))
     tracer = None
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
         velocity = blank(shape, float) if "velocity" in record else None
         tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
-    stopped: dict[int, str] = {}
-    ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average, stopped)
-    return Batch(scene, ensemble, frozenset(record), ordered, stopped)
+    stopped, own = dict[int, str](), dict[str, OwnArray]()
+    ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average, stopped, own)
+    return Batch(scene, ensemble, frozenset(record), ordered, stopped, own)
 
 
 def make_runs(
@@ -133,6 +136,8 @@ def _add(batch: Batch, column: int, result: RunResult) -> None:
         x, y = result.tracer.velocity[0, 0].tolist()
         values["initial_square_speed"] = x * x + y * y
     values |= observables.observe(batch.scene, result, batch.observables, ensemble.average)
+    for name in filter(is_own, batch.observables):
+        values |= measure(name, batch.scene, result, observables.AXES, batch.own)
     _write(batch, column, values)
     if ensemble.tracer is not None:
         for recorded, track in zip(ensemble.tracer, result.tracer, strict=True):

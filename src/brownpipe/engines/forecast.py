@@ -78,9 +78,6 @@ class Definition(NamedTuple):
     forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
     # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
     refuse_unfit: Callable[[Scene, dict, frozenset[str]], None] = lambda scene, settings, record: None
-    # Settings that `brownpipe plan` tries, of which `check` shows the first, at least one for any scene, also for one
-    # that is refused later
-    candidates: Callable[[Scene], list[dict]] = lambda scene: [{}]
     moves_all_disks: bool = True  # otherwise it moves the tracer alone, and counts no collisions
     keeps_checkpoints: bool = False
 
@@ -98,7 +95,7 @@ def of_run(
     time = scene.duration + scene.equilibrate.time
     pair_collisions, wall_collisions = time * pair_rate(scene), time * wall_rate(scene)
     collisions = pair_collisions + wall_collisions
-    every_disk = "all" in record or measures.needs_every_disk(scene, observables, average)
+    every_disk = "all" in record or measures.needs_every_disk(observables, average)
     disk_samples = len(scene.times) * (1 + scene.particles * every_disk)
     working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * disk_samples
     recorded, kept = _bytes_of_record(scene, record, observables, collisions)
@@ -134,17 +131,18 @@ def seconds_to_record(disk_samples: int, recorded: float) -> float:
     return SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
 
 
-def seconds_to_measure(scene: Scene, names: Collection[str], average: str, of_bath: bool = True) -> float:
-    """Return the CPU seconds to measure observables in a run, or without their part `of_bath`."""
+def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> float:
+    """Return the CPU seconds to measure observables in a run."""
     seconds = SECONDS_TO_MEASURE * len(names)
     for observable in (measures.OBSERVABLES[name] for name in names):
         samples, disks = len(scene.times), scene.particles
-        if observable.of_single_disks:
+        if observable.of == "tracer":
             disks = len(equal_disks(scene)) if average == "disks" else 1
-            disks += len(bath_disks(scene)) if of_bath and observable.is_also_of_bath else 0
+        elif observable.of == "bath":
+            disks = len(bath_disks(scene))
         elif observable.is_over_samples and not is_stationary(scene):
             samples = 1
-        by_origins = average == "origins" and observable.of_single_disks
+        by_origins = average == "origins" and observable.of != "all"
         each = observable.seconds_per_product * samples / 2 if by_origins else observable.seconds_per_disk_sample
         seconds += samples * disks * each
     return seconds

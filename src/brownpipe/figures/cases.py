@@ -41,6 +41,11 @@ def has(case: Dataset, *names: str) -> bool:
     return all(name in case and bool(np.isfinite(case[name].values).any()) for name in names)
 
 
+def own_names(case: Dataset) -> list[str]:
+    """Return the names of the averages of the user's own observables that the case has."""
+    return [str(name) for name in case.data_vars if "observable" in case[name].attrs and has(case, str(name))]
+
+
 def one_count(cases: list[Dataset], particles: int | None = None) -> list[Dataset]:
     """Return the cases with one particle count per scene: the requested one, or else the largest.
 

@@ -12,6 +12,7 @@ FOLLOWED = "a disk to follow"
 COLLISIONS = "disks, and an engine that counts their collisions"
 SCAN = "two particle counts or more, or a varied key"
 TRACKED = "record: tracer"
+OWN = "an observable of your own"
 SPREADING = "record: tracer, or square_displacement among the observables"
 
 
@@ -36,6 +37,7 @@ FIGURES = {
         Figure("density_profile", ("the observable density_profile",), ("density_profile",)),
         Figure("orientational_order", ("the observable orientational_order",), ("orientational_order",), True),
         Figure("energy", ("the observable species_energy",), ("species_energy",)),
+        Figure("own_observables", (OWN,), every_count=True),
         Figure("thermodynamics", (COLLISIONS,), ("collision_rate",), every_count=True),
         Figure("scan", (SCAN, SPREADING), ("msd",), every_count=True),
         Figure("health", every_count=True),

@@ -8,8 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import axis_of, cases_of, differing, has, one_count
-from brownpipe.figures.catalogue import FIGURES, SCAN
+from brownpipe.figures.cases import axis_of, cases_of, differing, has, one_count, own_names
+from brownpipe.figures.catalogue import FIGURES, OWN, SCAN
 from brownpipe.figures.style import drawing, image_bytes
 
 if TYPE_CHECKING:
@@ -106,6 +106,8 @@ def cases_shown(
         _, needs, variables, every_count = FIGURES[name]
         selected = [case for case in cases if has(case, *variables)]
         selected = selected if every_count else one_count(selected, particles)
+        if OWN in needs:
+            selected = [case for case in selected if own_names(case)]
         if SCAN in needs and not (selected and axis_of(selected) in differing(selected)):
             selected = []
         if names and not selected:

@@ -158,9 +158,9 @@ def table_of_runs(ensemble: Ensemble) -> list[str]:
     rows: list[tuple[str, ...]] = [("observable", *(f"{name:>12}" for name in columns), "units", "meaning")]
     for name in sorted(ensemble.observables.keys() - {"failed"}):
         values, numbers = ensemble.observables[name], ["", "", ""]
-        units, meaning = described(name).values()
+        units, meaning = [*described(name, ensemble.own).values()][:2]
         if values.ndim > 1:
-            sizes = zip(dims_of("/", name), values.shape, strict=True)
+            sizes = zip(dims_of("/", name, ensemble.own), values.shape, strict=True)
             meaning += f" ({', '.join(f'{dim} {size}' for dim, size in sizes)})"
         elif shown.any():
             numbers = [f"{of(values[shown]):12.6g}" for of in (np.mean, np.min, np.max)]

@@ -13,6 +13,7 @@ from brownpipe.engines import forecast
 from brownpipe.engines.ensemble import Ensemble, select
 from brownpipe.formatting import counted, in_time
 from brownpipe.inspection.reports import DIGITS, trajectories_of
+from brownpipe.observables.own import identity
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
@@ -45,6 +46,8 @@ def _changes(original: Trajectories) -> str:
     """Return what differs between source and packages that made a file and those of this installation, in words."""
     here = versions() | {"source": source_digest(*modules_of("simulate", original.engine.name))}
     stored = {name: original.header.get(name, "unknown") for name in here} | {"source": original.source}
+    own = {array.observable: array.source for array in original.ensemble.own.values()}
+    here, stored = here | {name: identity(name).rpartition(" ")[2] for name in own}, stored | own
     pairs = ((name, stored[name][:DIGITS], here[name][:DIGITS]) for name in here if stored[name] != here[name])
     return "; ".join(f"{name.removesuffix('_version')} {before}, here {now}" for name, before, now in pairs)
 

@@ -5,7 +5,8 @@ stacked and stored under their names, shape (S, ...). ARRAYS describes each arra
 its dimensions: T sample times, K species (the tracer is a species of its own), P pairs of species.
 
 A new observable is a function and its record (`observable.Observable`) in a module of this package, and its name in
-OBSERVABLES. The command line, files, checkpoints, studies and forecasts take it from there.
+OBSERVABLES. The command line, files, checkpoints, studies and forecasts take it from there. A user's own functions need
+neither (`own`).
 """
 
 import math
@@ -14,24 +15,38 @@ from collections.abc import Collection, Iterable
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.observables import displacement, orientation, pairs, profile, quarters, time_origins, velocity
+from brownpipe.observables import displacement, orientation, own, pairs, profile, quarters, time_origins, velocity
 from brownpipe.observables.observable import Axis, Observable, RunArray
-from brownpipe.observables.species import bath_disks, equal_disks, species_table
+from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.observables.time_origins import why_not_stationary
 from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
 AVERAGES = ("runs", "origins", "disks")  # over runs alone, and within each run over time origins or equal disks
-OBSERVABLES: dict[str, Observable] = {
-    "square_displacement": displacement.SQUARE_DISPLACEMENT,
-    "velocity_autocorrelation": velocity.AUTOCORRELATION,
-    "species_energy": velocity.ENERGY,
-    "velocity_distribution": velocity.DISTRIBUTION,
-    "pair_distribution": pairs.DISTRIBUTION,
-    "density_profile": profile.DENSITY_PROFILE,
-    "quartic_displacement": displacement.QUARTIC_DISPLACEMENT,
-    "orientational_order": orientation.ORDER,
-}
+
+
+class Observables(dict[str, Observable]):
+    """Records by name; those of a user's own functions are not listed (`own`)."""
+
+    def __missing__(self, name: str) -> Observable:
+        if not own.is_own(name):
+            raise KeyError(name)
+        return own.observable_of(name)
+
+
+OBSERVABLES = Observables(
+    {
+        "square_displacement": displacement.SQUARE_DISPLACEMENT,
+        "velocity_autocorrelation": velocity.AUTOCORRELATION,
+        "bath_velocity_autocorrelation": velocity.BATH_AUTOCORRELATION,
+        "species_energy": velocity.ENERGY,
+        "velocity_distribution": velocity.DISTRIBUTION,
+        "pair_distribution": pairs.DISTRIBUTION,
+        "density_profile": profile.DENSITY_PROFILE,
+        "quartic_displacement": displacement.QUARTIC_DISPLACEMENT,
+        "orientational_order": orientation.ORDER,
+    }
+)
 ARRAYS: dict[str, RunArray] = quarters.ARRAYS | {
     name: array for observable in OBSERVABLES.values() for name, array in observable.arrays.items()
 }
@@ -48,22 +63,19 @@ AXES: dict[str, Axis] = {
 def observe(scene: Scene, run: Run, names: Iterable[str], average: str = "runs") -> dict[str, np.ndarray | int]:
     """Return the arrays of the named observables of one run (`tracks.Run`)."""
     arrays: dict[str, np.ndarray | int] = {}
-    for name in names:
+    for name in names:  # of one's own functions, see `own.measure`
         arrays |= OBSERVABLES[name].measure(scene, run, average)
     return arrays
 
 
-def needs_every_disk(scene: Scene, names: Iterable[str], average: str = "runs") -> bool:
+def needs_every_disk(names: Collection[str], average: str = "runs") -> bool:
     """Return whether these observables need the tracks of all disks; otherwise the tracer's is enough."""
-    asked = [OBSERVABLES[name] for name in names]
-    if average == "disks" or not all(observable.of_single_disks for observable in asked):
-        return bool(asked)
-    return any(observable.is_also_of_bath for observable in asked) and len(bath_disks(scene)) > 0
+    return bool(names) and (average == "disks" or any(OBSERVABLES[name].of != "tracer" for name in names))
 
 
 def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, ...], str]:
     """Return which of these observables an engine of the tracer alone can measure, and with which average."""
-    names = tuple(name for name in names if OBSERVABLES[name].of_single_disks)
+    names = tuple(name for name in names if OBSERVABLES[name].of == "tracer")
     return names, average if names else "runs"
 
 
@@ -108,10 +120,10 @@ def problem(scene: Scene, names: tuple[str, ...], average: str = "runs") -> tupl
 
 def _unfit(scene: Scene, names: tuple[str, ...]) -> str | None:
     """Return why the observables do not fit the scene, None if they do."""
-    unknown = [name for name in names if name not in OBSERVABLES]
+    unknown = [name for name in names if name not in OBSERVABLES and not own.is_own(name)]
     if unknown:
-        return f"{unknown[0]!r} is unknown; must be of {', '.join(OBSERVABLES)}"
-    if len(set(names)) < len(names):
+        return f"{unknown[0]!r} is unknown; must be of {', '.join(OBSERVABLES)}, or my_module:my_function"
+    if len(set(map(own.title_of, names))) < len(names):
         return "must differ"
     if names and scene.particles == 0:
         return "there is no disk to measure"
@@ -125,7 +137,7 @@ def _unfit_average(scene: Scene, names: tuple[str, ...], average: str) -> str | 
         return f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
     if average == "runs":
         return None
-    averageable = [name for name, observable in OBSERVABLES.items() if observable.of_single_disks]
+    averageable = [name for name, observable in OBSERVABLES.items() if observable.of == "tracer"]
     if not set(averageable) & set(names):
         return f"{average} needs {' or '.join(averageable)} among the observables"
     why = why_not_stationary(scene)

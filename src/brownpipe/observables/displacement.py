@@ -104,7 +104,7 @@ SQUARE_DISPLACEMENT = Observable(
             "v(t).(r(t) - r(0)) of the tracer, half of d(r^2)/dt; averaged like square_displacement",
         ),
     },
-    of_single_disks=True,
+    of="tracer",
     seconds_per_disk_sample=3.6e-8,
     seconds_per_product=2.2e-8,
 )
@@ -115,7 +115,7 @@ QUARTIC_DISPLACEMENT = Observable(
             ("time",), "length^4", "fourth power of the tracer's displacement; averaged like square_displacement"
         )
     },
-    of_single_disks=True,
+    of="tracer",
     seconds_per_disk_sample=3.6e-8,
     seconds_per_product=2.2e-8,
 )

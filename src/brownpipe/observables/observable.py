@@ -1,7 +1,7 @@
 """The record of an observable: how it is measured, its arrays, the scenes that it fits, the CPU time that it takes."""
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,9 @@ class Observable(NamedTuple):
     measure: Callable[[Scene, Run, str], Mapping[str, np.ndarray | int]]  # (scene, run, average) -> values by array
     arrays: dict[str, RunArray]  # by name; the first is measured in every scene
     seconds_per_disk_sample: float  # CPU seconds for each disk in each sample
-    of_single_disks: bool = False  # made from tracks of single disks: all AVERAGES apply, the tracer's track is enough
-    seconds_per_product: float = 0.0  # (`of_single_disks`) for each disk, lag and time origin, averaged over origins
-    is_also_of_bath: bool = False  # (`of_single_disks`) in a scene with a bath, made from its disks, too
+    # Whose tracks it is made from: those of the tracer alone, to which all AVERAGES apply, of the bath, which may be
+    # averaged over origins, or of all disks
+    of: Literal["tracer", "bath", "all"] = "all"
+    seconds_per_product: float = 0.0  # (not of `all`) for each disk, lag and time origin, averaged over origins
     is_over_samples: bool = False  # counted or averaged over the samples of a stationary scene, otherwise the last one
     unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can

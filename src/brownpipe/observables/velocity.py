@@ -22,20 +22,29 @@ def bin_centres(axis: str) -> np.ndarray:
 
 
 def autocorrelation(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
-    """Return velocity autocorrelations v(0).v(t) (T,) of the tracer and of the bath, and the tracer's time integral.
+    """Return the velocity autocorrelation v(0).v(t) (T,) of the tracer, and its integral over time.
 
     The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half its mean
-    (Green-Kubo). That of the bath is a mean over the disks of the most numerous species except the tracer's, if there
-    is one. `average` as in `displacement.square_displacement`.
+    (Green-Kubo). `average` as in `displacement.square_displacement`.
     """
-    arrays = {
+    return {
         "velocity_autocorrelation": _correlation(scene, tracer_tracks(scene, run, average).velocity, average),
         "velocity_displacement": velocity_displacement(scene, run, average),
     }
-    bath = bath_disks(scene)
-    if len(bath) and run.whole is not None:  # an engine of the tracer alone has no bath
-        arrays["bath_velocity_autocorrelation"] = _correlation(scene, run.whole.velocity[:, bath], average)
-    return arrays
+
+
+def bath_autocorrelation(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
+    """Return v(0).v(t) (T,), a mean over the disks of the most numerous species except the tracer's.
+
+    `average`: from t = 0, or for `origins` from every sample as time origin.
+    """
+    velocity = run.whole.velocity[:, bath_disks(scene)]
+    return {"bath_velocity_autocorrelation": _correlation(scene, velocity, average)}
+
+
+def without_bath(scene: Scene) -> str | None:
+    """Return why the scene has no bath, None if it has one."""
+    return None if len(bath_disks(scene)) else "needs disks of another species than the tracer's"
 
 
 def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray:
@@ -110,17 +119,24 @@ AUTOCORRELATION = Observable(
             "length^2/time",
             "v(0).(r(t) - r(0)) of the tracer, the integral of v(0).v(s); averaged like square_displacement",
         ),
+    },
+    of="tracer",
+    seconds_per_disk_sample=7e-9,
+    seconds_per_product=1e-9,
+)
+BATH_AUTOCORRELATION = Observable(
+    bath_autocorrelation,
+    {
         "bath_velocity_autocorrelation": RunArray(
             ("time",),
             "length^2/time^2",
             "v(0).v(t), mean over the disks of the most numerous species except the tracer's",
-            lambda scene: len(bath_disks(scene)) > 0,
-        ),
+        )
     },
-    of_single_disks=True,
+    of="bath",
     seconds_per_disk_sample=7e-9,
     seconds_per_product=1e-9,
-    is_also_of_bath=True,
+    unfit=without_bath,
 )
 ENERGY = Observable(
     species_energy,

@@ -3,7 +3,8 @@
 import numpy as np
 
 from brownpipe.engines.ensemble import Ensemble, Events, Track, blank
-from brownpipe.observables import ARRAYS, AXES, axes
+from brownpipe.observables import ARRAYS, AXES
+from brownpipe.observables.own import NO_OWN, Own
 from brownpipe.scene import Scene
 
 MEANING = {  # variable: units, long_name
@@ -49,15 +50,17 @@ NO_OBSERVABLES = {*SCALES, *Track._fields, "stopped"}  # variables of the root
 Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the root first
 
 
-def described(name: str) -> dict[str, str]:
-    """Return the units and the meaning of a variable."""
+def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
+    """Return the units and the meaning of a variable, and the function that measured it if it is one's own."""
+    if name in own:
+        return {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
     known = ARRAYS.get(name) or AXES.get(name)
     other = MEANING.get(name, ("1", name.replace("_", " ")))
     units, long_name = (known.units, known.long_name) if known else other
     return {"units": units, "long_name": long_name}
 
 
-def dims_of(group: str, name: str) -> tuple[str, ...]:
+def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
     """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
     if name in SCALES:
         return (name,)
@@ -69,13 +72,14 @@ def dims_of(group: str, name: str) -> tuple[str, ...]:
         return ("time", "seed", "component") if group == "/" else ("time", "seed", "disk", "component")
     if group == "/disks":
         return ("disk",)
-    return ("seed", *ARRAYS[name].dims) if name in ARRAYS else ("seed",)
+    known = own.get(name) or ARRAYS.get(name)
+    return ("seed", *known.dims) if known else ("seed",)
 
 
 def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     """Return runs as the variables of each group; tracks of several whole runs, and collisions, are copied."""
-    measured = (axes(scene, name).items() for name in ensemble.observables if name in ARRAYS)
-    root = {dim: np.asarray(values) for along in measured for dim, values in along}
+    along = [dim for name in ensemble.observables for dim in dims_of("/", name, ensemble.own) if dim in AXES]
+    root = {dim: np.asarray(AXES[dim].coordinates(scene)) for dim in along}
     root |= {"time": ensemble.times, "seed": ensemble.seeds, "component": np.array(["x", "y"])}
     root |= _recorded(ensemble.tracer) | ensemble.observables
     if ensemble.stopped:
@@ -106,7 +110,7 @@ def _side_by_side(ensemble: Ensemble) -> Track:
     return Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
 
 
-def ensemble_of(groups: Groups, average: str) -> Ensemble:
+def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
     """Return the runs of such variables."""
     root = groups["/"]
     seeds = root["seed"].tolist()
@@ -122,6 +126,7 @@ def ensemble_of(groups: Groups, average: str) -> Ensemble:
         events=_events(groups["/events"], [*columns]) if "/events" in groups else {},
         average=average,
         stopped=stopped,
+        own=own,
     )
 
 

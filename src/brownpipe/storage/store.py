@@ -18,6 +18,7 @@ import numpy as np
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import StorageError
+from brownpipe.observables.own import identity
 from brownpipe.provenance import digest_of, modules_of, source_digest
 from brownpipe.scene import Scene
 from brownpipe.stages import tracked
@@ -41,7 +42,7 @@ class StoredFile(NamedTuple):
 def runs_digest(scene: Scene, engine: Engine, record: Set[str], observables: Iterable[str], average: str) -> str:
     """Return the digest of all that determines runs besides their seeds; N is in the scene."""
     source = source_digest(*modules_of("simulate", engine.name))
-    return digest_of(scene.digest, engine.options, sorted(record), sorted(observables), average, source)
+    return digest_of(scene.digest, engine.options, sorted(record), sorted(map(identity, observables)), average, source)
 
 
 def folder_of_runs(scene: Scene, engine: Engine, digest: str) -> Path:

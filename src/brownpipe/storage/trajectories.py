@@ -15,6 +15,7 @@ from brownpipe.engines import Engine, recorded
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.observables import AXES, observables_making
+from brownpipe.observables.own import Own, own_arrays
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
@@ -55,7 +56,8 @@ class Trajectories(NamedTuple):
     def measured(self) -> tuple[str, ...] | None:
         """The observables that were measured in the runs; None if none of them came to its end."""
         names = self.ensemble.observables.keys()
-        return None if WITHOUT_RESULTS.issuperset(names) else observables_making(names)
+        own = dict.fromkeys(array.observable for array in self.ensemble.own.values())
+        return None if WITHOUT_RESULTS.issuperset(names) else (*observables_making(names), *own)
 
     @property
     def digest(self) -> str:
@@ -78,6 +80,7 @@ class Trajectories(NamedTuple):
             "command": simulate_command(self, ensemble.seeds, ",".join(sorted(self.record - {"tracer"}))),
             "source_digest": self.source,
             "runs_digest": "",
+            **({"own_arrays": json.dumps(ensemble.own)} if ensemble.own else {}),
         }
         return {**made, **versions(), **self.header}
 
@@ -121,28 +124,28 @@ def write_trajectories(
     """
     source = source or source_digest(*modules_of("simulate", engine.name))
     attributes = Trajectories(scene, engine, ensemble, source).attributes | {"runs_digest": digest}
-    write_file(path, sealed(_to_bytes(groups_of(scene, ensemble), attributes)))
+    write_file(path, sealed(_to_bytes(groups_of(scene, ensemble), attributes, ensemble.own)))
 
 
-def _to_bytes(groups: Groups, attributes: dict) -> bytes:
+def _to_bytes(groups: Groups, attributes: dict, own: Own) -> bytes:
     """Return the bytes of an HDF5 file of these groups, which are emptied. The same groups give the same bytes."""
     with h5py.File.in_memory(block_size=2**20) as file:
         file.attrs.update(attributes)
         for path, variables in groups.items():
             group = file.require_group(path)
             for name in sorted(variables, key=lambda name: (name not in SCALES, name)):
-                _write_variable(group, name, variables.pop(name))  # whole runs are copies: one variable at a time
+                _write_variable(group, name, variables.pop(name), own)  # whole runs are copies: one variable at a time
         file.flush()
         return file.id.get_file_image()
 
 
-def _write_variable(group: h5py.Group, name: str, values: np.ndarray) -> None:
+def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) -> None:
     """Write a variable with units, meaning and the scales of its dimensions, which are in the group or in the root."""
     kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
-    dims = dims_of(group.name, name)
+    dims = dims_of(group.name, name, own)
     filters = _filters(dims, values) if values.nbytes > SMALL and values.dtype.kind in "iuf" else {}
     dataset = group.create_dataset(name, data=values.astype(kind, copy=False), **filters)
-    dataset.attrs.update(described(name))
+    dataset.attrs.update(described(name, own))
     if name in SCALES:
         dataset.make_scale(name)
         return
@@ -176,7 +179,7 @@ def trajectories_in(image: bytes) -> Trajectories:
     with h5py.File.in_memory(image) as file:
         scene, engine, header = _setting(file)
         groups = {path: _variables(file[path]) for path in GROUPS if path in file}
-    ensemble = ensemble_of(groups, header["average"])
+    ensemble = ensemble_of(groups, header["average"], own_arrays(header))
     return Trajectories(scene, engine, ensemble, header["source_digest"], header)
 
 
@@ -191,7 +194,9 @@ def read_outline(path: str | Path) -> Trajectories:
         times, observables = file["time"][()], dict.fromkeys(json.loads(header["variables"]), np.zeros(0))
         none = np.zeros((len(times), 0, 2))
         tracer = Track(none, none if "velocity" in file else None) if "position" in file else None
-        ensemble = Ensemble(file["seed"][()], times, tracer, observables, {}, {}, header["average"])
+        ensemble = Ensemble(
+            file["seed"][()], times, tracer, observables, {}, {}, header["average"], own=own_arrays(header)
+        )
         return Trajectories(scene, engine, ensemble, header["source_digest"], header)
 
 
@@ -268,7 +273,8 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
             group |= {"box_size": size, "failed": ensemble.observables["failed"], "unwrapped": group["position"]}
         if "image" in group:
             group["unwrapped"] = group["position"] + group["image"] * size
-        variables = {name: (dims_of(path, name), values, described(name)) for name, values in group.items()}
+        said = {name: (dims_of(path, name, ensemble.own), described(name, ensemble.own)) for name in group}
+        variables = {name: (dims, group[name], meaning) for name, (dims, meaning) in said.items()}
         nodes[path] = xarray.Dataset(variables).set_coords(OF_POSITIONS.keys() & variables.keys())
     nodes["/"].attrs = trajectories.attributes
     return xarray.DataTree.from_dict(nodes, name=scene.name)
@@ -285,17 +291,18 @@ def from_tree(tree: "DataTree") -> Trajectories:
         raise RequestError(f"runs: must be what simulate or open returns, not a {type(tree).__name__}")
     try:
         scene, engine = setting_of(tree.attrs)
-        own = _own_names(tree)
+        own, arrays = _own_names(tree), own_arrays(tree.attrs)
         _refuse_part(scene, tree)
         groups = {
             node.path: {
-                name: node[name].transpose(*dims_of(node.path, name)).values
+                name: node[name].transpose(*dims_of(node.path, name, arrays)).values
                 for name in sorted(own[node.path] & node.variables.keys())
             }
             for node in tree.subtree
             if node.path in own
         }
-        return Trajectories(scene, engine, ensemble_of(groups, tree.attrs["average"]), tree.attrs["source_digest"])
+        ensemble = ensemble_of(groups, tree.attrs["average"], arrays)
+        return Trajectories(scene, engine, ensemble, tree.attrs["source_digest"])
     except (AttributeError, IndexError, KeyError, TypeError, ValueError, RequestError) as error:
         wrong = "runs: must be what simulate or open returns, or a selection of its seeds"
         raise RequestError(f"{wrong} ({error})") from error

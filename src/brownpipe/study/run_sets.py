@@ -37,7 +37,9 @@ ANALYSIS = 300e6  # bytes of a process that analyses or draws, besides data
 REPLICATES = 10_000  # of one run's data in memory, to average over the runs of a case
 COPIES = 5  # of a file in memory while it is read; in the trade-off of all files
 SECONDS_PER_CASE, SECONDS_PER_BYTE = 1.0, 1e-7  # CPU, to analyse
-RUNS_TIMED = 30  # of each engine and case in the trade-off, and more than those of a pilot
+RUNS_TIMED = 30  # of each engine and case in the trade-off
+PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
+FEWEST_PILOT_RUNS, MOST_PILOT_RUNS = 10, 400
 
 
 class RunSet(NamedTuple):
@@ -94,10 +96,14 @@ def run_sets(study: Study) -> list[RunSet]:
     sets = []
     for case in study.cases:
         for engine, _, seeds in (use for use in study.uses if use.case is case):
-            cost, digest = engine.forecast(case, *study.recording), runs_digest(case, engine, *study.recording)
-            folder = folder_of_runs(case, engine, digest)
-            sets.append(RunSet(engine, case, seeds or study.seeds, study.batch, cost, digest, folder))
+            sets.append(run_set(study, case, engine, seeds or study.seeds))
     return sets
+
+
+def run_set(study: Study, case: Scene, engine: Engine, seeds: Sequence[int]) -> RunSet:
+    """Return the runs of these seeds of one engine in one case, recorded and measured as the study says."""
+    cost, digest = engine.forecast(case, *study.recording), runs_digest(case, engine, *study.recording)
+    return RunSet(engine, case, seeds, study.batch, cost, digest, folder_of_runs(case, engine, digest))
 
 
 def batches_of(runs: RunSet) -> list[tuple[int, int]]:
@@ -122,7 +128,8 @@ def commands(study: Study) -> dict[str, str]:
     for name, (_, values) in study.varied.items():
         assigned = [f"{key}={json.dumps(value)}" for key, value in values.items()]
         scenes[name] += "".join(f" --value {shlex.quote(word)}" for word in assigned)
-    measured = f" --observables {','.join(study.observables)} --average {study.average}" if study.observables else ""
+    names = shell_path(",".join(study.observables))
+    measured = f" --observables {names} --average {study.average}" if study.observables else ""
     return {
         runs.key: f"{scenes[runs.case.name]} --particles {runs.case.particles} --engine {runs.engine.options}"
         f" --record {study.record}{measured} --planned {runs.digest}"
@@ -157,7 +164,7 @@ def digests(study: Study) -> dict[str, str]:
     aggregate = digest_of(runs, analysis, found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])
     return {
-        "plan": digest_of(runs, study.average, study.observables, found["tradeoff"]),
+        "plan": digest_of(runs, found["tradeoff"]),
         "aggregate": aggregate,
         "figures": digest_of(aggregate, study.figures, figure_options(study), found["figures"]),
         "tradeoff": tradeoff,
@@ -171,6 +178,11 @@ def digests(study: Study) -> dict[str, str]:
 def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
     """Return the CPU seconds of so many processes that make and write so many runs together."""
     return jobs * (forecast.START_UP + cost.once) + runs * cost.seconds
+
+
+def pilot_runs(cost: forecast.Cost) -> int:
+    """Return the number of pilot runs of a scene, given the cost of one."""
+    return int(np.clip(PILOT_SECONDS / cost.seconds, FEWEST_PILOT_RUNS, MOST_PILOT_RUNS))
 
 
 def with_assumed_runs(study: Study) -> Study:
@@ -200,16 +212,17 @@ def requests(study: Study) -> dict[str, dict[str, object]]:
     files = [runs.most_seeds * runs.cost.kept for runs in sets]
     memory = ANALYSIS + REPLICATES * max(cost.kept for cost in costs.values()) + COPIES * max(files)
     seconds = SECONDS_PER_CASE * len(sets) + SECONDS_PER_BYTE * data
-    measured = [*costs.values(), *(REFERENCE.forecast(case, *study.recording) for case in study.cases)]
-    timed = seconds + sum(5.0 + RUNS_TIMED * cost.seconds for cost in measured)
+    exact = [REFERENCE.forecast(case, *study.recording) for case in study.cases]
+    timed = seconds + sum(5.0 + RUNS_TIMED * cost.seconds for cost in (*costs.values(), *exact))
+    pilots = sum(seconds_of_jobs(cost, pilot_runs(cost)) for cost in exact)
 
     def of_simulate(wildcards: Mapping[str, str]) -> tuple[float, float]:
         cost, runs = costs[wildcards["digest"]], int(wildcards["last"]) - int(wildcards["first"]) + 1
         return forecast.memory(cost, runs), seconds_of_jobs(cost, runs)
 
     analysis = dict.fromkeys(("aggregate", "figures", "tradeoff_drawings"), _asked(lambda _: (memory, seconds)))
-    measurements = dict.fromkeys(("plan", "tradeoff"), _asked(lambda _: (memory + COPIES * data, timed)))
-    return {"simulate": _asked(of_simulate), **analysis, **measurements}
+    plan, tradeoff = _asked(lambda _: (memory, pilots)), _asked(lambda _: (memory + COPIES * data, timed))
+    return {"simulate": _asked(of_simulate), **analysis, "plan": plan, "tradeoff": tradeoff}
 
 
 def _asked(need: Callable[[Mapping[str, str]], tuple[float, float]]) -> dict[str, object]:

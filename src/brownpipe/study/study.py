@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
-from pydantic import Field, StrictBool, ValidationInfo, create_model, model_validator
+from pydantic import AfterValidator, Field, StrictBool, ValidationInfo, create_model, model_validator
 
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
@@ -18,7 +18,8 @@ from brownpipe.engines.exact import EXACT
 from brownpipe.engines.friction import default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
-from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SCAN, SPREADING, TRACKED
+from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, OWN, SCAN, SPREADING, TRACKED
+from brownpipe.observables.own import beside, is_own
 from brownpipe.provenance import digest_of
 from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene, reading
@@ -55,6 +56,10 @@ def _engine_kind(name: str) -> Any:
     return create_model(name, __base__=settings_of(name), **keys)
 
 
+def _own_name(name: str) -> str:
+    return name if is_own(name) else refuse("must be my_module:my_function")
+
+
 Text = Annotated[str, Field(min_length=1)]
 Tolerance = Annotated[float, Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1), converted(_share, float | str)]
 Target = Annotated[str, As(Literal[TARGETS])]
@@ -67,7 +72,9 @@ EngineKey: Any = Annotated[EngineRecord, reading.alone("name", EngineRecord | Li
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
 Engines = Annotated[tuple[Any, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
-Observables = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(measures.OBSERVABLES)], least=0))]
+OwnName = Annotated[str, AfterValidator(_own_name), Field(json_schema_extra={"pattern": ".:."})]
+Measure: Any = Literal[tuple(measures.OBSERVABLES)] | OwnName
+Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, least=0))]
 Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
@@ -129,6 +136,7 @@ class Study(Record):
         self._resolve(name=given.get("name", "study"))
         self._read_scenes(given.get("folder", Path()))
         self._read_engines()
+        self._resolve(observables=tuple(beside(given.get("folder", Path()), name) for name in self.observables))
         self._check_seeds()
         self._check_analysis()
         self._check_figures()
@@ -201,6 +209,7 @@ class Study(Record):
         counts, is_tracked = sorted({case.particles for case in self.cases}), self.record == "tracer"
         along = [*self.vary.values()][: 1 if self.vary_together else None]
         conditions = {f"the observable {name}": name in measured for name in measures.OBSERVABLES} | {
+            OWN: any(map(is_own, measured)),
             FOLLOWED: max(counts) > 0,
             COLLISIONS: any(use.case.particles and use.engine.definition.moves_all_disks for use in self.uses),
             SCAN: len(set(counts) - {0}) > 1

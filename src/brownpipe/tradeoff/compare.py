@@ -61,18 +61,23 @@ def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
     return found
 
 
-def runs_of(scene: Scene, engine: Engine, every: Ensemble) -> EngineRuns:
-    """Return the runs of an ensemble with ascending seeds."""
+def runs_of(scene: Scene, engine: Engine, every: Ensemble, squares: str | None = None) -> EngineRuns:
+    """Return the runs of an ensemble with ascending seeds.
+
+    squares: an observable that stands for the tracer's squared displacement. Without its track displacements are NaN.
+    """
     runs = select(every, reported(every, "failed") == 0)
-    moved = displacement(runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height))
-    moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
+    moved = np.full((len(runs.seeds), len(every.times), 2), np.nan)
+    if runs.tracer is not None:
+        moved = displacement(runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height))
+        moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
     return EngineRuns(
         scene=scene,
         engine=engine,
         seeds=runs.seeds,
         times=every.times,
         displacement=moved,
-        squared=(moved**2).sum(axis=-1),
+        squared=runs.observables[squares] if squares else (moved**2).sum(axis=-1),
         worst_overlap=reported(runs, "worst_overlap"),
         pair_counts=runs.observables.get("pair_counts"),
         failed=len(every.seeds) - len(runs.seeds),

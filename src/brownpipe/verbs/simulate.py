@@ -14,6 +14,7 @@ from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.formatting import counted, in_time
 from brownpipe.observables import OBSERVABLES
+from brownpipe.observables.own import identity
 from brownpipe.provenance import made_with
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import Count, Positive, read_yaml
@@ -42,7 +43,8 @@ def add_simulate(add: Callable) -> None:
             add(option(key), type=typed(setting.kind), metavar=setting.metavar, help=what)
     what = "tracer (default: its positions), velocity (of the tracer, too), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what)
-    measured = f"what to measure in each run: names joined by commas, some of {', '.join(OBSERVABLES)}"
+    some = f"some of {', '.join(OBSERVABLES)}, or a function of your own, my_module:my_function"
+    measured = f"what to measure in each run: names joined by commas, {some}"
     add("--observables", type=several(str), default=[], metavar="NAMES", help=measured)
     over = "runs (default), or all time origins or equal disks of a run"
     add("--average", default="runs", metavar="OVER", help=over)
@@ -86,6 +88,10 @@ def simulate(arguments: Namespace) -> int:
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
     with progress.shown("simulate"):
         ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
+    if ensemble.own:
+        from brownpipe.analysis.dataset import refuse_taken  # takes 0.2 s
+
+        refuse_taken(ensemble.own)
     write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
@@ -125,7 +131,7 @@ def _checkpoints(arguments: Namespace, path: str, scene: Scene, seeds: Sequence[
     from brownpipe.engines.exact.simulation import Checkpoints  # imports Numba
 
     options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
-    options |= {"observables": ",".join(arguments.observables) or "none", "average": arguments.average}
+    options |= {"observables": ",".join(map(identity, arguments.observables)) or "none", "average": arguments.average}
     made = {name.partition("_")[0]: value for name, value in made_with("simulate", "exact").items()}
     made_by = options | {"engine": arguments.engine, "scene": scene.digest} | made
     last_written = time.monotonic()

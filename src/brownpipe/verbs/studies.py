@@ -16,7 +16,7 @@ from brownpipe.scene.reading import AtLeastOne, Name, validated
 from brownpipe.storage.files import write_file
 from brownpipe.study import Study, read_study
 from brownpipe.study.check import describe_scene_or_study
-from brownpipe.study.plan import offers, performance_of, recommendation, write_plan, write_study
+from brownpipe.study.plan import offers, performance_of, recommendation, spent_on, write_plan, write_study
 from brownpipe.study.study import Target, Tolerance, why_no_relative_error
 from brownpipe.study.workflow import pipeline_folder, run_study
 from brownpipe.verbs.options import add_config, add_particles, typed
@@ -93,17 +93,19 @@ def add_plan(add: Callable) -> None:
 
 
 def plan(arguments: Namespace) -> int:
-    """Find the engine and number of runs that meet a tolerance at the lowest cost.
+    """Find the engine of a study, and the number of runs, that meet a tolerance at the lowest cost.
 
-    From pilot runs of some 10 s of CPU for each scene and number of disks.
+    From pilot runs of some 4 s of CPU for each engine, scene and number of disks. They are the first runs of the study,
+    which uses them again: they are stored in `results/runs` of this folder.
 
     example: brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml
     """
     study = read_study(arguments.study, dict(arguments.config))
     if arguments.count is not None:
         with progress.shown("plan"):
-            runs = write_plan(study, writable(arguments.count, arguments.study, suffixes=YAML))
+            runs, pilots = write_plan(study, writable(arguments.count, arguments.study, suffixes=YAML))
         show(f"{arguments.count}: {runs:,} runs for a tolerance of {100 * study.tolerance:g} % of {study.target}")
+        show(spent_on(pilots))
         return DONE
     target, tolerance = arguments.target or study.target, arguments.tolerance or study.tolerance
     if tolerance is None:
@@ -115,12 +117,13 @@ def plan(arguments: Namespace) -> int:
     inputs = (arguments.study, *map(str, study.scenes))
     output = None if arguments.write is None else writable(arguments.write, *inputs, suffixes=YAML)
     with progress.shown("plan"):
-        cases = performance_of(study, target)
+        cases, pilots = performance_of(study, target)
     show(*recommendation(cases, target, tolerance).split("\n"))
     best = next(iter(offers(cases, tolerance)), None)
     if output is not None and best is not None:
-        write_study(arguments.study, output, best, " ".join(["brownpipe plan", *map(shlex.quote, arguments.argv[1:])]))
+        write_study(study, arguments.study, output, best, f"brownpipe plan {shlex.join(arguments.argv[1:])}")
         show(f"{output}: a study with this engine and number of runs")
+    show(spent_on(pilots))
     return FAILED if best is None else DONE
 
 

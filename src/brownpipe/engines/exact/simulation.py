@@ -24,6 +24,7 @@ from brownpipe.engines.exact.run import (
 from brownpipe.engines.initial_state import draw, without_total_momentum
 from brownpipe.engines.units import State
 from brownpipe.errors import RunError
+from brownpipe.observables.own import own_arrays
 from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
 
@@ -121,8 +122,8 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies.
 
     `done` is the number of finished runs; `tracer.*`, `observables`, `whole.SEED.*` and `events.SEED.*` are their
-    columns and records in the ensemble, `stopped` its reasons as JSON, if there are any; `run.*` is the RunState of the
-    unfinished run, with `run.events.*`.
+    columns and records in the ensemble, `stopped` its reasons and `own` what is said of one's own arrays, as JSON, if
+    there are any; `run.*` is the RunState of the unfinished run, with `run.events.*`.
     """
     arrays = {"done": np.array(finished)}
     if ensemble.tracer is not None:
@@ -137,6 +138,8 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
             arrays |= _named(f"{group}.{seed}", record)
     if ensemble.stopped:
         arrays["stopped"] = np.frombuffer(json.dumps(dict(ensemble.stopped)).encode(), np.uint8)
+    if ensemble.own:
+        arrays["own"] = np.frombuffer(json.dumps(ensemble.own).encode(), np.uint8)
     if state is not None:
         arrays |= _named("run", state._replace(arrays=None, events=None))
         arrays |= {f"run.{name}": values for name, values in state.arrays.items()}
@@ -152,6 +155,8 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
     if "stopped" in arrays:
         stopped = json.loads(arrays["stopped"].tobytes())
         batch.stopped.update((int(seed), reason) for seed, reason in stopped.items())
+    if "own" in arrays:
+        batch.own.update(own_arrays({"own_arrays": arrays["own"].tobytes()}))
     finished = int(arrays["done"])
     if ensemble.tracer is not None:
         for name, values in ensemble.tracer._asdict().items():

@@ -97,7 +97,7 @@ def _forecast(
     names, average = of_tracer(observables, average)
     exact = forecast.of_run(scene, record, names, average)
     seconds = SECONDS_PER_RUN + forecast.seconds_to_record(len(scene.times), exact.recorded)
-    seconds += forecast.seconds_to_measure(scene, names, average, of_bath=False)
+    seconds += forecast.seconds_to_measure(scene, names, average)
     once, working = 0.0, BYTES_PER_SAMPLE * len(scene.times)
     if rate_scene := scene_of_rate(scene, settings["friction"]):
         rate = forecast.of_run(rate_scene)
@@ -135,5 +135,4 @@ LANGEVIN = Definition(
     caution=caution,
     forecast=_forecast,
     moves_all_disks=False,
-    candidates=lambda scene: [{"friction": "enskog"}],  # it needs no runs of the exact engine
 )

@@ -21,7 +21,6 @@ MOST_STEPS = 1e10  # in a run
 FINEST = 64  # shortest path of a disk in a step, in units of the round-off of the largest coordinate
 SECONDS_PER_DISK_STEP = 1.5e-9  # CPU seconds per disk and time step
 SECONDS_PER_CROSSING = 5e-7  # CPU seconds for lists of pairs while a disk moves by the distance of neighbours
-TRIAL_STEPS = (0.5, 0.15, 0.05)  # that `brownpipe plan` tries, in units of the largest allowed step; to one digit
 
 
 def refuse_unfit(scene: Scene, settings: dict, record: Collection[str]) -> None:
@@ -93,5 +92,4 @@ TIMESTEP = Definition(
     refuse_unfit=refuse_unfit,
     caution=forecast.caution,
     forecast=_forecast,
-    candidates=lambda scene: [{"time_step": float(f"{largest_step(scene) * part:.1g}")} for part in TRIAL_STEPS],
 )

@@ -1,0 +1,187 @@
+"""Observables of one's own: functions in a user's module, named `folder/my_module:my_function`.
+
+A function of scene and run, with the tracks `run.tracer` (M = 1) and `run.whole` (M = N) of `tracks.Track`, returns
+named arrays as xarray takes variables: a number, `(dims, values)`, or `(dims, values, attributes)` with `units` and
+`long_name`. The bytes of the module's file are part of what determines the runs. Files of runs have all that is said
+of the arrays: no module is read or run to read them.
+"""
+
+import hashlib
+import inspect
+import json
+import os
+import re
+import traceback
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from brownpipe.errors import RequestError
+from brownpipe.observables.observable import Observable
+from brownpipe.observables.tracks import Run, Track
+from brownpipe.scene import Scene
+
+SECONDS_PER_DISK_SAMPLE = 1e-7  # CPU, of a few operations of NumPy; what a function really takes is not known before
+
+
+class OwnArray(NamedTuple):
+    """What is said of an array of one's own; a file has it as JSON."""
+
+    dims: tuple[str, ...]  # besides that of the runs
+    shape: tuple[int, ...]
+    units: str
+    long_name: str
+    observable: str  # my_module:my_function
+    source: str  # SHA-256 of its module
+
+
+def own_arrays(attributes: Mapping) -> dict[str, OwnArray]:
+    """Return what the attributes of runs, or the arrays of a checkpoint, say of arrays of one's own in JSON."""
+    said = json.loads(attributes.get("own_arrays", "{}"))
+    return {name: OwnArray(tuple(dims), tuple(shape), *rest) for name, (dims, shape, *rest) in said.items()}
+
+
+Own = Mapping[str, OwnArray]  # by the name of the array
+NO_OWN: Own = MappingProxyType({})
+
+
+class Function(NamedTuple):
+    """A function that measures, and where it stands."""
+
+    call: Callable
+    file: str
+    source: bytes  # of the file
+
+
+class Tracks(NamedTuple):
+    """What a function gets of a run, in arrays that cannot be written to."""
+
+    tracer: Track
+    whole: Track
+
+
+_given: dict[str, Function] = {}  # functions that were given in Python
+
+
+def is_own(name: str) -> bool:
+    """Return whether a name is that of a function in a module."""
+    return ":" in name
+
+
+def title_of(name: str) -> str:
+    """Return a name without the folder of the module."""
+    return name.rpartition("/")[2]
+
+
+def beside(folder: Path, name: str) -> str:
+    """Return the name in the current folder of an observable that a study in another folder names."""
+    return os.path.relpath(folder / name) if is_own(name) else name
+
+
+def named(observable: str | Callable) -> str:
+    """Return the name of an observable that is given in Python; a function stands for itself.
+
+    One without a file, as of a notebook, is another one each time.
+    """
+    if not callable(observable):
+        return str(observable).strip()
+    file, name = Path(inspect.getfile(observable)), f"{observable.__module__}:{observable.__name__}"
+    _given[name] = Function(observable, str(file), file.read_bytes() if file.is_file() else os.urandom(16))
+    return name
+
+
+def identity(name: str) -> str:
+    """Return the name of an observable, of one's own with the digest of its source. Raises RequestError without it."""
+    return f"{title_of(name)} {_digest(_found(name))}" if is_own(name) else name
+
+
+def _digest(function: Function) -> str:
+    return hashlib.sha256(function.source).hexdigest()
+
+
+def observable_of(name: str) -> Observable:
+    """Return the record of a function in a module, which need not be there: `unfit` says why it cannot be used."""
+
+    def unfit(_: Scene) -> str | None:
+        try:
+            _found(name)
+        except RequestError as error:
+            return str(error).removeprefix(f"{name} ")
+        return None
+
+    return Observable(lambda *_: {}, {}, SECONDS_PER_DISK_SAMPLE, unfit=unfit)  # `measure` alone knows its arrays
+
+
+def _found(name: str) -> Function:
+    """Return a function in a module. Raises RequestError, which begins with its name, if it is not there."""
+    if name in _given:
+        return _given[name]
+    module, _, function = name.rpartition(":")
+    file = f"{module}.py"
+    try:
+        source = Path(file).read_bytes()
+        call = _defined_in(file, source).get(function)
+    except Exception as error:
+        raise RequestError(f"{name} cannot be used: {_in_words(error, file)}") from error
+    if not callable(call):
+        raise RequestError(f"{name} cannot be used: {file} has no function {function}")
+    return Function(call, file, source)
+
+
+@lru_cache(maxsize=8)
+def _defined_in(file: str, source: bytes) -> dict[str, Any]:
+    """Return what a module defines. It is run from these bytes: a compiled copy of it could be of older ones."""
+    variables = {"__name__": Path(file).stem, "__file__": file}
+    exec(compile(source, file, "exec"), variables)
+    return variables
+
+
+def _in_words(error: Exception, file: str) -> str:
+    """Return an exception with the last line of a file that it passed."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    return f"{type(error).__name__}: {error}" + (f" ({file}, line {lines[-1]})" if lines else "")
+
+
+def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, OwnArray]) -> dict[str, np.ndarray]:
+    """Return the arrays of a function in a module for a run, and add what is said of them to `known`.
+
+    `axes` are the dimensions with coordinates. Raises RequestError for whatever goes wrong in a function, and for
+    arrays that are not numbers, or are unlike those of the runs before.
+    """
+    function, measured = _found(name), dict[str, np.ndarray]()
+    tracks = Tracks(*(Track(*map(_read_only, track)) for track in (run.tracer, run.whole)))
+    try:
+        returned = function.call(scene, tracks)
+        if not isinstance(returned, Mapping):
+            raise TypeError(f"must return a mapping of names to arrays, not {returned!r:.40}")
+        for array, value in returned.items():
+            dims, measured[array], attributes = _taken_apart(array, value)
+            shape = tuple(len(axes[d].coordinates(scene)) if d in axes else None for d in dims)
+            own = OwnArray(dims, measured[array].shape, *attributes, title_of(name), _digest(function))
+            if any(size not in (None, found) for size, found in zip(shape, own.shape, strict=True)):
+                raise ValueError(f"{array}: must have {shape} values along {dims}, not {own.shape}")
+            if known.setdefault(array, own) != own:
+                raise ValueError(f"{array}: must be alike in all runs; was {known[array][:5]}, is {own[:5]}")
+    except Exception as error:
+        raise RequestError(f"{title_of(name)}: {_in_words(error, function.file)}") from error
+    return measured
+
+
+def _read_only(values: np.ndarray | None) -> np.ndarray | None:
+    return None if values is None else np.broadcast_to(values, values.shape)
+
+
+def _taken_apart(name: object, value: Any) -> tuple[tuple[str, ...], np.ndarray, tuple[str, str]]:
+    """Return dims, values, and units and meaning of a variable as xarray takes it. Raises ValueError for any other."""
+    given, numbers, *attributes = value if isinstance(value, tuple) else ((), value)
+    dims, array = (given,) if isinstance(given, str) else tuple(given), np.asarray(numbers, float)
+    if not all(re.fullmatch(r"[A-Za-z_]\w*", str(word), re.ASCII) for word in (name, *dims)):
+        raise ValueError(f"{name}: names of arrays and dimensions must be words of letters, digits and _")
+    if len(dims) != array.ndim or len({*dims, name}) != len(dims) + 1:
+        raise ValueError(f"{name}: must be (dims, values) with a dimension for each of {array.ndim} axes, not {dims}")
+    described = dict[str, object](*attributes)
+    return dims, array, (str(described.get("units", "1")), str(described.get("long_name", name)))

@@ -1,0 +1,166 @@
+"""Observables of a user's own: measured, stored, averaged; the mistakes that users make."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import brownpipe as bp
+from brownpipe import cli
+from brownpipe.engines import Engine
+from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
+from brownpipe.figures import own_observables
+from brownpipe.figures.cases import cases_of
+from brownpipe.study import read_study
+from brownpipe.study.run_sets import commands, files_of, run_sets
+from test_plan import SCENE
+
+GUIDE = Path(__file__).parents[1] / "docs" / "guide.md"
+EXAMPLE = re.search(r"```python\n(.*?)```", GUIDE.read_text().partition("An observable of your own")[2], re.DOTALL)[1]
+STUDY = "scenes: few.yaml\nseeds: 12\nbatch: 6\nobservables: [square_displacement, my_module:my_function]\n"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with the scene of the guide's example, its module and study in a folder below."""
+    monkeypatch.chdir(tmp_path)
+    Path("sub").mkdir()
+    for name, text in (("few.yaml", SCENE), ("my_module.py", EXAMPLE), ("study.yaml", STUDY)):
+        Path("sub", name).write_text(text)
+    return tmp_path
+
+
+def made(study):
+    """Make the runs of a study by its own commands; the file of each batch."""
+    for file in files_of(study):
+        words = commands(study)[file.path.parent.name[-8:]].split()
+        file.path.parent.mkdir(parents=True, exist_ok=True)
+        seeds = ["--seeds", f"{file.first}-{file.last}", "--output", str(file.path)]
+        assert cli.main(["simulate", *words, *seeds]) == DONE
+    return [file.path for file in files_of(study)]
+
+
+def test_the_example_of_the_guide_is_measured_stored_and_averaged_without_its_module_being_read_again(here):
+    files = made(read_study("sub/study.yaml"))
+    Path("sub/my_module.py").write_text("raise SystemExit('read')")
+    whole = bp.simulate("sub/few.yaml", "0-11", record="all").disks
+    left = (whole.position.sel(component="x") < 0.0).sum("disk")  # (time, seed), the box is [-3, 3]
+    for file in files:
+        with xr.open_datatree(file) as tree:
+            assert tree.left_disks.dims == ("seed", "time") and "time" in tree.left_disks.coords
+            described = {"units": "1", "long_name": "disks in the left half", "observable": "my_module:my_function"}
+            assert tree.left_disks.attrs == described
+            assert tree.turned.dims == ("seed",)
+            assert "--observables square_displacement,my_module:my_function" in tree.attrs["command"]
+    result = bp.analyse(files)
+    np.testing.assert_allclose(result.left_disks.squeeze(), left.mean("seed"), rtol=1e-14)
+    error = left.std("seed", ddof=1) / np.sqrt(12)
+    np.testing.assert_allclose(result.left_disks_standard_error.squeeze(), error, rtol=1e-12)
+    assert result.left_disks.attrs["observable"] == "my_module:my_function"
+    assert (result.left_disks_low <= result.left_disks).all() and result.turned_low.notnull().all()
+    bp.save(bp.open(files[0]), "again.h5")
+    xr.testing.assert_equal(bp.open("again.h5").left_disks, bp.open(files[0]).left_disks)
+    rows = own_observables.table(cases_of(result))
+    assert {"time", "left_disks", "left_disks_low", "turned", "turned_standard_error"} <= {*rows.columns}
+    assert bp.plot(result, "own_observables").axes
+
+
+def test_an_edited_function_makes_other_runs_wherever_the_study_is_called(here, monkeypatch):
+    (one,) = run_sets(read_study("sub/study.yaml"))
+    monkeypatch.chdir("sub")
+    (same,) = run_sets(read_study("study.yaml"))
+    with open("my_module.py", "a") as file:
+        file.write("# edited\n")
+    (edited,) = run_sets(read_study("study.yaml"))
+    assert one.digest == same.digest != edited.digest
+    assert cli.main(["simulate", *commands(read_study("study.yaml"))[edited.key].split(), "--output", "x.h5"]) == DONE
+
+
+def test_a_function_is_given_in_python_and_every_engine_of_all_disks_measures_it(here):
+    def in_cells(scene, run):
+        counts = [np.histogram(x, 4, (-3, 3))[0] for x in run.whole.position[:, :, 0]]
+        return {"in_cells": (("time", "cell"), np.array(counts))}
+
+    result = bp.analyse(
+        [
+            bp.simulate("sub/few.yaml", 12, observables=[in_cells]),
+            bp.simulate("sub/few.yaml", 12, observables=[in_cells], engine="timestep", time_step=1e-3),
+        ]
+    )
+    assert result.in_cells.dims[-2:] == ("time", "cell") and "cell" not in result.coords
+    np.testing.assert_allclose(result.in_cells.sum("cell"), 12.0, rtol=1e-14)
+    with pytest.warns(UserWarning, match="langevin is rough here"):
+        langevin = bp.simulate("sub/few.yaml", 3, observables=[in_cells], engine="langevin", friction="enskog")
+    assert "in_cells" not in langevin
+
+
+def test_a_checkpoint_keeps_what_is_said_of_the_arrays(here):
+    from brownpipe.engines.exact.checkpoint import pack, resume
+
+    from brownpipe.engines.ensemble import new_batch
+
+    scene, names = bp.read_scene("sub/few.yaml"), ("sub/my_module:my_function",)
+    ensemble = Engine("exact").simulate(scene, [0, 1], {"tracer"}, observables=names)
+    batch = new_batch(scene, [0, 1, 2], {"tracer"}, names, "runs")
+    assert resume(pack(ensemble, 2, None), batch)[0] == 2
+    assert batch.ensemble.own == ensemble.own
+
+
+FUNCTION = "def f(scene, run):\n    return "
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, r"my:f cannot be used: FileNotFoundError: .*my.py"),
+        ("def f(scene, run)", r"SyntaxError: .*\(my.py, line 1\)"),
+        ("import nothing_such", r"ModuleNotFoundError: .*\(my.py, line 1\)"),
+        ("def g(scene, run): return {}", r"my.py has no function f"),
+        ("def f(scene): return {}", r"seed 0: my:f: TypeError: f\(\) takes 1 positional argument but 2 were given"),
+        (FUNCTION + "{'mine': 1 / 0}", r"seed 0: my:f: ZeroDivisionError: division by zero \(my.py, line 2\)"),
+        (FUNCTION + "3", r"my:f: TypeError: must return a mapping of names to arrays, not 3"),
+        (FUNCTION + "{'mine': 'text'}", r"my:f: ValueError: could not convert string to float: 'text'"),
+        (FUNCTION + "{'a b': 1}", r"my:f: ValueError: a b: names of arrays and dimensions must be words"),
+        (FUNCTION + "{'mine': ('time', [1, 2])}", r"my:f: ValueError: mine: must have \(11,\) values along"),
+        (
+            FUNCTION + "{'mine': (('x', 'y'), [1, 2])}",
+            r"my:f: ValueError: mine: must be \(dims, values\) with a dimension for each",
+        ),
+        (FUNCTION + "{'pair_collisions': 1}", r"my:f: pair_collisions: pair_collisions is a name in runs"),
+        (FUNCTION + "{'msd': 1}", r"my:f: msd: msd is a name in runs or datasets"),
+        (FUNCTION + "{'mine': ('window', [1, 2])}", r"my:f: mine: window is a name in runs or datasets"),
+        (FUNCTION + "{'mine': run.whole.position.fill(0)}", r"my:f: ValueError: .*read-only \(my.py, line 2\)"),
+        (
+            "n = []\ndef f(scene, run):\n    n.append(1)\n    return {'mine': ('x', n)}",
+            r"seed 1: my:f: ValueError: mine: must be alike",
+        ),
+    ],
+)
+def test_mistakes_are_one_line_and_nothing_is_written(here, capsys, text, message):
+    if text is not None:
+        Path("my.py").write_text(text)
+    words = ["simulate", "sub/few.yaml", "--seeds", "0-2", "--observables", "my:f", "--output", "x.h5"]
+    assert cli.main(words) == WRONG_REQUEST
+    said = capsys.readouterr().err
+    assert re.search(message, said) and said.count("\n") == 1
+    assert not Path("x.h5").exists()
+
+
+def test_a_study_refuses_a_function_that_is_not_there_by_file_and_line(here):
+    Path("sub/study.yaml").write_text(STUDY.replace("my_function]", "my_funktion]"))
+    with pytest.raises(RequestError, match=r"sub/study.yaml: line 4: observables: .*my_module.py has no function my_f"):
+        read_study("sub/study.yaml")
+
+
+def test_cases_whose_arrays_differ_in_more_than_shape_are_not_joined(here):
+    def one(scene, run):
+        return {"mine": ("x", [1.0, 2.0])}
+
+    def other(scene, run):
+        return {"mine": ("y", [1.0, 2.0])}
+
+    runs = [bp.simulate("sub/few.yaml", 3, particles=n, observables=[f]) for n, f in ((12, one), (13, other))]
+    with pytest.raises(ValueError, match="mine: was measured by another function"):
+        bp.analyse(runs)
