@@ -13,7 +13,7 @@ from brownpipe import provenance
 from brownpipe.engines import DEFINITIONS
 
 LAYERS = [  # each may import those before it
-    *("quoting", "errors", "formatting", "provenance", "stages", "processes", "elementary", "theory"),
+    *("quoting", "errors", "formatting", "provenance", "stages", "processes", "theory"),
     *("scene", "observables", "engines", "progress", "storage", "analysis", "tradeoff", "figures", "report"),
     *("inspection", "study", "interface", "verbs", "cli", "__main__"),
 ]
@@ -86,7 +86,7 @@ def test_no_import_cycle():
 def test_kernels_know_arrays_alone(module):
     """No scene, no file, no table: what is compiled into an entry point is kernels and the records they work on."""
     known = needed_by(f"brownpipe.{module}")
-    assert all(name.startswith("engines/") or name in ("provenance.py", "elementary.py") for name in known), known
+    assert all(name.startswith("engines/") or name == "provenance.py" for name in known), known
 
 
 # -- digests of sources -----------------------------------------------------------------------------------------------

@@ -179,7 +179,7 @@ def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied)
     said, first = follows(copied)
     assert said == "compiling" and first.startswith(str(copied / "__pycache__" / "kernels-"))
     assert follows(copied) == [first]
-    for edited in ("engines/exact/cells.py", "elementary.py"):
+    for edited in ("engines/exact/cells.py", "engines/units.py"):
         with open(copied / edited, "a") as file:
             file.write("# edited\n")
         said, folder = follows(copied)

@@ -21,8 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.elementary import exp, log
-
 FEWEST_EXPECTED = 5.0  # bins with fewer expected counts are pooled before a chi-square
 LEVEL = 0.01  # significance level of the verdict on one model at one time
 FAMILY_LEVEL = 0.05  # family-wise error rate of all tests of a table
@@ -71,7 +69,7 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
         apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
         weights = np.maximum([1 + middle + apart, 1 + middle - apart], 0.0)
     statistic = ((observed - expected) ** 2 / expected).sum()
-    powers = weights, weights * weights, weights * weights * weights
+    powers = weights, weights**2, weights**3
     first, second, third = (len(expected) - 3 + power.sum() for power in powers)
     degrees = (second / third) ** 2 * second
     scaled = degrees + (statistic - first) * np.sqrt(degrees / second)
@@ -130,16 +128,16 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
     shift, scale, width = _lognormal(int(runs))
     if kurtosis <= shift:
         return 0.0
-    return float(2 * ndtr(-abs(log((kurtosis - shift) / scale)) / width))
+    return float(2 * ndtr(-abs(np.log((kurtosis - shift) / scale)) / width))
 
 
 def _lognormal(runs: int) -> tuple[float, float, float]:
     """Shift, median minus shift, and width of the lognormal distribution with the kurtosis' first three moments."""
     mean, variance, skewness = _greenwood(runs)
-    third = log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
-    w = exp(third) + exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
+    third = np.log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
+    w = np.exp(third) + np.exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
     scale = np.sqrt(variance / (w * (w - 1)))
-    return mean - scale * np.sqrt(w), scale, np.sqrt(log(w))
+    return mean - scale * np.sqrt(w), scale, np.sqrt(np.log(w))
 
 
 def _greenwood(n: int) -> tuple[float, float, float]:

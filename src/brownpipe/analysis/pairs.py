@@ -83,7 +83,7 @@ def contact_weights(edges: np.ndarray, contact: float, decay: float, flat: bool 
     basis: list[tuple[np.ndarray, float]] = []  # orthonormal columns, and the value of each at contact
     for degree in range(ORDER + 2):
         column, at_contact = _bin_averages(low, high, degree, decay, flat), float(degree == 0)
-        for other, value in basis:  # Gram-Schmidt, sums in a fixed order: the same bits on every processor
+        for other, value in basis:  # Gram-Schmidt
             along = (area * column * other).sum()
             column, at_contact = column - along * other, at_contact - along * value
         norm = np.sqrt((area * column**2).sum())
@@ -97,12 +97,8 @@ def _bin_averages(low: np.ndarray, high: np.ndarray, degree: int, decay: float, 
     total = np.zeros(len(low))
     for node, weight in ((-np.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (np.sqrt(0.6), 5 / 18)):
         r = (low + high) / 2 + node * (high - low) / 2
-        f = 1.0 / (1.0 + decay * (r - 1.0) / 16)
-        for _ in range(4):
-            f = f * f
-        for _ in range(degree):
-            f = f * (r - 1.0)
-        total = total + weight * (f if flat else r * f)
+        f = (r - 1.0) ** degree * (1.0 + decay * (r - 1.0) / 16) ** -16
+        total += weight * (f if flat else r * f)
     return total if flat else total / ((low + high) / 2)
 
 

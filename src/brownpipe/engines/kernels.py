@@ -90,7 +90,7 @@ def _folder() -> Path | None:
     It is named after a digest of all that kernels are made from. Numba itself compares the source of the file with the
     entry point alone, and would execute outdated code after an edit of another one.
     """
-    sources = sorted([*PACKAGE.glob("engines/**/*.py"), PACKAGE / "elementary.py"])
+    sources = sorted(PACKAGE.glob("engines/**/*.py"))
     name = f"kernels-{hashlib.sha256(b''.join(file.read_bytes() for file in sources)).hexdigest()[:16]}"
     of_user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser(), "brownpipe")
     for place in [Path(config.CACHE_DIR)] if config.CACHE_DIR else [PACKAGE / "__pycache__", of_user]:

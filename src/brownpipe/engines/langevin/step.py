@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from brownpipe.elementary import exp, expm1, tanh
 from brownpipe.engines.kernels import entry_point
 
 FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) cancels and is summed as a power series
@@ -25,16 +24,16 @@ def step_weights(dt: np.ndarray, gamma: float, square_speed: float) -> np.ndarra
     dt = np.asarray(dt, float)
     x = gamma * dt
     speed = np.sqrt(square_speed)
-    w1 = speed * np.sqrt(-expm1(-2 * x))
+    w1 = speed * np.sqrt(-np.expm1(-2 * x))
     w2 = dt / 2 * _tanh_ratio(x / 2)
     w3 = dt * np.sqrt(2 * _undetermined(x)) * speed
-    return np.stack([exp(-x), w1, w2, w3], axis=-1)
+    return np.stack([np.exp(-x), w1, w2, w3], axis=-1)
 
 
 def _tanh_ratio(y: np.ndarray) -> np.ndarray:
     """Return tanh(y)/y, 1 at y = 0."""
     safe = np.where(y == 0.0, 1.0, y)
-    return np.where(y == 0.0, 1.0, tanh(safe) / safe)
+    return np.where(y == 0.0, 1.0, np.tanh(safe) / safe)
 
 
 def _undetermined(x: np.ndarray) -> np.ndarray:
@@ -42,7 +41,7 @@ def _undetermined(x: np.ndarray) -> np.ndarray:
     y2 = (np.minimum(x, FLAT) / 2) ** 2
     series = x / 12 * (1 + y2 * (-2 / 5 + y2 * (17 / 105 + y2 * (-62 / 945 + y2 * 1382 / 51975))))
     safe = np.where(x < FLAT, 1.0, x)
-    return np.where(x < FLAT, series, (1 - 2 * tanh(safe / 2) / safe) / safe)
+    return np.where(x < FLAT, series, (1 - 2 * np.tanh(safe / 2) / safe) / safe)
 
 
 @entry_point
