@@ -20,7 +20,7 @@ from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
-from brownpipe.storage.checkpoints import read_checkpoint, write_checkpoint
+from brownpipe.storage.files import read_checkpoint, write_checkpoint
 from brownpipe.storage.trajectories import write_trajectories
 from test_exact import swarm
 

@@ -147,13 +147,13 @@ def test_a_record_leaves_no_references_to_its_arrays():
 FOLLOW = """
 import sys
 import numpy as np
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines import inlining, kernels
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.langevin.step import follow
 if "untested" in sys.argv:
     inlining.TESTED = ((0, 0), (0, 0))
-stages.remark_listeners.append(lambda line: print(line.partition(" ")[0]))
+progress.remark_listeners.append(lambda line: print(line.partition(" ")[0]))
 for _ in range(2):
     compile_all(lambda: follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))))
 print(kernels.FOLDER)

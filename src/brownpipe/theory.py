@@ -19,9 +19,6 @@ Broadcast = Any  # a float if all arguments are floats, otherwise an array: more
 # erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
 _WALLS_UNSEEN = 0.0068
 _SERIES_TERMS = 24
-# Factors by which all further Sonine orders correct the first, for equal disks: of the viscosity of a dilute gas, of D
-SONINE_VISCOSITY = 1.022
-SONINE_DIFFUSION = 1.027
 _NODES = 64  # of the quadrature over a quarter circle; error 1e-15 for the narrowest density of the series
 
 
@@ -225,22 +222,6 @@ def enskog_friction(
     the velocity autocorrelation has a 1/t tail, so that D(t) goes on rising slowly. docs/theory.md, sections 3 and 4.
     """
     return 2.0 * number_density * contact * distance * (np.sqrt(2.0 * np.pi) * np.sqrt(mass) * np.sqrt(temperature))
-
-
-def enskog_viscosity(
-    number_density: Numbers, diameter: Numbers, contact: Numbers, mass: Numbers, temperature: Numbers
-) -> Broadcast:
-    """Return Enskog's shear viscosity [mass/time], 1.022 eta_B (1 + phi chi)^2/chi + n^2 s^3 chi sqrt(pi m kT)/4.
-
-    For equal disks of packing fraction phi. eta_B = sqrt(m kT/pi)/(2 s) is Boltzmann's in the first Sonine order, n the
-    `number_density` [1/length^2], s the `diameter` [length], chi the `contact` value. The first term is the momentum
-    that disks carry, the second that exchanged in collisions. Enskog's theory, D. M. Gass, J. Chem. Phys. 54, 1898
-    (1971); docs/theory.md, section 3.
-    """
-    crowding = np.pi / 4.0 * number_density * np.square(diameter) * contact
-    momentum = np.sqrt(mass * temperature / np.pi)
-    carried = SONINE_VISCOSITY * momentum / (2.0 * diameter) * np.square(1.0 + crowding) / contact
-    return carried + np.pi / 4.0 * np.square(number_density) * diameter * np.square(diameter) * contact * momentum
 
 
 def mixture_contact_values(number_densities: np.ndarray, diameters: np.ndarray) -> np.ndarray:

@@ -200,7 +200,7 @@ def kurtosis(averages: Averages, names: Sequence[str] = ("r2", "r4", "r6")) -> E
     of 20, 50, 100 and 400 runs; the kurtosis itself has 90, 88, 91 and 94 %, plain percentiles 83 to 92 %.
     """
     cube = resampling.estimate(*map(averages.of, names), of=_inverse_cube)
-    with np.errstate(over="ignore"):  # an interval that reaches 0 has no upper end
+    with np.errstate(over="ignore", divide="ignore"):  # an interval that reaches 0 has no upper end
         mean, high, low = (np.exp(np.log(np.maximum(value, 0.0)) / -3.0) for value in (cube.mean, cube.low, cube.high))
     return Estimate(mean, mean * cube.standard_error / (3 * cube.mean), low, high)
 

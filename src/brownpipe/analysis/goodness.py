@@ -43,10 +43,7 @@ class Estimated(NamedTuple):
     variance: float  # of s_i/<s> over runs
 
 
-KNOWN = None  # source of a D that does not come from the runs
-
-
-def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | None = KNOWN) -> ChiSquare:
+def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | None = None) -> ChiSquare:
     """Return Pearson's test of counts (K,) against expected counts (K,) of the same total.
 
     Neighbouring bins are pooled until each expects FEWEST_EXPECTED. The nominal number of degrees of freedom is that of
@@ -57,11 +54,11 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
 
     pools = _pools(expected)
     observed, expected = _pooled(observed, pools), _pooled(expected, pools)
-    freedom = len(expected) - 1 - (source is not KNOWN)
+    freedom = len(expected) - 1 - (source is not None)
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
     weights = np.ones(2)
-    if source is not KNOWN:
+    if source is not None:
         runs, root = expected.sum(), np.sqrt(expected)
         b, c = _pooled(source.change, pools) / root, _pooled(source.shared, pools) / root / runs
         bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
@@ -76,7 +73,7 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
     return ChiSquare(statistic, freedom, float(gammaincc(degrees / 2, max(scaled, 0.0) / 2)))
 
 
-def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = KNOWN, level: float = LEVEL) -> float:
+def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = None, level: float = LEVEL) -> float:
     """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,) holds.
 
     X^2 is then taken for a noncentral chi-square with the nominal number of degrees of freedom. For a D from the same
@@ -87,7 +84,7 @@ def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = K
 
     pools = _pools(expected)
     expected, others = _pooled(expected, pools), _pooled(others, pools)
-    freedom = len(expected) - 1 - (source is not KNOWN)
+    freedom = len(expected) - 1 - (source is not None)
     if freedom < 1 or not np.all(np.isfinite(expected + others)):
         return np.nan
     return float(1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum()))

@@ -96,7 +96,7 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
     """
     columns = np.asarray(columns, float)
     if sums is None:
-        pivot, size = columns.mean(axis=0), (REPLICATES, columns.shape[1])
+        pivot, size = columns[0] + _total(columns - columns[0]) / len(seeds), (REPLICATES, columns.shape[1])
         arrays = np.zeros_like(pivot), np.zeros_like(pivot), np.zeros(REPLICATES), np.zeros(size), np.zeros(size)
         sums = Sums(0, pivot, *arrays)
     rows = np.asarray(seeds) % SEEDS_PER_BLOCK
@@ -107,11 +107,16 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
     weight = sums.weight + weights @ there
     moments = (deviation, sums.first, sums.drawn_first), (deviation**2, sums.second, sums.drawn_second)
     for terms, total, drawn in moments:
-        total += terms.sum(axis=0)
+        total += _total(terms)
         for chunk in _chunks(terms.shape[1]):
             steps, unit = _on_a_grid(terms[:, chunk])
             drawn[:, chunk] += (weights @ steps) * unit
     return sums._replace(runs=sums.runs + len(seeds), weight=weight)
+
+
+def _total(terms: np.ndarray) -> np.ndarray:
+    """Sums (K,) over rows (n, K), added up in the same order for any number of columns."""
+    return np.cumsum(terms, axis=0)[-1]
 
 
 def _chunks(columns: int) -> list[slice]:

@@ -6,7 +6,7 @@ from functools import cache
 import numba
 from numba.core import event
 
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines import inlining, kernels
 from brownpipe.processes import held
 
@@ -38,4 +38,4 @@ class _Compiling(event.Listener):
 
 @cache
 def _say_once(line: str) -> None:
-    stages.remark(line)
+    progress.remark(line)

@@ -304,11 +304,10 @@ def from_tree(tree: "DataTree") -> Trajectories:
 def refuse_foreign(tree: "DataTree") -> None:
     """Raise RequestError for a variable that a trajectory file has no place for."""
     own = _own_names(tree)
-    names = [(node.path, name) for node in tree.subtree for name in node.data_vars]
-    foreign = [f"{path}/{name}".lstrip("/") for path, name in names if name not in {"unwrapped", *own.get(path, ())}]
-    if foreign:
-        wrong = f"a trajectory file has no place for {foreign[0]}"
-        raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
+    for node in tree.subtree:
+        for name in node.data_vars.keys() - {"unwrapped", *own.get(node.path, ())}:
+            wrong = f"a trajectory file has no place for {f'{node.path}/{name}'.lstrip('/')}"
+            raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
 
 
 def _own_names(tree: "DataTree") -> dict[str, set[str]]:
@@ -334,8 +333,5 @@ def _refuse_part(scene: Scene, tree: "DataTree") -> None:
             is_other = dim in node.coords and not np.array_equal(node.coords[dim].values, values)
             if is_other or node.sizes.get(dim, len(values)) != len(values):
                 raise ValueError(f"of {dim} it must hold all {len(values)} in order; select from the analysis instead")
-    if "position" in tree:
-        if not np.isfinite(tree.position.transpose("seed", ...).values[tree.failed.values == 0]).all():
-            raise ValueError("holds positions that are not finite in a run that did not fail")
-        if scene.box.periodic and "image" not in tree:
-            raise ValueError("lacks image, which a periodic box needs")
+    if "position" in tree and scene.box.periodic and "image" not in tree:
+        raise ValueError("lacks image, which a periodic box needs")

@@ -20,14 +20,13 @@ from brownpipe.analysis import drift
 from brownpipe.engines import DEFINITIONS, Engine, configured, forecast
 from brownpipe.engines.saturation import share_failing
 from brownpipe.errors import AnalysisError, RequestError
-from brownpipe.formatting import in_time
-from brownpipe.quoting import in_lines
+from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS
-from brownpipe.stages import tracked
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
 from brownpipe.study.study import MOST_JOBS, REFERENCE, Study
+from brownpipe.text import in_lines, in_time
 from brownpipe.tradeoff import timing
 
 COMMENT = "# The number of runs that the tolerance of this study needs, determined once."

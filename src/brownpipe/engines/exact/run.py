@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.ensemble import Events, RunResult
 from brownpipe.engines.exact import workspace as ws
@@ -142,7 +142,7 @@ def _to_last_sample(
             if events >= max(EVENTS_PER_CALL, 2 * scene.particles):
                 _refuse_standstill(w, frame, before, events)
                 before, events = _block_and_time(w), 0
-            stages.within(_fraction(scene, frame, w, start.equilibrating))
+            progress.within(_fraction(scene, frame, w, start.equilibrating))
         if len(recorder.log_time):
             logs.append(logged(recorder, w, frame))
             w.progress[ws.LOGGED] = 0

@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines.compiling import compile_all
 from brownpipe.engines.ensemble import Ensemble, RunResult, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
@@ -78,7 +78,7 @@ def _collision_rate(scene: Scene) -> float:
 
     The rate of each run is scaled from the run's own temperature to the scene's: rates are proportional to sqrt(kT).
     """
-    with stages.unreported():
+    with progress.unreported():
         runs = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"}))
     if failed := failures(runs):
         raise RunError(f"{scene.name}: of the runs that measure the friction {failed}; must be friction: enskog")
