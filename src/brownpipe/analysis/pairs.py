@@ -97,8 +97,12 @@ def _bin_averages(low: np.ndarray, high: np.ndarray, degree: int, decay: float, 
     total = np.zeros(len(low))
     for node, weight in ((-np.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (np.sqrt(0.6), 5 / 18)):
         r = (low + high) / 2 + node * (high - low) / 2
-        f = (r - 1.0) ** degree * (1.0 + decay * (r - 1.0) / 16) ** -16
-        total += weight * (f if flat else r * f)
+        f = 1.0 / (1.0 + decay * (r - 1.0) / 16)
+        for _ in range(4):
+            f = f * f
+        for _ in range(degree):
+            f = f * (r - 1.0)
+        total = total + weight * (f if flat else r * f)
     return total if flat else total / ((low + high) / 2)
 
 
