@@ -197,7 +197,7 @@ def of_early_end(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("early"))
-        patch.setattr("brownpipe.storage.trajectories.write_trajectories", die)
+        patch.setattr("brownpipe.verbs.simulate.write_trajectories", die)
         Path("some.yaml").write_text(SCENE.replace("DURATION", "70.0"))
         with pytest.raises(KilledError):
             main(["simulate", "some.yaml", *ASKED, "--checkpoint-every", "1e-9"])
