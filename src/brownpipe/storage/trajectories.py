@@ -333,5 +333,8 @@ def _refuse_part(scene: Scene, tree: "DataTree") -> None:
             is_other = dim in node.coords and not np.array_equal(node.coords[dim].values, values)
             if is_other or node.sizes.get(dim, len(values)) != len(values):
                 raise ValueError(f"of {dim} it must hold all {len(values)} in order; select from the analysis instead")
-    if "position" in tree and scene.box.periodic and "image" not in tree:
-        raise ValueError("lacks image, which a periodic box needs")
+    if "position" in tree:
+        if not np.isfinite(tree.position.transpose("seed", ...).values[tree.failed.values == 0]).all():
+            raise ValueError("holds positions that are not finite in a run that did not fail")
+        if scene.box.periodic and "image" not in tree:
+            raise ValueError("lacks image, which a periodic box needs")

@@ -55,7 +55,7 @@ def aggregate(arguments: Namespace) -> None:
         dataset = analysis.aggregate(
             files, windows, width, count, times or (), *(([*study.vary], study.vary_together) if study else ())
         )
-    write_dataset(output, dataset.assign_attrs(planned=arguments.planned or ""))
+    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
     if study is not None:
         list_runs(study, arguments)
     show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
@@ -137,6 +137,6 @@ def tradeoff(arguments: Namespace) -> None:
     output = writable(arguments.output or default, arguments.study, *inputs, suffixes=NETCDF)
     with progress.shown("tradeoff"):
         dataset = comparison.measure(arguments.files or expected, dict(study.instead_of), arguments.fit_window)
-    write_dataset(output, dataset.assign_attrs(planned=arguments.planned or ""))
+    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
     list_runs(study, arguments)
     show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")
