@@ -13,12 +13,17 @@ from brownpipe import provenance
 from brownpipe.engines import DEFINITIONS
 
 LAYERS = [  # each may import those before it
-    *("quoting", "errors", "formatting", "provenance", "stages", "processes", "elementary", "theory"),
-    *("scene", "observables", "engines", "progress", "storage", "analysis", "tradeoff", "figures", "report"),
+    *("text", "errors", "provenance", "progress", "processes", "theory"),
+    *("scene", "observables", "engines", "storage", "analysis", "tradeoff", "figures", "report"),
     *("inspection", "study", "interface", "verbs", "cli", "__main__"),
 ]
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
-HELPERS = ("provenance.py", "stages.py", "processes.py")  # to keep machine code, to say that kernels are compiled
+HELPERS = (
+    "provenance.py",
+    "progress.py",
+    "processes.py",
+    "text.py",
+)  # to keep machine code, to say that kernels are compiled
 ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.insertion")
 
 
@@ -94,8 +99,8 @@ def test_kernels_know_arrays_alone(module):
 
 CASES = [*(("simulate", engine) for engine in DEFINITIONS), ("aggregate", None), ("tradeoff", None), ("figures", None)]
 SILENT = (  # what a step imports and what decides no number and no byte of its output
-    *("progress.py", "stages.py", "processes.py"),  # progress, processes and signals
-    *("errors.py", "quoting.py", "formatting.py", "provenance.py"),  # messages
+    *("progress.py", "processes.py"),  # progress, processes and signals
+    *("errors.py", "text.py", "provenance.py"),  # messages
     *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),  # refusals; settings are arguments
     "figures/catalogue.py",  # names that a study may have
 )

@@ -19,7 +19,7 @@ from brownpipe.engines.exact.simulation import NO_CHECKPOINTS, Checkpoints, simu
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
-from brownpipe.storage.checkpoints import read_checkpoint, write_checkpoint
+from brownpipe.storage.files import read_checkpoint, write_checkpoint
 from brownpipe.storage.trajectories import write_trajectories
 from test_exact import swarm
 
@@ -276,7 +276,9 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
         Path("some.yaml").write_text(SCENE.replace("DURATION", value))
     elif option in ("source", "numba"):
         made_with, kinds = provenance.made_with("simulate", "exact"), {"source": "digest", "numba": "version"}
-        monkeypatch.setattr(provenance, "made_with", lambda *_: made_with | {f"{option}_{kinds[option]}": value})
+        monkeypatch.setattr(
+            "brownpipe.verbs.simulate.made_with", lambda *_: made_with | {f"{option}_{kinds[option]}": value}
+        )
     else:
         asked += [option, value]
     status, err = said(capsys, *asked)

@@ -15,9 +15,9 @@ import pytest
 from brownpipe.cli import build_parser, main
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
-from brownpipe.quoting import printable
 from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.trajectories import read_trajectories
+from brownpipe.text import printable
 from brownpipe.verbs import VERBS
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"

@@ -18,7 +18,8 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.units import State
-from brownpipe.scene import packing, parse_scene
+from brownpipe.scene import parse_scene
+from brownpipe.scene.scene import overlap
 
 W, P = "reflecting", "periodic"
 EPSILON = np.finfo(float).eps
@@ -291,7 +292,7 @@ def audit(scene, state, whole, events, seen):
     np.testing.assert_allclose(whole.position[0], state.position, rtol=0, atol=1e-14 * np.abs(state.position).max())
     energy = [mass @ np.sum(v**2, axis=1) for v in (first, last)]
     assert energy[1] / energy[0] - 1 == pytest.approx(seen["energy_drift"], abs=1e-14)
-    assert packing.overlap(whole.position[-1], state.radius, box_sides(scene)) is None
+    assert overlap(whole.position[-1], state.radius, box_sides(scene)) is None
     low, high = np.array((scene.box.x, scene.box.y)).T
     slack = 1e-15 * (high - low)
     assert (whole.position >= low - slack).all()
@@ -568,7 +569,7 @@ def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
     assert np.array_equal(first.velocity[0, 0], begin.velocity[0])
     assert (np.hypot(*(first.position[0] - begin.position)[1:].T) > 0.01).mean() > 0.9
     assert (run.events[3].time <= scene.duration).all()
-    assert packing.overlap(first.position[0], scene.radius) is None
+    assert overlap(first.position[0], scene.radius) is None
     energy = [0.5 * scene.mass @ np.sum(v**2, axis=1) for v in (begin.velocity, first.velocity[0])]
     assert energy[1] == pytest.approx(energy[0], rel=1e-12)  # a pinned tracer takes none
     free = simulate(scene.replace(equilibrate={"time": 1.0, "tracer": "free"}), [3], {"all"}).whole[3]

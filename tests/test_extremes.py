@@ -22,8 +22,7 @@ from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.units import State, motion_of
 from brownpipe.errors import RequestError
-from brownpipe.scene import packing
-from brownpipe.scene.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS
+from brownpipe.scene.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS, overlap
 from test_exact import FEW, P, W, box, crystal, explicit, make, note_scene
 
 BOTH = pytest.mark.parametrize("boundary", [W, P])
@@ -182,7 +181,7 @@ def test_disks_that_meet_in_one_point(boundary, n):
     position, velocity, _, seen = outcome(box(6, 6, boundary), disks, 1.5)
     assert seen["pair_collisions"] >= n / 2
     assert (np.sum(position * velocity, axis=1) > 0).all()
-    assert packing.overlap(position, disks.radius) is None
+    assert overlap(position, disks.radius) is None
     assert np.abs(velocity.sum(axis=0)).max() < 1e-14
 
 

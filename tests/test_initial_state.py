@@ -12,7 +12,8 @@ from scipy import stats
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
 from brownpipe.errors import PlacementError, RequestError
-from brownpipe.scene import packing, parse_scene
+from brownpipe.scene import parse_scene
+from brownpipe.scene.scene import overlap
 from test_exact import P, W, box, explicit, make, note_scene, species
 
 VELOCITY_17 = [-0.042623150097255494, 2.3328060725321036]
@@ -136,7 +137,7 @@ def assert_sound(scene, state):
     assert (state.position >= low + margin).all()
     assert (state.position <= high - margin).all()
     sides = (scene.box.x, scene.box.y) if scene.box.periodic else None
-    assert packing.overlap(state.position, state.radius, sides) is None
+    assert overlap(state.position, state.radius, sides) is None
 
 
 RANDOM = {
@@ -289,7 +290,7 @@ def test_finds_an_overlap_where_all_pairs_do(disks, periodic):
         return np.hypot(*apart) - radius[a] - radius[b]
 
     gaps = {pair: gap(*pair) for pair in combinations(range(len(disks)), 2)}
-    found = packing.overlap(position, radius, ((0, 1), (0, 1)) if periodic else None)
+    found = overlap(position, radius, ((0, 1), (0, 1)) if periodic else None)
     if found is None:
         assert all(value > -1e-12 for value in gaps.values())
     else:
@@ -303,6 +304,6 @@ def test_passes_a_hexagonal_packing_in_contact():
     position = np.stack([0.2 * (j + i % 2 / 2), 0.1 * math.sqrt(3) * i], axis=1)
     box = ((0, 60 * 0.2), (0, 52 * 0.1 * math.sqrt(3)))
     radius = np.full(len(i), 0.1)
-    assert packing.overlap(position, radius, box) is None
+    assert overlap(position, radius, box) is None
     radius[77] += 1e-9
-    assert 77 in packing.overlap(position, radius, box)[:2]
+    assert 77 in overlap(position, radius, box)[:2]

@@ -19,8 +19,8 @@ from brownpipe.inspection import reproduction
 from brownpipe.provenance import ANALYSIS_PACKAGES, PACKAGES, versions
 from brownpipe.scene import read_scene
 from brownpipe.storage import trajectories
-from brownpipe.storage.checkpoints import write_checkpoint
 from brownpipe.storage.datasets import write_dataset
+from brownpipe.storage.files import write_checkpoint
 from brownpipe.storage.layout import described
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene, write

@@ -353,8 +353,6 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt: unknown; did you mean time_step?"),
         (lambda: bp.simulate(SCENE, seed=3), "seed: unknown; did you mean seeds?"),
         (lambda: bp.scan(SCENE, {"duration": [1, 2]}, core=2), "core: unknown; did you mean cores?"),
-        (lambda: bp.analyse("a.h5", fit_window=(0, 1)), "fit_window: unknown; did you mean fit_windows?"),
-        (lambda: bp.Scene(quick=True), r"quick: unknown; see help\(brownpipe.Scene\)"),
         (lambda: bp.simulate(SCENE, cores=0), "cores: must be >= 1, not 0"),
         (lambda: bp.mean(np.zeros(3)), "array: must be an array with the dimension seed"),
         (lambda: bp.mean(xarray.DataArray([1.0, 2.0], {"seed": [4, 4]})), "array: must have every seed once"),

@@ -147,13 +147,13 @@ def test_a_record_leaves_no_references_to_its_arrays():
 FOLLOW = """
 import sys
 import numpy as np
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines import compiler, kernels
 from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.langevin.simulation import follow
 if "untested" in sys.argv:
     compiler.TESTED = ((0, 0), (0, 0))
-stages.remark_listeners.append(lambda line: print(line.partition(" ")[0]))
+progress.remark_listeners.append(lambda line: print(line.partition(" ")[0]))
 for _ in range(2):
     compile_all(lambda: follow(np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros((0, 4))))
 print(kernels.FOLDER)
@@ -179,7 +179,7 @@ def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied)
     said, first = follows(copied)
     assert said == "compiling" and first.startswith(str(copied / "__pycache__" / "kernels-"))
     assert follows(copied) == [first]
-    for edited in ("engines/exact/cells.py", "elementary.py"):
+    for edited in ("engines/exact/cells.py", "engines/units.py"):
         with open(copied / edited, "a") as file:
             file.write("# edited\n")
         said, folder = follows(copied)

@@ -12,8 +12,8 @@ from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Track
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.figures import movie
-from brownpipe.formatting import in_bytes
 from brownpipe.storage.trajectories import write_trajectories
+from brownpipe.text import in_bytes
 from ensembles import make_runs, make_scene
 
 SEEDS = (3, 8)

@@ -97,9 +97,8 @@ def test_a_function_is_given_in_python_and_every_engine_of_all_disks_measures_it
 
 
 def test_a_checkpoint_keeps_what_is_said_of_the_arrays(here):
-    from brownpipe.engines.exact.simulation import pack, resume
-
     from brownpipe.engines.ensemble import new_batch
+    from brownpipe.engines.exact.simulation import pack, resume
 
     scene, names = bp.read_scene("sub/few.yaml"), ("sub/my_module:my_function",)
     ensemble = Engine("exact").simulate(scene, [0, 1], {"tracer"}, observables=names)

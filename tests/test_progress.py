@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from brownpipe import analysis, progress, stages
+from brownpipe import analysis, progress
 from brownpipe.engines import configured
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
@@ -31,7 +31,7 @@ EXACT, STEPS = configured("exact"), configured("timestep", time_step=0.01)
 def reported(monkeypatch):
     """The stages that are reported during the test: unit, done and total."""
     found = []
-    monkeypatch.setattr(stages, "listeners", [lambda *stage: found.append(stage)])
+    monkeypatch.setattr(progress, "listeners", [lambda *stage: found.append(stage)])
     return found
 
 
@@ -39,10 +39,10 @@ def reported(monkeypatch):
 
 
 def test_a_piece_is_reported_by_what_is_tracked_within_it_and_by_nothing_else(reported):
-    for _ in stages.tracked("ab", "cases"):
-        stages.report("runs", 1, 3)
-        for _ in stages.tracked("cd", "engines"):
-            stages.report("runs", 2, 3)
+    for _ in progress.tracked("ab", "cases"):
+        progress.report("runs", 1, 3)
+        for _ in progress.tracked("cd", "engines"):
+            progress.report("runs", 2, 3)
     shares = [0.5, 1, 1]  # of a case: after each engine, at its end
     assert reported == [("cases", case + share, 2) for case in (0, 1) for share in shares]
 
@@ -53,7 +53,7 @@ def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypa
     monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 60)
     monkeypatch.setattr(timestep, "DISK_STEPS_PER_CALL", 31 * 39)
     found = []
-    monkeypatch.setattr(stages, "listeners", [lambda *stage: found.append(stage)])
+    monkeypatch.setattr(progress, "listeners", [lambda *stage: found.append(stage)])
     assert engine.simulate(SCENE, [3, 4], {"tracer"}).tracer.position.tobytes() == before.tobytes()
     assert {(unit, total) for unit, _, total in found} == {("runs", 2)}
     done = np.array([done for _, done, _ in found])
@@ -86,7 +86,7 @@ def clock(monkeypatch):
 def test_a_log_has_a_line_every_half_a_minute(clock, capsys):
     with progress.shown("aggregate"):
         for runs in range(71):
-            stages.report("runs", runs, 1000)
+            progress.report("runs", runs, 1000)
             clock.now += 1.0
     out, err = capsys.readouterr()
     assert out == ""
@@ -115,22 +115,22 @@ def test_the_time_left_follows_from_the_pace_since_the_stage_began(clock, capsys
 
 def test_silent_means_nothing_and_the_outer_one_shows_all(monkeypatch, capsys):
     with progress.shown("simulate", silent=True):
-        stages.remark("compiling")
+        progress.remark("compiling")
     assert capsys.readouterr() == ("", "")
     with progress.shown("study"), progress.shown("simulate"):
-        assert len(stages.listeners) == 1
-        stages.remark("compiling")
+        assert len(progress.listeners) == 1
+        progress.remark("compiling")
     assert capsys.readouterr().err == "brownpipe: compiling\n"
-    assert stages.listeners == stages.remark_listeners == []
+    assert progress.listeners == progress.remark_listeners == []
 
 
 WORK = """
 import sys, time
-from brownpipe import progress, stages
+from brownpipe import progress
 progress.DELAY, progress.INTERVAL, progress.LINE_INTERVAL = 0.0, 0.0, 0.0
 with progress.shown("movie"):
-    stages.remark("compiling")
-    for k in stages.tracked(range(40), "frames"):
+    progress.remark("compiling")
+    for k in progress.tracked(range(40), "frames"):
         time.sleep(float(sys.argv[1]))
 print("made")
 """

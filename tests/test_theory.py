@@ -14,6 +14,7 @@ from scipy.special import eval_genlaguerre, roots_genlaguerre
 
 from brownpipe import theory
 from closed_forms import pair_distance_density, propagator
+from validation import transport
 
 SIGMAS = 4.5
 
@@ -306,8 +307,8 @@ def test_sonine_factors_of_disks():
         return c[0] * eval_genlaguerre(p, 1, square)
 
     for trial, second, converged in (
-        (stress, 51 / 50, theory.SONINE_VISCOSITY),
-        (current, 43 / 42, theory.SONINE_DIFFUSION),
+        (stress, 51 / 50, transport.SONINE_VISCOSITY),
+        (current, 43 / 42, transport.SONINE_DIFFUSION),
     ):
         factors = sonine_factors(trial)
         assert factors[0] == pytest.approx(second, rel=1e-12)
@@ -317,7 +318,7 @@ def test_sonine_factors_of_disks():
 def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
     """In a weak shear flow at the rate g a pair at contact has the mean relative velocity g s k_y along x."""
     n, s, chi, m, kt = 0.4, 0.7, 1.9, 1.3, 2.1
-    thin = theory.enskog_viscosity(1e-9, s, 1.0, m, kt)
+    thin = transport.enskog_viscosity(1e-9, s, 1.0, m, kt)
     assert thin == pytest.approx(1.022 * np.sqrt(m * kt / np.pi) / (2 * s), rel=1e-8)
     k, shear, width = np.arange(64) * 2 * np.pi / 64, 1e-4, np.sqrt(2 * kt / m)
     mean = shear * s * np.cos(k) * np.sin(k)
@@ -326,4 +327,4 @@ def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
     square /= np.sqrt(2 * np.pi) * width
     flux = n**2 * chi * s**2 * m / 2 * (np.cos(k) * np.sin(k) * square).sum() * 2 * np.pi / 64
     carried = 1.022 * np.sqrt(m * kt / np.pi) / (2 * s) * (1 + np.pi / 4 * n * s**2 * chi) ** 2 / chi
-    assert theory.enskog_viscosity(n, s, chi, m, kt) - carried == pytest.approx(-flux / shear, rel=1e-6)
+    assert transport.enskog_viscosity(n, s, chi, m, kt) - carried == pytest.approx(-flux / shear, rel=1e-6)

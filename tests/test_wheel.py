@@ -76,11 +76,11 @@ EVERY_KERNEL = """
 import sys
 from collections import Counter
 from numba.core import event
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines.exact import run as exact
 from brownpipe.scene import read_scene
 
-stages.remark_listeners.append(print)
+progress.remark_listeners.append(print)
 with event.install_recorder("numba:compile") as recorder:
     exact.prepare_scene(read_scene(sys.argv[1]))
 functions = [each.data["dispatcher"].py_func for _, each in recorder.buffer if each.is_start]

@@ -228,6 +228,13 @@ def test_a_run_file_in_the_place_of_another_is_refused_by_name(study):
     assert f"{other.relative_to(study)}: holds other runs than its name says" in snakemake(study, "-j1", fails=True)
 
 
+def test_a_dataset_in_the_place_of_another_is_refused_by_name(study):
+    dataset = study / "results/study/aggregate/study.nc"
+    assert main(["aggregate", str(next((study / "results/runs/hot").rglob("*.h5"))), "--output", str(dataset)]) == DONE
+    (study / "results/study/figures/health.svg").unlink()
+    assert f"{dataset.relative_to(study)}: is not of this study" in snakemake(study, "-j1", fails=True)
+
+
 def test_a_scene_that_is_edited_while_its_study_runs_is_refused(study, monkeypatch, capsys):
     (study / "results/runs/hot/N8").rename(study / "gone")
     (command,) = re.findall(r"^Shell command: brownpipe (simulate .*) > ", snakemake(study, "--dry-run"), re.MULTILINE)

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from brownpipe.formatting import in_time
+from brownpipe.text import in_time
 from validation.comparison import Comparison
 
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from brownpipe.formatting import in_time
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import describe_workload
+from brownpipe.text import in_time
 from markdown_text import plain
 
 ROOT = Path(__file__).parents[2]

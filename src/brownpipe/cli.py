@@ -5,7 +5,6 @@ Only `verbs` and `progress` write to the screen otherwise.
 
 import argparse
 import difflib
-import gc
 import os
 import re
 import signal
@@ -17,25 +16,23 @@ from typing import NoReturn
 from brownpipe import processes
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.provenance import versions
-from brownpipe.quoting import printable
+from brownpipe.text import printable
 from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
 
-GARBAGE = 500_000  # new objects before Python looks for garbage: saves a fifth of the CPU time of figures and analysis
 JOINED = "several values of an option are joined by commas"
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one verb; return the exit status. Without `argv` the process is that of the command."""
-    with processes.terminated_by_exception():
+    with processes.handled({signal.SIGTERM: processes.terminate}):
         if argv is not None:
             return _status(argv)
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
         os.environ["OPENBLAS_NUM_THREADS"] = "1"  # no verb gains from more
-        gc.set_threshold(GARBAGE)
         status = _status(sys.argv[1:])
-    processes.leave()
-    gc.freeze()  # nor when it ends: a quarter of the start of a verb, a fifth of figures
+    for number in processes.SIGNALS:  # its work is done, whatever signal arrives meanwhile
+        signal.signal(number, signal.SIG_IGN)
     return status
 
 

@@ -1,6 +1,6 @@
 """The exceptions of brownpipe, with the exit status of the command line. Every message is one printable line."""
 
-from brownpipe.quoting import printable
+from brownpipe.text import printable
 
 DONE = 0
 FAILED = 1

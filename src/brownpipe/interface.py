@@ -11,10 +11,10 @@ import reprlib
 import sys
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import partial, wraps
+from functools import partial
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from xarray import DataArray, Dataset, DataTree
@@ -52,32 +52,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 BATCHES = 16  # of seeds for each core: so unlike runs are shared evenly, and progress is shown
-
-
-P = ParamSpec("P")
-R = TypeVar("R")
 SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings]  # of engines
 
 
-def _checked(*further: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Let a function refuse keywords that neither it nor `further` has, with the one that was probably meant."""
-
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        names = [*signature(function).parameters, *further]
-
-        @wraps(function)
-        def checked(*values: P.args, **keywords: P.kwargs) -> R:
-            for name in keywords.keys() - names if "ax" not in keywords else ():  # which has keywords of matplotlib
-                hint = did_you_mean(name, names).strip() or f"see help(brownpipe.{function.__name__})"
-                raise RequestError(f"{name}: unknown; {hint}")
-            return function(*values, **keywords)
-
-        return checked
-
-    return decorate
-
-
-@_checked()
 def Scene(  # noqa: N802  # makes what its name says, like a class
     *,
     box: Mapping,
@@ -110,7 +87,6 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     return parse_scene(keys, "Scene", name=name)
 
 
-@_checked()
 def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
     """Return the scene of a YAML file, with `particles` disks in total if that is given.
 
@@ -119,7 +95,6 @@ def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
     return scene_of_file(validated(Path, path, key="path"), plain(particles))
 
 
-@_checked(*SETTINGS)
 def simulate(
     scene: SceneRecord | str | Path,
     seeds: int | str | Collection[int] = 1,
@@ -160,6 +135,9 @@ def simulate(
     measured. Warns of runs that failed their health check or could not go on (`stopped` says why, their numbers are
     NaN), and of an engine that is rough in this scene.
     """
+    for name in settings.keys() - {*SETTINGS}:
+        hint = did_you_mean(name, [*signature(simulate).parameters, *SETTINGS])
+        raise RequestError(f"{name}: unknown; {hint.strip() or 'see help(brownpipe.simulate)'}")
     if not isinstance(scene, SceneRecord | str | Path):
         raise RequestError(f"scene: must be a scene or the path of a scene file, not {reprlib.repr(scene)}")
     if not isinstance(scene, SceneRecord):
@@ -186,11 +164,10 @@ def simulate(
         ensemble = select(found, np.isin(found.seeds, numbers))
     refuse_taken(ensemble.own)
     if failed := failures(ensemble):
-        warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=3)
+        warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=2)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))
 
 
-@_checked()
 def analyse(
     runs: DataTree | str | Path | Sequence[DataTree | str | Path],
     *,
@@ -222,7 +199,6 @@ def analyse(
         return aggregate(sources, windows, width, count, times)
 
 
-@_checked(*signature(simulate).parameters, *SETTINGS)
 def scan(
     scene: SceneRecord | str | Path,
     vary: Mapping[str, Sequence | Mapping],
@@ -250,7 +226,6 @@ def scan(
     return aggregate(runs, _windows(fit_windows), vary=[*values], vary_together=together)
 
 
-@_checked()
 def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] | None = None) -> Dataset:
     """Run a study as `brownpipe run` does, with all results in `results` of the current folder; return its dataset.
 
@@ -270,7 +245,6 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
     return read_dataset(f"results/{name}/aggregate/{name}.nc")
 
 
-@_checked()
 def mean(array: DataArray) -> Dataset:
     """Return the mean over runs of an array of your own with its errors: its dimension `seed` goes.
 
@@ -295,7 +269,6 @@ def mean(array: DataArray) -> Dataset:
     return Dataset({name: ordered.isel(seed=0, drop=True).copy(data=part) for name, part in parts})
 
 
-@_checked()
 def table(result: Dataset) -> "DataFrame":
     """Return the results of an analysis as a pandas table, with a row for each scene, number of disks and engine.
 
@@ -308,7 +281,6 @@ def table(result: Dataset) -> "DataFrame":
     return shown
 
 
-@_checked()
 def plot(
     result: Dataset,
     figure: str = "msd",
@@ -333,11 +305,9 @@ def plot(
     validated(Literal[tuple(FIGURES)], figure, key="figure")
     if not _is_analysis(result):
         raise FigureError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
-    for dim in ("scene", "particles", "engine", "window"):
-        if dim not in result.dims and (dim in result.coords or dim != "window"):
-            raise FigureError(f"result: has no dimension {dim}; plot it before squeeze or sel, which remove it")
-        if result.sizes.get(dim) == 0:
-            raise FigureError(f"result: the dimension {dim} is empty; there is nothing to plot")
+    for dim in ("scene", "particles", "engine"):
+        if not result.sizes.get(dim):
+            raise FigureError(f"result: has no {dim} along a dimension; plot it before squeeze or sel, which remove it")
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
     if ax is not None:
@@ -347,7 +317,6 @@ def plot(
     return drawn
 
 
-@_checked()
 def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it returns an object
     """Return the runs of a trajectory file, as `simulate` does, or the dataset of an analysis, verified byte by byte.
 
@@ -357,7 +326,6 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
     return to_tree(contents) if isinstance(contents, Trajectories) else contents
 
 
-@_checked()
 def save(data: DataTree | Dataset, path: str | Path) -> None:
     """Write runs to a trajectory file, or an analysis to a dataset, as the command line does.
 

@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn, TypeVar
 
-from brownpipe import stages
+from brownpipe import progress
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 Item = TypeVar("Item")
@@ -27,15 +27,9 @@ class Terminated(SystemExit):
     """SIGTERM has arrived."""
 
 
-def _terminate(*_: object) -> NoReturn:
+def terminate(*_: object) -> NoReturn:
+    """Raise Terminated, as Ctrl-C raises KeyboardInterrupt."""
     raise Terminated(128 + signal.SIGTERM)
-
-
-@contextmanager
-def terminated_by_exception() -> Iterator[None]:
-    """Within this context SIGTERM raises Terminated, as Ctrl-C raises KeyboardInterrupt."""
-    with _handled({signal.SIGTERM: _terminate}):
-        yield
 
 
 @contextmanager
@@ -43,7 +37,7 @@ def held() -> Iterator[None]:
     """Let signals that arrive in this context wait for its end; handlers are those of the main thread alone."""
     arrived: list[int] = []
     try:
-        with _handled(dict.fromkeys(SIGNALS, lambda number, _: arrived.append(number))):
+        with handled(dict.fromkeys(SIGNALS, lambda number, _: arrived.append(number))):
             yield
     finally:
         for number in arrived[:1]:
@@ -51,7 +45,7 @@ def held() -> Iterator[None]:
 
 
 @contextmanager
-def _handled(handlers: dict) -> Iterator[None]:
+def handled(handlers: dict) -> Iterator[None]:
     """Handle signals by these handlers in this context; in another thread than the main one nothing changes."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -64,12 +58,6 @@ def _handled(handlers: dict) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def leave() -> None:
-    """Let the process end with the status of its work, which is done, whatever signal arrives meanwhile."""
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
-
-
 # -- several cores --------------------------------------------------------------------------------------------------
 
 
@@ -79,14 +67,14 @@ def calculated(work: Callable[[Item], Result], items: Sequence[Item], unit: str,
     Where processes cannot be forked (on macOS its own libraries may fail then), one core does the work.
     """
     if min(cores, len(items)) < 2 or sys.platform != "linux":
-        return [work(item) for item in stages.tracked(items, unit)]
+        return [work(item) for item in progress.tracked(items, unit)]
     fork, results = multiprocessing.get_context("fork"), list[Result]()
     pool = ProcessPoolExecutor(min(cores, len(items)), fork, _begin, (work, items))
     try:
         with suppress(Exception):  # of the work, raised again below, with its causes; or a process was killed
             for result in pool.map(_do, range(len(items))):
                 results.append(result)
-                stages.report(unit, len(results), len(items))
+                progress.report(unit, len(results), len(items))
     finally:
         for process in multiprocessing.active_children():
             process.kill()
@@ -99,7 +87,7 @@ def _begin(work: Callable, items: Sequence) -> None:
     for number in SIGNALS:
         signal.signal(number, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    stages.listeners.clear()
+    progress.listeners.clear()
     _inherited[:] = [(work, items)]
 
 
@@ -109,6 +97,5 @@ def _do(number: int) -> Any:
 
 
 def _end_with_parent() -> None:
-    if parent := multiprocessing.parent_process():
-        parent.join()
+    multiprocessing.parent_process().join()
     os._exit(1)

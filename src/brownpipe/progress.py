@@ -1,25 +1,88 @@
-"""The progress of a calculation on the screen: one line that is overwritten, or in a log a line every half a minute.
+"""What a long calculation is doing and how much of it is done, and what a screen shows of it.
 
     with progress.shown("simulate"):
         ...
 
-Everything goes to standard error. The display of a whole study is the same: snakemake_logger_plugin_brownpipe.
+A stage is a number of pieces of work that take about the same time each, such as the runs of a batch or the frames of a
+movie. It is reported by its unit, a noun in the plural, the pieces that are done, with the fraction of an unfinished
+one if it is known, and all of them. The screen shows one line that is overwritten, or in a log a line every half a
+minute, on standard error. The display of a whole study is the same: snakemake_logger_plugin_brownpipe.
 """
 
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import TypeVar
 
-from brownpipe import stages
-from brownpipe.formatting import in_time
-from brownpipe.quoting import in_lines
+from brownpipe.text import in_lines, in_time
 
 DELAY = 2.0  # s of work before the line is shown on a terminal or in a notebook
 INTERVAL = 0.2  # s between two updates of it
 LINE_INTERVAL = 30.0  # s between two lines in a log, and before the first
+Item = TypeVar("Item")
+
+listeners: list[Callable[[str, float, int], object]] = []  # called with unit, done and total of a stage
+remark_listeners: list[Callable[[str], object]] = []  # called with every remark
+_tracked: list[tuple[str, int, int]] = []  # stages that `tracked` has begun, outermost first
+_piece: list[tuple[str, int, int]] = []  # the stage whose next piece has begun
+
+
+def report(unit: str, done: float, total: int) -> None:
+    """Tell the listeners how much is done of a stage; within `tracked` it is not shown."""
+    if not _tracked:
+        _tell(unit, done, total)
+
+
+def begin_piece(unit: str, done: int, total: int) -> None:
+    """Begin the next piece of a stage, after `done` others; `within` reports how much of it is done."""
+    _piece[:] = [(unit, done, total)]
+
+
+def within(fraction: float) -> None:
+    """Report the fraction that is done, from 0 to 1, of the piece begun last."""
+    for unit, done, total in _piece:
+        report(unit, done + fraction, total)
+
+
+def tracked(items: Collection[Item], unit: str) -> Iterator[Item]:
+    """Yield the items, and report after each how many are done; within an item, another `tracked` its fraction."""
+    for done, item in enumerate(items):
+        _tracked.append((unit, done, len(items)))
+        try:
+            yield item
+        finally:
+            _tracked.pop()
+        _tell(unit, done + 1, len(items))
+
+
+def _tell(unit: str, done: float, total: int) -> None:
+    """Tell the listeners the outermost stage; each of the others is a piece of the one before."""
+    for outer, before, count in reversed(_tracked):
+        unit, done, total = outer, before + done / total, count
+    for listener in listeners:
+        listener(unit, done, total)
+
+
+def remark(text: str) -> None:
+    """Tell the listeners a sentence for the user, such as that kernels are compiled."""
+    for listener in remark_listeners:
+        listener(text)
+
+
+@contextmanager
+def unreported() -> Iterator[None]:
+    """Report no stage in this context, so that CPU times measured in it are of the calculation alone."""
+    before, listeners[:] = listeners[:], []
+    try:
+        yield
+    finally:
+        listeners[:] = before
+
+
+# -- the screen --------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -28,7 +91,7 @@ def shown(title: str, silent: bool = False) -> Iterator[None]:
 
     If `silent`, or within another such context, nothing changes.
     """
-    if silent or stages.listeners:
+    if silent or listeners:
         yield
         return
     display = Display()
@@ -39,13 +102,13 @@ def shown(title: str, silent: bool = False) -> Iterator[None]:
     def remark(text: str) -> None:
         display.say(f"brownpipe: {text}")
 
-    stages.listeners.append(update)
-    stages.remark_listeners.append(remark)
+    listeners.append(update)
+    remark_listeners.append(remark)
     try:
         yield
     finally:
-        stages.listeners.remove(update)
-        stages.remark_listeners.remove(remark)
+        listeners.remove(update)
+        remark_listeners.remove(remark)
         display.erase()
 
 

@@ -17,7 +17,7 @@ ANALYSIS_PACKAGES = ("h5netcdf", "matplotlib", "pandas", "xarray")  # and datase
 
 # Source files that determine the output of a step, besides its input and options; `tests/test_digests.py` compares them
 # with what is imported. Those of the engine that runs are added; the others use parts of the exact one.
-RUNS = ("elementary.py", "theory.py", "scene/*", "observables/*", "engines/*", "storage/*")
+RUNS = ("theory.py", "scene/*", "observables/*", "engines/*", "storage/*")
 STEPS = {
     "simulate": (*RUNS, "engines/exact/*"),
     "aggregate": (*RUNS, "analysis/*"),

@@ -10,18 +10,15 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 
-from brownpipe.elementary import Numbers, arccos, arcsin, cos, exp, expm1, gauss_legendre, sin
-
+Numbers = float | np.ndarray
 Broadcast = Any  # a float if all arguments are floats, otherwise an array: more than a type checker can tell
 
 # Below this D t / a^2 the walls of a square of half-width a change the MSD by less than round-off: the probability
 # erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
 _WALLS_UNSEEN = 0.0068
 _SERIES_TERMS = 24
-# Factors by which all further Sonine orders correct the first, for equal disks: of the viscosity of a dilute gas, of D
-SONINE_VISCOSITY = 1.022
-SONINE_DIFFUSION = 1.027
 _NODES = 64  # of the quadrature over a quarter circle; error 1e-15 for the narrowest density of the series
 
 
@@ -41,7 +38,7 @@ def ring_probability(inner: Numbers, outer: Numbers, t: Numbers, diffusion: Numb
     """
     square = 4.0 * diffusion * np.asarray(t, float)
     inner_exponent, outer_exponent = np.square(inner) / square, np.square(outer) / square
-    return exp(-inner_exponent) * -expm1(inner_exponent - outer_exponent)
+    return np.exp(-inner_exponent) * -np.expm1(inner_exponent - outer_exponent)
 
 
 def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -> Broadcast:
@@ -55,7 +52,7 @@ def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -
     tau = np.asarray(diffusion * np.asarray(t, float) / np.square(half_width), float)
     k = np.arange(1, _SERIES_TERMS + 1)
     sign = np.where(k % 2, -1.0, 1.0)
-    series = (sign / k**2 * exp(-(np.pi**2) * k**2 * tau[..., None])).sum(axis=-1)
+    series = (sign / k**2 * np.exp(-(np.pi**2) * k**2 * tau[..., None])).sum(axis=-1)
     component = np.where(tau < _WALLS_UNSEEN, 2.0 * tau, 1.0 / 3.0 + 4.0 / np.pi**2 * series)
     return 2.0 * np.square(half_width) * component
 
@@ -74,26 +71,26 @@ def reflecting_square_within(r: Numbers, t: float, diffusion: float, half_width:
     if not tau >= _WALLS_UNSEEN:
         return ring_probability(0.0, r, t, diffusion)
     s = np.sqrt(np.maximum(r**2 - a**2, 0.0))
-    first, last = arcsin(s / np.maximum(r, a)), arcsin(np.minimum(a / np.maximum(r, a), 1.0))
-    node, weight = gauss_legendre(_NODES)
+    first, last = np.arcsin(s / np.maximum(r, a)), np.arcsin(np.minimum(a / np.maximum(r, a), 1.0))
+    node, weight = leggauss(_NODES)
     angle = first + (last - first) * (node[:, None] + 1) / 2
-    inner = _component_density(r * sin(angle), tau, a) * _component_within(r * cos(angle), tau, a)
-    arc = (weight[:, None] * inner * r * cos(angle)).sum(axis=0) * (last - first)
+    inner = _component_density(r * np.sin(angle), tau, a) * _component_within(r * np.cos(angle), tau, a)
+    arc = (weight[:, None] * inner * r * np.cos(angle)).sum(axis=0) * (last - first)
     return np.where(r >= np.sqrt(2.0) * a, 1.0, np.minimum(_component_within(s, tau, a) + arc, 1.0))
 
 
 def _component_density(x: np.ndarray, tau: float, a: float) -> np.ndarray:
     """Return the density [1/length] of one component at x after the time tau = D t/a^2."""
     k = np.arange(1, _SERIES_TERMS + 1)
-    decay = exp(-(np.pi**2) * k**2 * tau)
-    return (1.0 + 2.0 * (decay * cos(k * np.pi * x[..., None] / a)).sum(axis=-1)) / (2.0 * a)
+    decay = np.exp(-(np.pi**2) * k**2 * tau)
+    return (1.0 + 2.0 * (decay * np.cos(k * np.pi * x[..., None] / a)).sum(axis=-1)) / (2.0 * a)
 
 
 def _component_within(h: np.ndarray, tau: float, a: float) -> np.ndarray:
     """Return the probability C(h) that one component is in [-h, h]."""
     k = np.arange(1, _SERIES_TERMS + 1)
-    decay = exp(-(np.pi**2) * k**2 * tau) / (k * np.pi)
-    return h / a + 2.0 * (decay * sin(k * np.pi * h[..., None] / a)).sum(axis=-1)
+    decay = np.exp(-(np.pi**2) * k**2 * tau) / (k * np.pi)
+    return h / a + 2.0 * (decay * np.sin(k * np.pi * h[..., None] / a)).sum(axis=-1)
 
 
 def reflecting_square_diffusion(msd: float, t: float, half_width: float) -> float:
@@ -151,7 +148,7 @@ def dilute_pair_distribution(r: Numbers, diameter: Numbers, packing_fraction: Nu
     cannot have its centre there. docs/theory.md, section 3.
     """
     half = np.minimum(np.asarray(r, float) / (2 * np.asarray(diameter, float)), 1.0)
-    overlap = 2.0 * (arccos(half) - half * np.sqrt(1.0 - half * half))  # A(r) over the squared diameter
+    overlap = 2.0 * (np.arccos(half) - half * np.sqrt(1.0 - half * half))  # A(r) over the squared diameter
     return np.where(np.asarray(r) < diameter, 0.0, 1.0 + 4.0 / np.pi * packing_fraction * overlap)
 
 
@@ -227,22 +224,6 @@ def enskog_friction(
     return 2.0 * number_density * contact * distance * (np.sqrt(2.0 * np.pi) * np.sqrt(mass) * np.sqrt(temperature))
 
 
-def enskog_viscosity(
-    number_density: Numbers, diameter: Numbers, contact: Numbers, mass: Numbers, temperature: Numbers
-) -> Broadcast:
-    """Return Enskog's shear viscosity [mass/time], 1.022 eta_B (1 + phi chi)^2/chi + n^2 s^3 chi sqrt(pi m kT)/4.
-
-    For equal disks of packing fraction phi. eta_B = sqrt(m kT/pi)/(2 s) is Boltzmann's in the first Sonine order, n the
-    `number_density` [1/length^2], s the `diameter` [length], chi the `contact` value. The first term is the momentum
-    that disks carry, the second that exchanged in collisions. Enskog's theory, D. M. Gass, J. Chem. Phys. 54, 1898
-    (1971); docs/theory.md, section 3.
-    """
-    crowding = np.pi / 4.0 * number_density * np.square(diameter) * contact
-    momentum = np.sqrt(mass * temperature / np.pi)
-    carried = SONINE_VISCOSITY * momentum / (2.0 * diameter) * np.square(1.0 + crowding) / contact
-    return carried + np.pi / 4.0 * np.square(number_density) * diameter * np.square(diameter) * contact * momentum
-
-
 def mixture_contact_values(number_densities: np.ndarray, diameters: np.ndarray) -> np.ndarray:
     """Return the contact values (K, K) of all pairs of K species, from densities [1/length^2] and diameters (K,).
 
@@ -294,14 +275,14 @@ def pair_distance_density_between(r: Numbers, first: tuple[float, float], second
     r = np.asarray(r, float)
     d = np.where(r > 0.0, r, 1.0)[..., None]
     along_x, along_y = (np.array([abs(a - b), a + b]) / 2 for a, b in zip(first, second, strict=True))
-    kinks = [arccos(np.minimum(along_x / d, 1.0)), arcsin(np.minimum(along_y / d, 1.0))]
+    kinks = [np.arccos(np.minimum(along_x / d, 1.0)), np.arcsin(np.minimum(along_y / d, 1.0))]
     ends = np.zeros_like(d), np.full_like(d, np.pi / 2)
     cuts = np.sort(np.concatenate([ends[0], *kinks, ends[1]], axis=-1))[..., None]
-    node, weight = gauss_legendre(16)
+    node, weight = leggauss(16)
     wide = np.diff(cuts, axis=-2) / 2
     q = cuts[..., :-1, :] + wide * (node + 1)
-    x = _difference_density(d[..., None] * cos(q), first[0], second[0])
-    y = _difference_density(d[..., None] * sin(q), first[1], second[1])
+    x = _difference_density(d[..., None] * np.cos(q), first[0], second[0])
+    y = _difference_density(d[..., None] * np.sin(q), first[1], second[1])
     return np.where(r > 0.0, 4.0 * r * (weight * wide * x * y).sum(axis=(-2, -1)), 0.0)
 
 
@@ -318,7 +299,7 @@ def pair_distance_probability(edges: np.ndarray, first: tuple[float, float], sec
     bins sum to 1 within 1e-6, those of 2 within 1e-3. docs/theory.md, section 3.
     """
     edges = np.asarray(edges, float)
-    node, weight = gauss_legendre(8)
+    node, weight = leggauss(8)
     half = np.diff(edges)[:, None] / 2
     r = edges[:-1, None] + half * (node + 1)
     return (weight * half * pair_distance_density_between(r, first, second)).sum(axis=-1)
@@ -343,7 +324,7 @@ def disk_area_in_rectangle(r: Numbers, x: Numbers, y: Numbers, width: float, hei
 
     def strip(wall: Numbers) -> np.ndarray:  # F less half the area of a quarter disk
         u = np.minimum(np.abs(wall), r)
-        return (u * np.sqrt(square - u**2) + square * arcsin(u / safe)) / 2 - excess
+        return (u * np.sqrt(square - u**2) + square * np.arcsin(u / safe)) / 2 - excess
 
     def quadrant(a: Numbers, b: Numbers, half_a: np.ndarray, half_b: np.ndarray) -> np.ndarray:
         return np.where(a**2 + b**2 <= square, a * b, np.sign(a) * np.sign(b) * (half_a + half_b))

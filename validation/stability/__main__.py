@@ -15,7 +15,7 @@ from pathlib import Path
 from PIL import Image
 
 from brownpipe.figures.style import drawing, image_bytes
-from brownpipe.formatting import in_time
+from brownpipe.text import in_time
 from validation.page import with_text
 from validation.stability.catalogue import EXPERIMENTS, Experiment
 from validation.stability.table import Row, table

@@ -11,7 +11,8 @@ rule aggregate:
         **request["aggregate"],
     params:
         study=study_words,
+        planned=made_from["aggregate"],
     shell:
         'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
         " && brownpipe aggregate --study {params.study} --plan {input.plan:q} --output {output.dataset:q}"
-        " --list-runs {output.made_from:q} > {log:q} 2>&1"
+        " --planned {params.planned} --list-runs {output.made_from:q} > {log:q} 2>&1"

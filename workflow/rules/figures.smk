@@ -20,7 +20,8 @@ rule figures:
         **request["figures"],
     params:
         options=figure_options(study),
+        planned=made_from["aggregate"],
     shell:
         'rm -f "$(dirname {output.summary:q})"/made_from_*.txt'
         ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
-        " {params.options:q} --cores {threads} > {log:q} 2>&1 && touch {output.made_from:q}"
+        " {params.options:q} --planned {params.planned} --cores {threads} > {log:q} 2>&1 && touch {output.made_from:q}"

@@ -13,10 +13,11 @@ rule tradeoff:
         **request["tradeoff"],
     params:
         study=study_words,
+        planned=made_from["tradeoff"],
     shell:
         'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
         " && brownpipe tradeoff {params.study} --plan {input.plan:q} --output {output.dataset:q}"
-        " --list-runs {output.made_from:q} > {log:q} 2>&1"
+        " --planned {params.planned} --list-runs {output.made_from:q} > {log:q} 2>&1"
 
 
 rule tradeoff_drawings:
@@ -38,9 +39,12 @@ rule tradeoff_drawings:
         f"{results}/logs/tradeoff_drawings.log",
     resources:
         **request["tradeoff_drawings"],
+    params:
+        planned=made_from["tradeoff"],
     shell:
         'rm -f "$(dirname {output.table:q})"/drawn_from_*.txt'
-        ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.table:q})" --page {output.page:q} > {log:q} 2>&1'
+        ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.table:q})" --page {output.page:q}'
+        " --planned {params.planned} > {log:q} 2>&1"
         " && touch {output.drawn_from:q}"
 
 

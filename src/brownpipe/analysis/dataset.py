@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.analysis import averaged, displacement, distribution, drift, pairs, thermodynamics, variables, velocity
 from brownpipe.analysis.displacement import labels as labels_of
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
@@ -152,7 +152,7 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
             good = health[-1][0] == 0
             if good.any():
                 yield select(runs, good)
-            stages.report("runs", before + sum(one.shape[1] for one in health), total)
+            progress.report("runs", before + sum(one.shape[1] for one in health), total)
 
     blocks, first = good_runs(), list[Ensemble]()
     while sum(len(runs.seeds) for runs in first) < RUNS_FOR_RINGS and (runs := next(blocks, None)) is not None:

@@ -21,8 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.elementary import exp, log
-
 FEWEST_EXPECTED = 5.0  # bins with fewer expected counts are pooled before a chi-square
 LEVEL = 0.01  # significance level of the verdict on one model at one time
 FAMILY_LEVEL = 0.05  # family-wise error rate of all tests of a table
@@ -45,10 +43,7 @@ class Estimated(NamedTuple):
     variance: float  # of s_i/<s> over runs
 
 
-KNOWN = None  # source of a D that does not come from the runs
-
-
-def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | None = KNOWN) -> ChiSquare:
+def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | None = None) -> ChiSquare:
     """Return Pearson's test of counts (K,) against expected counts (K,) of the same total.
 
     Neighbouring bins are pooled until each expects FEWEST_EXPECTED. The nominal number of degrees of freedom is that of
@@ -59,11 +54,11 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
 
     pools = _pools(expected)
     observed, expected = _pooled(observed, pools), _pooled(expected, pools)
-    freedom = len(expected) - 1 - (source is not KNOWN)
+    freedom = len(expected) - 1 - (source is not None)
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
     weights = np.ones(2)
-    if source is not KNOWN:
+    if source is not None:
         runs, root = expected.sum(), np.sqrt(expected)
         b, c = _pooled(source.change, pools) / root, _pooled(source.shared, pools) / root / runs
         bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
@@ -71,14 +66,14 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
         apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
         weights = np.maximum([1 + middle + apart, 1 + middle - apart], 0.0)
     statistic = ((observed - expected) ** 2 / expected).sum()
-    powers = weights, weights * weights, weights * weights * weights
+    powers = weights, weights**2, weights**3
     first, second, third = (len(expected) - 3 + power.sum() for power in powers)
     degrees = (second / third) ** 2 * second
     scaled = degrees + (statistic - first) * np.sqrt(degrees / second)
     return ChiSquare(statistic, freedom, float(gammaincc(degrees / 2, max(scaled, 0.0) / 2)))
 
 
-def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = KNOWN, level: float = LEVEL) -> float:
+def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = None, level: float = LEVEL) -> float:
     """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,) holds.
 
     X^2 is then taken for a noncentral chi-square with the nominal number of degrees of freedom. For a D from the same
@@ -89,7 +84,7 @@ def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = K
 
     pools = _pools(expected)
     expected, others = _pooled(expected, pools), _pooled(others, pools)
-    freedom = len(expected) - 1 - (source is not KNOWN)
+    freedom = len(expected) - 1 - (source is not None)
     if freedom < 1 or not np.all(np.isfinite(expected + others)):
         return np.nan
     return float(1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum()))
@@ -130,16 +125,16 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
     shift, scale, width = _lognormal(int(runs))
     if kurtosis <= shift:
         return 0.0
-    return float(2 * ndtr(-abs(log((kurtosis - shift) / scale)) / width))
+    return float(2 * ndtr(-abs(np.log((kurtosis - shift) / scale)) / width))
 
 
 def _lognormal(runs: int) -> tuple[float, float, float]:
     """Shift, median minus shift, and width of the lognormal distribution with the kurtosis' first three moments."""
     mean, variance, skewness = _greenwood(runs)
-    third = log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
-    w = exp(third) + exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
+    third = np.log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
+    w = np.exp(third) + np.exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
     scale = np.sqrt(variance / (w * (w - 1)))
-    return mean - scale * np.sqrt(w), scale, np.sqrt(log(w))
+    return mean - scale * np.sqrt(w), scale, np.sqrt(np.log(w))
 
 
 def _greenwood(n: int) -> tuple[float, float, float]:

@@ -83,7 +83,7 @@ def contact_weights(edges: np.ndarray, contact: float, decay: float, flat: bool 
     basis: list[tuple[np.ndarray, float]] = []  # orthonormal columns, and the value of each at contact
     for degree in range(ORDER + 2):
         column, at_contact = _bin_averages(low, high, degree, decay, flat), float(degree == 0)
-        for other, value in basis:  # Gram-Schmidt, sums in a fixed order: the same bits on every processor
+        for other, value in basis:  # Gram-Schmidt
             along = (area * column * other).sum()
             column, at_contact = column - along * other, at_contact - along * value
         norm = np.sqrt((area * column**2).sum())

@@ -13,8 +13,8 @@ import numpy as np
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
 from brownpipe.engines.ensemble import Ensemble, joined, select, with_blanks
 from brownpipe.errors import AnalysisError
+from brownpipe.progress import tracked
 from brownpipe.scene import Scene
-from brownpipe.stages import tracked
 from brownpipe.storage.store import StoredFile
 from brownpipe.storage.trajectories import Trajectories, read_outline, read_trajectories
 
@@ -118,15 +118,13 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
     """Yield the runs of a group in blocks of seeds between multiples of SEEDS_PER_BLOCK, ascending.
 
     The blocks do not depend on how the runs are distributed over files; those of files have no whole runs and no
-    collisions. Raises AnalysisError for a file that changes meanwhile or lacks observables that another has, and what
+    collisions. Raises AnalysisError for a file that lacks observables that another has, and what
     `read_trajectories` raises.
     """
     read = lru_cache(maxsize=LOADED)(lambda path: read_trajectories(path).ensemble._replace(whole={}, events={}))
 
     def load(file: RunFile) -> Ensemble:
         runs = file.contents.ensemble if file.is_in_memory else read(file.path)
-        if not np.array_equal(runs.seeds, file.contents.ensemble.seeds):
-            raise AnalysisError(f"{file.path}: was replaced while it was read; start again")
         return runs if len(runs.seeds) == len(file.seeds) else select(runs, np.isin(runs.seeds, file.seeds))
 
     files = sorted(group.files, key=lambda file: file.seeds.min())

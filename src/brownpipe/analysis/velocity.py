@@ -7,7 +7,7 @@ See docs/theory.md, section 4.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe import elementary, theory
+from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.thermodynamics import enskog
@@ -70,7 +70,7 @@ def slope_weights(times: np.ndarray, rate: float = 0.0) -> np.ndarray:
     else:
         a, b = times[1:]
         weights = np.array([-(a + b) / (a * b), b / (a * (b - a)), -a / (b * (b - a))])
-    return weights * elementary.exp(rate * times) - rate * (times == 0)
+    return weights * np.exp(rate * times) - rate * (times == 0)
 
 
 def density(counts: np.ndarray, width: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from brownpipe import observables, stages
+from brownpipe import observables, progress
 from brownpipe.engines.placement import never_placed
 from brownpipe.errors import PlacementError, RequestError, RunError
 from brownpipe.observables.own import NO_OWN, Own, OwnArray, is_own, measure
@@ -111,7 +111,7 @@ def make_runs(
     """
     scene, seeds = batch.scene, batch.ensemble.seeds
     for column in range(first, len(seeds)):
-        stages.begin_piece("runs", column, len(seeds))
+        progress.begin_piece("runs", column, len(seeds))
         try:
             _add(batch, column, run(column))
         except (RunError, RequestError) as error:
@@ -120,7 +120,7 @@ def make_runs(
                 raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seeds[column]}: {error}") from None
             batch.stopped[int(seeds[column])] = str(error)
             _write(batch, column, {"failed": np.uint8(1)})
-        stages.report("runs", column + 1, len(seeds))
+        progress.report("runs", column + 1, len(seeds))
         after(column + 1)
     for values in batch.ensemble.observables.values():
         if values.dtype.kind == "f":

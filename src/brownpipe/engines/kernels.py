@@ -24,7 +24,7 @@ from numba.core.caching import FunctionCache
 from numba.core.cpu import CPUContext
 from numba.extending import intrinsic, register_jitable
 
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines import compiler
 from brownpipe.processes import held
 from brownpipe.provenance import PACKAGE
@@ -94,7 +94,7 @@ def _folder() -> Path | None:
     It is named after a digest of all that kernels are made from. Numba itself compares the source of the file with the
     entry point alone, and would execute outdated code after an edit of another one.
     """
-    sources = sorted([*PACKAGE.glob("engines/**/*.py"), PACKAGE / "elementary.py"])
+    sources = sorted(PACKAGE.glob("engines/**/*.py"))
     name = f"kernels-{hashlib.sha256(b''.join(file.read_bytes() for file in sources)).hexdigest()[:16]}"
     of_user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser(), "brownpipe")
     for place in [Path(config.CACHE_DIR)] if config.CACHE_DIR else [PACKAGE / "__pycache__", of_user]:
@@ -138,7 +138,7 @@ class _Compiling(event.Listener):
 
 @cache
 def _say_once(line: str) -> None:
-    stages.remark(line)
+    progress.remark(line)
 
 
 def prefetch(array: np.ndarray, index: int | np.integer) -> None:

@@ -26,8 +26,8 @@ from PIL import Image
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.origin import Record, metadata
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
+from brownpipe.progress import tracked
 from brownpipe.scene import Scene
-from brownpipe.stages import tracked
 from brownpipe.storage.trajectories import Trajectories, chosen_seed
 
 SUFFIXES = (".gif", ".mp4", ".png")

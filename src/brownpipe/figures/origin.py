@@ -21,9 +21,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brownpipe.quoting import printable
 from brownpipe.storage.datasets import made_by
 from brownpipe.storage.trajectories import runs_record
+from brownpipe.text import printable
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -6,7 +6,7 @@ from typing import Any
 from jinja2 import Environment
 from markupsafe import Markup
 
-from brownpipe.quoting import printable
+from brownpipe.text import printable
 
 
 def filled(template: Path, **contents: Any) -> bytes:

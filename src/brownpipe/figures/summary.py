@@ -31,8 +31,8 @@ from brownpipe.figures.cases import (
     title_of,
     with_contact_theory,
 )
-from brownpipe.quoting import in_lines
 from brownpipe.scene.seeds import brief_seed_text
+from brownpipe.text import in_lines
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -14,8 +14,8 @@ import numpy as np
 from brownpipe.figures.cases import aligned, plus_minus
 from brownpipe.figures.render import Drawing, drawing_of
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, log_axis
-from brownpipe.quoting import in_lines
-from brownpipe.stages import tracked
+from brownpipe.progress import tracked
+from brownpipe.text import in_lines
 from brownpipe.tradeoff.front import FEWEST_RUNS, MeasuredSetting, pareto_front, settings_of, total_error
 
 if TYPE_CHECKING:

@@ -14,16 +14,15 @@ from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import aligned
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
-from brownpipe.formatting import counted
 from brownpipe.observables.displacement import displacement
 from brownpipe.provenance import made_with
-from brownpipe.quoting import in_lines, shell_path
 from brownpipe.scene import scene_yaml
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage.datasets import dataset_in
 from brownpipe.storage.files import naming, read_sealed
 from brownpipe.storage.layout import described, dims_of
 from brownpipe.storage.trajectories import Trajectories, trajectories_in
+from brownpipe.text import counted, in_lines, shell_path
 from brownpipe.tradeoff import is_tradeoff
 
 if TYPE_CHECKING:

@@ -11,15 +11,14 @@ import numpy as np
 
 from brownpipe.engines import forecast
 from brownpipe.engines.ensemble import Ensemble, select
-from brownpipe.formatting import counted, in_time
 from brownpipe.inspection.reports import DIGITS, trajectories_of
 from brownpipe.observables.own import identity
 from brownpipe.provenance import modules_of, source_digest, versions
-from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.storage.layout import groups_of
 from brownpipe.storage.trajectories import Trajectories
+from brownpipe.text import counted, in_lines, in_time
 
 Differences = dict[str, dict[int, float]]  # variable as in the file, seed: as `_distance` returns it, if there is one
 

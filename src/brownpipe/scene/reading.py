@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, GetPydan
 from pydantic_core import PydanticCustomError, ValidationError
 
 from brownpipe.errors import RequestError
-from brownpipe.quoting import shell_path
+from brownpipe.text import shell_path
 
 LONGEST_SHOWN = 80  # characters of a value in a message
 MOST_DISKS = 10_000_000

@@ -16,12 +16,12 @@ import numpy as np
 from pydantic import AfterValidator, Field, StrictBool, model_validator
 
 from brownpipe.errors import RequestError
-from brownpipe.quoting import shell_path
 from brownpipe.scene import reading
-from brownpipe.scene.packing import ROUND_OFF, overlap
 from brownpipe.scene.reading import NAME, Count, Name, NotNegative, Pair, Positive, Record, alone, key, refuse
+from brownpipe.text import shell_path
 
 MOST_SAMPLES = 10_000_000
+ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
 LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
 LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
@@ -418,3 +418,34 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
 def is_study(mapping: dict) -> bool:
     """Whether a mapping is meant as a study, by its keys; a scene with a misplaced study key is none."""
     return "scenes" in mapping or ("box" not in mapping and bool(mapping.keys() & STUDY_KEYS))
+
+
+def overlap(
+    position: np.ndarray, radius: np.ndarray, box: tuple[Pair, Pair] | None = None
+) -> tuple[int, int, float] | None:
+    """Return the two disks that overlap most and the (negative) gap between their edges, None if no two overlap.
+
+    position: (N, 2), radius: (N,) [length]. box: (low, high) of x and of y if it is periodic, at least twice the
+    largest diameter, else None. Overlaps within round-off do not count.
+
+    A disk of radius R that overlaps another one, no larger, is nearer to it than 2 R: a k-d tree finds both.
+    """
+    if len(radius) < 2:
+        return None
+    from scipy.spatial import KDTree  # takes 0.2 s
+
+    sides, inside = None, position
+    if box is not None:
+        low, high = np.array(box, float).T
+        sides, inside = high - low, (position - low) % (high - low)
+    tree = KDTree(inside, boxsize=sides)
+    near = tree.query_ball_point(tree.data, 2 * radius)
+    a, b = np.repeat(np.arange(len(radius)), [len(disks) for disks in near]), np.concatenate(near).astype(int)
+    apart = position[a] - position[b]
+    if sides is not None:
+        apart -= sides * np.rint(apart / sides)
+    sigma, spacing = radius[a] + radius[b], 2 * np.spacing(np.abs(position).max())  # round-off of the positions
+    gap = np.hypot(*apart.T) - sigma
+    gap[(a == b) | (gap >= -(ROUND_OFF * sigma + spacing))] = 0.0
+    k = int(np.argmin(gap))
+    return (int(min(a[k], b[k])), int(max(a[k], b[k])), float(gap[k])) if gap[k] < 0 else None

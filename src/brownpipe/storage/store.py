@@ -19,9 +19,9 @@ from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import StorageError
 from brownpipe.observables.own import identity
+from brownpipe.progress import tracked
 from brownpipe.provenance import digest_of, modules_of, source_digest
 from brownpipe.scene import Scene
-from brownpipe.stages import tracked
 from brownpipe.storage.trajectories import read_trajectories
 
 RUNS = Path("results/runs")

@@ -311,11 +311,10 @@ def from_tree(tree: "DataTree") -> Trajectories:
 def refuse_foreign(tree: "DataTree") -> None:
     """Raise RequestError for a variable that a trajectory file has no place for."""
     own = _own_names(tree)
-    names = [(node.path, name) for node in tree.subtree for name in node.data_vars]
-    foreign = [f"{path}/{name}".lstrip("/") for path, name in names if name not in {"unwrapped", *own.get(path, ())}]
-    if foreign:
-        wrong = f"a trajectory file has no place for {foreign[0]}"
-        raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
+    for node in tree.subtree:
+        for name in node.data_vars.keys() - {"unwrapped", *own.get(node.path, ())}:
+            wrong = f"a trajectory file has no place for {f'{node.path}/{name}'.lstrip('/')}"
+            raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
 
 
 def _own_names(tree: "DataTree") -> dict[str, set[str]]:

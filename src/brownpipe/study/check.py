@@ -8,14 +8,13 @@ from brownpipe.engines.forecast import settling_caution, settling_in_words
 from brownpipe.engines.friction import DECAY_TIMES, diffusive_from, window_caution
 from brownpipe.engines.placement import is_grown
 from brownpipe.errors import RequestError
-from brownpipe.formatting import in_bytes, in_time
 from brownpipe.observables.quarters import claims_equilibrium
-from brownpipe.quoting import in_lines
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.reading import read_yaml
 from brownpipe.scene.scene import is_study
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import RunSet, describe_workload, run_sets, with_assumed_runs
+from brownpipe.text import in_bytes, in_lines, in_time
 
 
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:

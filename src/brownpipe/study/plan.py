@@ -30,18 +30,17 @@ from brownpipe.engines import Engine, forecast
 from brownpipe.engines.ensemble import joined, select
 from brownpipe.engines.placement import never_placed
 from brownpipe.errors import RequestError
-from brownpipe.formatting import counted, in_time
 from brownpipe.observables.own import is_own
-from brownpipe.quoting import in_lines
+from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS, ranges
-from brownpipe.stages import tracked
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
 from brownpipe.storage.store import stored_runs, without
 from brownpipe.storage.trajectories import write_trajectories
 from brownpipe.study.run_sets import batches, pilot_runs, run_set, seconds_of_jobs
 from brownpipe.study.study import MOST_JOBS, REFERENCE, Study
+from brownpipe.text import counted, in_lines, in_time
 
 SQUARES, DISTRIBUTION = "square_displacement", "displacement_distribution"  # an observable; a target
 NOT_INHERITED = ("batch", "tolerance", "target", "instead_of", "figures")  # keys of a study that is planned

@@ -16,14 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines import Engine, forecast
-from brownpipe.formatting import counted, in_bytes, in_time
 from brownpipe.provenance import STEPS, digest_of, source_digest
-from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import ranges, seed_text
 from brownpipe.scene.variation import short_name
 from brownpipe.storage.store import DIGITS, StoredFile, folder_of_runs, runs_digest, stored_batches, without
 from brownpipe.study.study import REFERENCE, Study
+from brownpipe.text import counted, in_bytes, in_time, shell_path
 
 SECONDS = 30.0  # CPU time of a job of `batch: auto`: starting one takes 2 % of it
 OFTEN = 20.0  # and it is longer by so many times what a job calculates once

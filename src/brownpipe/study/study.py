@@ -21,12 +21,12 @@ from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, OWN, SCAN, SPREADING, TRACKED
 from brownpipe.observables.own import beside, is_own
 from brownpipe.provenance import digest_of
-from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene, reading
 from brownpipe.scene.reading import As, AtLeastOne, Count, Name, NotNegative, Positive, Record, converted, key, refuse
 from brownpipe.scene.scene import is_study
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.variation import Vary, combinations, is_number, scene_with
+from brownpipe.text import shell_path
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error

@@ -17,12 +17,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from brownpipe.errors import RequestError
-from brownpipe.formatting import counted, in_time
 from brownpipe.provenance import PACKAGE
-from brownpipe.quoting import shell_path
 from brownpipe.scene.reading import read_yaml, scalar, validated
 from brownpipe.study.run_sets import run_sets, seconds_of_jobs
 from brownpipe.study.study import Study, read_study
+from brownpipe.text import counted, in_time, shell_path
 
 LOCKS = Path(".snakemake/locks")
 _held: list[int] = []  # the open file that says that a Snakemake is alive in this folder

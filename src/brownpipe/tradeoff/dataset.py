@@ -10,8 +10,8 @@ from brownpipe.analysis.runs import Source, groups_of
 from brownpipe.analysis.variables import INTERVAL, SAME_TIME, Mean, Variable, with_uncertainties
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
+from brownpipe.progress import tracked
 from brownpipe.scene import Scene
-from brownpipe.stages import tracked
 from brownpipe.storage.datasets import origin_attributes
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import EngineRuns, compare, read_runs

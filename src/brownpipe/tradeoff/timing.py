@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines import Engine
 from brownpipe.scene import Scene
 
@@ -72,7 +72,7 @@ def _ready(engine: Engine, scene: Scene) -> tuple[Callable[[], float], float]:
 def _seconds(engine: Engine, scene: Scene, seeds: Iterator[int], runs: int) -> float:
     """CPU seconds of a call with runs of the next seeds."""
     batch = [next(seeds) for _ in range(runs)]
-    with stages.unreported():
+    with progress.unreported():
         began = time.process_time()
         engine.simulate(scene, batch, frozenset({"tracer"}))
         return time.process_time() - began

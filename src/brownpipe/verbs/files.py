@@ -7,7 +7,6 @@ from pathlib import Path
 from brownpipe import inspection, progress
 from brownpipe.analysis.varied import failed_runs
 from brownpipe.errors import DONE, FAILED, RequestError, StorageError
-from brownpipe.formatting import counted, in_bytes
 from brownpipe.inspection import read_contents, reproduction
 from brownpipe.inspection.reports import PRODUCTS
 from brownpipe.scene.reading import AtLeastOne, Count, Positive
@@ -17,6 +16,7 @@ from brownpipe.storage.export import export as exported
 from brownpipe.storage.files import write_file
 from brownpipe.storage.trajectories import Trajectories, read_trajectories
 from brownpipe.study.verification import verify_results
+from brownpipe.text import counted, in_bytes
 from brownpipe.verbs.options import add_seed, typed
 from brownpipe.verbs.output import PAGE, say, show, suffix, writable
 

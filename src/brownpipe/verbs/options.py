@@ -76,6 +76,7 @@ def add_runs_of_study(add: Callable) -> None:
     add_config(add)
     plan = "the file that says how many runs the tolerance of the study needs; nothing for a study with seeds"
     add("--plan", nargs="?", metavar="PLAN.yaml", help=plan)
+    add("--planned", metavar="SHA256", help="of all that the dataset is made from; stored in it")
     add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
 
 

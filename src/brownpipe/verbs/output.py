@@ -8,8 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from brownpipe.errors import RequestError, StorageError
-from brownpipe.formatting import in_bytes
-from brownpipe.quoting import in_lines, printable
+from brownpipe.text import in_bytes, in_lines, printable
 
 HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
 YAML = (".yaml", ".yml")

@@ -9,11 +9,10 @@ from brownpipe import analysis, progress
 from brownpipe import tradeoff as comparison
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.formatting import counted
-from brownpipe.quoting import shell_path
 from brownpipe.scene.reading import AtLeastOne, Positive
 from brownpipe.storage.datasets import write_dataset
 from brownpipe.study.run_sets import files_of
+from brownpipe.text import counted, shell_path
 from brownpipe.verbs.options import add_particles, add_runs_of_study, list_runs, several, study_of, typed, window
 from brownpipe.verbs.output import NETCDF, PAGE, folder, show, writable
 
@@ -56,7 +55,7 @@ def aggregate(arguments: Namespace) -> None:
         dataset = analysis.aggregate(
             files, windows, width, count, times or (), *(([*study.vary], study.vary_together) if study else ())
         )
-    write_dataset(output, dataset)
+    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
     if study is not None:
         list_runs(study, arguments)
     show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
@@ -83,6 +82,7 @@ def add_figures(add: Callable) -> None:
     add("--panel", type=several(str), metavar="NAMES", help="draw what differs in these labels in panels of its own")
     add("--title", metavar="TEXT", help="of the study, above the answer and the page")
     add("--note", metavar="TEXT", help="what the study is about, at the top of the page")
+    add("--planned", metavar="SHA256", help="refuse a dataset other than that of a study as it is")
     cores = "draw so many figures at the same time (default: 1); the files are the same"
     add("--cores", type=typed(AtLeastOne), metavar="N", default=1, help=cores)
 
@@ -100,6 +100,8 @@ def figures(arguments: Namespace) -> None:
     output = folder(arguments.output)
     given = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
     dataset, record = read(arguments.dataset, given)
+    if arguments.planned not in (None, dataset.attrs.get("planned")):
+        raise RequestError(f"{arguments.dataset}: is not of this study as it is; delete it and run the study again")
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
         written = write(dataset, output, record, page=page, cores=arguments.cores)
@@ -135,6 +137,6 @@ def tradeoff(arguments: Namespace) -> None:
     output = writable(arguments.output or default, arguments.study, *inputs, suffixes=NETCDF)
     with progress.shown("tradeoff"):
         dataset = comparison.measure(arguments.files or expected, dict(study.instead_of), arguments.fit_window)
-    write_dataset(output, dataset)
+    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
     list_runs(study, arguments)
     show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")

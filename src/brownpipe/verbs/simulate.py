@@ -12,7 +12,6 @@ from brownpipe import progress
 from brownpipe.engines import DEFINITIONS, Engine, option, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
-from brownpipe.formatting import counted, in_time
 from brownpipe.observables import OBSERVABLES
 from brownpipe.observables.own import identity
 from brownpipe.provenance import made_with
@@ -20,10 +19,11 @@ from brownpipe.scene import Scene
 from brownpipe.scene.reading import Count, Positive, read_yaml
 from brownpipe.scene.seeds import read_seeds, seed_text
 from brownpipe.scene.variation import scene_with
-from brownpipe.storage.checkpoints import read_checkpoint, remove_checkpoint, write_checkpoint
+from brownpipe.storage.files import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.store import runs_digest
 from brownpipe.storage.trajectories import write_trajectories
 from brownpipe.study import forecast_of_runs
+from brownpipe.text import counted, in_time
 from brownpipe.verbs.options import add_particles, key_value, several, typed
 from brownpipe.verbs.output import HDF5, refuse_if_too_large, say, show, writable
 

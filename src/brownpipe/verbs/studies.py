@@ -10,7 +10,6 @@ from pathlib import Path
 from brownpipe import progress
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.provenance import PACKAGE
-from brownpipe.quoting import shell_path
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import AtLeastOne, Name, validated
 from brownpipe.storage.files import write_file
@@ -19,6 +18,7 @@ from brownpipe.study.check import describe_scene_or_study
 from brownpipe.study.plan import offers, performance_of, recommendation, spent_on, write_plan, write_study
 from brownpipe.study.study import Target, Tolerance, why_no_relative_error
 from brownpipe.study.workflow import pipeline_folder, run_study
+from brownpipe.text import shell_path
 from brownpipe.verbs.options import add_config, add_particles, typed
 from brownpipe.verbs.output import YAML, show, writable
 

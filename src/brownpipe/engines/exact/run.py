@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines.ensemble import Events, RunResult
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
@@ -139,7 +139,7 @@ def _to_last_sample(
             if events >= max(EVENTS_PER_CALL, 2 * scene.particles):  # each block begins with an event of every disk
                 _refuse_standstill(scene, frame, now, now - before, events)
                 before, events = now, 0
-            stages.within((settled + now * frame.time) / (scene.equilibrate.time + scene.duration))
+            progress.within((settled + now * frame.time) / (scene.equilibrate.time + scene.duration))
         if len(recorder.log_time):
             logs.append(_logged(recorder, w, frame))
             w.progress[ws.LOGGED] = 0

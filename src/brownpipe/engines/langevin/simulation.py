@@ -18,8 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from brownpipe import stages
-from brownpipe.elementary import exp, expm1, tanh
+from brownpipe import progress
 from brownpipe.engines.ensemble import Ensemble, RunResult, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import bath_of, followed, friction_rate
@@ -82,7 +81,7 @@ def _collision_rate(scene: Scene) -> float:
 
     The rate of each run is scaled from the run's own temperature to the scene's: rates are proportional to sqrt(kT).
     """
-    with stages.unreported():
+    with progress.unreported():
         runs = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"}))
     if failed := failures(runs):
         raise RunError(f"{scene.name}: of the runs that measure the friction {failed}; must be friction: enskog")
@@ -125,16 +124,16 @@ def step_weights(dt: np.ndarray, gamma: float, square_speed: float) -> np.ndarra
     dt = np.asarray(dt, float)
     x = gamma * dt
     speed = np.sqrt(square_speed)
-    w1 = speed * np.sqrt(-expm1(-2 * x))
+    w1 = speed * np.sqrt(-np.expm1(-2 * x))
     w2 = dt / 2 * _tanh_ratio(x / 2)
     w3 = dt * np.sqrt(2 * _undetermined(x)) * speed
-    return np.stack([exp(-x), w1, w2, w3], axis=-1)
+    return np.stack([np.exp(-x), w1, w2, w3], axis=-1)
 
 
 def _tanh_ratio(y: np.ndarray) -> np.ndarray:
     """Return tanh(y)/y, 1 at y = 0."""
     safe = np.where(y == 0.0, 1.0, y)
-    return np.where(y == 0.0, 1.0, tanh(safe) / safe)
+    return np.where(y == 0.0, 1.0, np.tanh(safe) / safe)
 
 
 def _undetermined(x: np.ndarray) -> np.ndarray:
@@ -142,7 +141,7 @@ def _undetermined(x: np.ndarray) -> np.ndarray:
     y2 = (np.minimum(x, FLAT) / 2) ** 2
     series = x / 12 * (1 + y2 * (-2 / 5 + y2 * (17 / 105 + y2 * (-62 / 945 + y2 * 1382 / 51975))))
     safe = np.where(x < FLAT, 1.0, x)
-    return np.where(x < FLAT, series, (1 - 2 * tanh(safe / 2) / safe) / safe)
+    return np.where(x < FLAT, series, (1 - 2 * np.tanh(safe / 2) / safe) / safe)
 
 
 @entry_point

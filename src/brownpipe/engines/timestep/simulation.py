@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from brownpipe import stages
+from brownpipe import progress
 from brownpipe.engines.ensemble import Ensemble, RunResult, make_runs, new_batch
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
@@ -109,7 +109,7 @@ def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> RunResu
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
     while (outcome := advance(w, samples, steps)) != ws.DONE:
         elapsed = int(w.counters[ws.STEP]) * setup.time_step
-        stages.within((scene.equilibrate.time + elapsed) / (scene.equilibrate.time + scene.duration))
+        progress.within((scene.equilibrate.time + elapsed) / (scene.equilibrate.time + scene.duration))
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
     tracer, whole, finite = tracks_of(scene, frame, samples)
