@@ -166,17 +166,9 @@ def test_figures_and_particle_count_asked_for(plain, dataset, tmp_path, no_pictu
     def shown(data, particles=None):
         return [(case.scene.item(), int(case.particles)) for case in cases.one_count(cases.cases_of(data), particles)]
 
-    assert {path.stem for path in render(dataset, tmp_path, ["health", "msd"])} == {
-        "health",
-        "msd",
-        "summary",
-        "provenance",
-    }
-    assert {path.stem for path in render(plain.sel(particles=[10]), tmp_path)} == {
-        *OF_TRAJECTORIES,
-        "summary",
-        "provenance",
-    }
+    two, small = ["health", "msd"], plain.sel(particles=[10])
+    for data, names, made in ((dataset, two, two), (small, None, OF_TRAJECTORIES)):
+        assert {path.stem for path in render(data, tmp_path, names)} == {*made, "summary", "provenance"}
     with pytest.raises(FigureError, match=r"^scan: .*two particle counts"):
         render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "scan"])
     assert not (tmp_path / "other").exists()
@@ -314,11 +306,7 @@ def test_uncertain_bins_are_pooled_for_drawing_alone(dataset):
     down, up = value - pooled.pair_distribution_low.values, pooled.pair_distribution_high.values - value
     assert down == pytest.approx(up)
     assert (up / single[:whole:4]) == pytest.approx(0.5, rel=0.05)
-    for error, width in (
-        (0.05, 0.035),
-        (0.019, None),
-        (0.5, 0.095),
-    ):  # 0.05/sqrt(7) < 0.02; at most a quarter
+    for error, width in ((0.05, 0.035), (0.019, None), (0.5, 0.095)):  # 0.05/sqrt(7) < 0.02; at most a quarter
         unsure = dataset.sel(species_pair=[PAIRS[1]], scene=["hot"])
         unsure = unsure.assign(pair_distribution_standard_error=error * unsure.pair_distribution)
         label = draw_figure(unsure, "pair_distribution").axes[0].get_legend_handles_labels()[1][0]

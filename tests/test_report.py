@@ -48,22 +48,19 @@ def results(tmp_path_factory):
 
 def words(results, folder, *further):
     """The arguments that draw the dataset of `results`, with the page, into a folder of it."""
-    options = {
-        "figures": ",".join(SHOWN),
-        "title": "Two baths",
-        "note": "A hot one.\n\nSecond <part>.",
-        "panel": "scene",
-    }
-    given = [word for name, value in options.items() for word in (f"--{name}", value)]
     output = results / folder
+    files = [str(results / "s.nc"), "--output", str(output), "--page", f"{output}/report.html"]
+    note = ["--note", "A hot one.\n\nSecond <part>."]
     return [
         "figures",
-        str(results / "s.nc"),
-        "--output",
-        str(output),
-        "--page",
-        f"{output}/report.html",
-        *given,
+        *files,
+        "--figures",
+        ",".join(SHOWN),
+        "--title",
+        "Two baths",
+        *note,
+        "--panel",
+        "scene",
         *further,
     ]
 
