@@ -11,8 +11,8 @@ import browser
 from brownpipe.cli import main
 from brownpipe.engines import Engine, requested
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
-from brownpipe.figures import replay
 from brownpipe.figures.origin import read_record
+from brownpipe.report import replay
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
 from ensembles import make_scene

@@ -158,6 +158,7 @@ VARIED = [
     ("{disks.tracer.mas: [1]}", "vary", "did you mean mass?"),
     ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or mass of disks.species.bath"),
     ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be <= 1, not 1.5"),
+    ("{packing_fraction: [0.1]}", "vary", "packing_fraction: must be with one number of particles"),
     ("{duration: [1, 1.0000000000001]}", "vary", "must be values that differ"),
     ("{duration: 3}", "vary.duration", "from, to, count, spacing or a list, not 3"),
     ("{duration: {from: 1, to: 3}}", "vary.duration.count", "missing"),

@@ -33,7 +33,19 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
     """Return every case that has runs, ordered by scene, varied keys, particle count and engine."""
     dims = labels_of_cases(dataset)
     cases = [dataset.sel(dict(zip(dims, one, strict=True))) for one in product(*(dataset[dim].values for dim in dims))]
-    return [case for case in cases if int(case.runs) + int(case.failed_runs) > 0]
+    return [_with_contact_theory(case) for case in cases if int(case.runs) + int(case.failed_runs) > 0]
+
+
+def _with_contact_theory(case: Dataset) -> Dataset:
+    """Return the case with `contact_theory`, the contact value of equal disks, or of a tracer and its only species.
+
+    That of other pairs is not in a dataset: NaN.
+    """
+    if not has(case, "pair_distribution", "enskog_contact_value"):
+        return case
+    pairs = [part.species_pair.item() for part in parts_of(case, "species_pair", "pair_distribution")]
+    known = case.species_pair == pairs[0] if len(pairs) <= 2 else False
+    return case.assign(contact_theory=case.enskog_contact_value.where(known))
 
 
 def has(case: Dataset, *names: str) -> bool:
@@ -74,11 +86,15 @@ def axis_of(cases: list[Dataset], otherwise: str = "particles") -> str:
     return next((key for key in keys if cases[0][key].dtype.kind in "iuf"), otherwise)
 
 
-def panels_of(cases: list[Dataset], keys: Iterable[str] = ()) -> list[list[Dataset]]:
-    """Group the cases, or parts of cases, that share a panel: those with equal values of the labels `keys`.
+def panels_of(
+    cases: list[Dataset], keys: Iterable[str] = (), part: str = "", variable: str = ""
+) -> list[list[Dataset]]:
+    """Group the cases that share a panel: those with equal values of the labels `keys`.
 
     A panel holds at most MOST_CURVES of durations that differ at most LONGEST times. Where that is too few, cases that
     also differ in a further label have panels of their own, in as few panels as possible, or all have.
+    With a `part`, the dimension of species or pairs of species, group those parts of the cases that have this variable:
+    species of a single case share a panel; each pair has one of its own, and so has each species of several cases.
 
     Raises FigureError for a key that the cases do not have.
     """
@@ -90,7 +106,12 @@ def panels_of(cases: list[Dataset], keys: Iterable[str] = ()) -> list[list[Datas
     further = differing(cases)
     choices = [keys, *([*keys, name] for name in further), [*keys, *further]]
     groupings = [[*_grouped(cases, partial(_values, names=names)).values()] for names in choices]
-    return min((groups for groups in groupings[:-1] if all(map(_fits, groups))), key=len, default=groupings[-1])
+    groups = min((groups for groups in groupings[:-1] if all(map(_fits, groups))), key=len, default=groupings[-1])
+    panels = [] if part else groups
+    for group in groups if part else ():
+        parts = [one for case in group for one in parts_of(case, part, variable)]
+        panels += [parts] if part == "species" and len(group) == 1 else panels_of(parts, [part])
+    return panels
 
 
 def _values(case: Dataset, names: list[str]) -> tuple[object, ...]:
@@ -100,15 +121,6 @@ def _values(case: Dataset, names: list[str]) -> tuple[object, ...]:
 def _fits(group: list[Dataset]) -> bool:
     durations = [float(case.duration) for case in group]
     return len(group) <= MOST_CURVES and max(durations) <= LONGEST * min(durations)
-
-
-def panels_by_species(cases: list[Dataset], keys: Iterable[str], name: str) -> list[list[Dataset]]:
-    """Group the species that have a variable by panels: those of a single case in one, each of several in one."""
-    panels = []
-    for group in panels_of(cases, keys):
-        parts = [part for case in group for part in parts_of(case, "species", name)]
-        panels += panels_of(parts, ["species"]) if len(group) > 1 else [parts]
-    return panels
 
 
 def series_of(cases: list[Dataset], *axes: str, drift: bool = False) -> dict[str, list[Dataset]]:
@@ -140,8 +152,11 @@ def defined(case: Dataset, name: str, dim: str) -> Dataset:
 
 
 def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
-    """Return the case at each point along `dim`, such as each species, where it has a finite value of `name`."""
-    parts = [case.isel({dim: k}) for k in range(case.sizes[dim])]
+    """Return the case at each point along `dim`, such as each species, where it has a finite value of `name`.
+
+    Without a dimension it is the case itself.
+    """
+    parts = [case.isel({dim: k}) for k in range(case.sizes[dim])] if dim else [case]
     return [part for part in parts if has(part, name)]
 
 
@@ -159,18 +174,6 @@ def at_last_distribution(case: Dataset) -> Dataset:
 def fits_of(case: Dataset) -> list[Dataset]:
     """Return the case at each fit window in which a line could be fitted to the MSD."""
     return parts_of(case, "window", "slope")
-
-
-def with_contact_theory(case: Dataset) -> Dataset:
-    """Return the case with `contact_theory`, the contact value of equal disks, or of a tracer and its only species.
-
-    That of other pairs is not in a dataset: NaN.
-    """
-    if not has(case, "pair_distribution", "enskog_contact_value"):
-        return case
-    pairs = [part.species_pair.item() for part in parts_of(case, "species_pair", "pair_distribution")]
-    known = case.species_pair == pairs[0] if len(pairs) <= 2 else False
-    return case.assign(contact_theory=case.enskog_contact_value.where(known))
 
 
 # -- names and numbers in words -------------------------------------------------------------------------------------
@@ -195,9 +198,15 @@ def scene_of(case: Dataset) -> str:
     return in_words(case, labels_of_cases(case)[:-2])
 
 
-def title_of(case: Dataset) -> str:
-    """Return scene, varied keys, particle count, the engine unless it is the exact one, and whether its runs drift."""
-    return in_words(case, labels_of_cases(case)) + drift_in_words(case)
+def title_of(*cases: Dataset) -> str:
+    """Return what cases have in common: scene, varied keys, particle count, the engine unless it is exact, species.
+
+    Of a single case also whether its runs drift.
+    """
+    apart = differing([*cases])
+    names = [name for name in (*labels_of_cases(cases[0]), *SPECIES) if _is_label(cases[0], name)]
+    common = in_words(cases[0], [name for name in names if name not in apart])
+    return common + (drift_in_words(cases[0]) if len(cases) == 1 else "")
 
 
 def axis_label(case: Dataset, name: str) -> str:
@@ -205,14 +214,6 @@ def axis_label(case: Dataset, name: str) -> str:
     unit = case[name].attrs.get("units", "1")
     symbols = {"particles": "number of disks $N$", "packing_fraction": "packing fraction $\\phi$"}
     return symbols.get(name, name.replace("_", " ")) + f" [{unit}]" * (unit != "1")
-
-
-def title_of_panel(cases: list[Dataset]) -> str:
-    """Return what the cases of a panel have in common; of a single case its title."""
-    apart = differing(cases)
-    names = [name for name in (*labels_of_cases(cases[0]), *SPECIES) if _is_label(cases[0], name)]
-    common = [name for name in names if name not in apart]
-    return in_words(cases[0], common) + (drift_in_words(cases[0]) if len(cases) == 1 else "")
 
 
 def drift_in_words(case: Dataset) -> str:

@@ -1,8 +1,9 @@
 """The list of figures. To add one, write `figures/NAME.py` and its caption `figures/NAME.rst`, and add a line here.
 
-The module has `draw(cases)`, which returns a matplotlib figure, and `table(cases)`, its numbers. The `needs` of a
-figure must guarantee that some case has its `variables`. Studies, the command line and the workflow take the names from
-here, so that this module imports nothing heavy.
+The module has `table(cases)`, its numbers, and `draw(cases)`, which returns a matplotlib figure; or, if several cases
+may share a panel, `curves(axes, cases, **looks)`, which draws them into one, `LABELS` and `HEIGHTS` (`render`). The
+`needs` of a figure must guarantee that some case has its `variables`. Studies, the command line and the workflow take
+the names from here, so that this module imports nothing heavy.
 """
 
 from typing import NamedTuple
@@ -23,6 +24,7 @@ class Figure(NamedTuple):
     needs: tuple[str, ...] = ()  # of the study
     variables: tuple[str, ...] = ()  # of the dataset, which a case must have to be shown
     every_count: bool = False  # shows all particle counts of a scene; otherwise one
+    part: str = ""  # dimension of the parts of a case that have curves of their own
 
 
 FIGURES = {
@@ -33,10 +35,10 @@ FIGURES = {
         Figure("diffusion", (FOLLOWED, SPREADING), ("msd",)),
         Figure("velocity_autocorrelation", ("the observable velocity_autocorrelation",), ("velocity_autocorrelation",)),
         Figure("velocity_distribution", ("the observable velocity_distribution",), ("velocity_density",)),
-        Figure("pair_distribution", ("the observable pair_distribution",), ("pair_distribution",)),
-        Figure("density_profile", ("the observable density_profile",), ("density_profile",)),
+        Figure("pair_distribution", ("the observable pair_distribution",), ("pair_distribution",), part="species_pair"),
+        Figure("density_profile", ("the observable density_profile",), ("density_profile",), part="species"),
         Figure("orientational_order", ("the observable orientational_order",), ("orientational_order",), True),
-        Figure("energy", ("the observable species_energy",), ("species_energy",)),
+        Figure("energy", ("the observable species_energy",), ("species_energy",), part="species"),
         Figure("own_observables", (OWN,), every_count=True),
         Figure("thermodynamics", (COLLISIONS,), ("collision_rate",), every_count=True),
         Figure("scan", (SCAN, SPREADING), ("msd",), every_count=True),

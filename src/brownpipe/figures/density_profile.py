@@ -1,33 +1,22 @@
 """Figure `density_profile`: the number density of each species against the distance from the walls."""
 
-from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import defined, estimate_of, frame_of, has, panels_by_species, parts_of
-from brownpipe.figures.style import DOTTED, band, drawn_in_panels, points, told_apart
+from brownpipe.figures.cases import defined, estimate_of, frame_of, has
+from brownpipe.figures.style import DOTTED, band, points, told_apart
 
 NAME = "density_profile"
 LABELS = ("number density $n(z)$ of centres",)
+HEIGHTS = (4.2,)
 BULK = 0.75  # share of the largest distance from which on the density is that of the bulk
 
 
-def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
-    """Draw a panel per case with a curve for each species or, if cases share panels, a panel per species."""
-    return drawn_in_panels(panels_by_species(cases, panel, NAME), LABELS[0], 4.2, _curves)
-
-
-def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
-    """Draw the density of all species of the cases."""
-    _curves(axes, [part for case in cases for part in parts_of(case, "species", NAME)], **looks)
-
-
-def _curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
-    """Draw the profiles with their 95 % bands, their values at the wall, and those of the bulk."""
+def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
+    """Draw the profile of each species with its 95 % band, its value at the wall, and that of the bulk."""
     parts = [defined(part, NAME, "wall_distance") for part in parts]
     for part, line in told_apart(parts, _contact_in_words, looks):
         band(axes, part, NAME, **line)

@@ -4,18 +4,17 @@ The routes (docs/theory.md): the running slope of the MSD over 4, MSD/4t, and th
 D(t) has no limit, as the velocity autocorrelation decays as 1/t.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import estimate_of, fits_of, frame_of, has, over_time, panels_of
-from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, drawn_in_panels, time_axis, told_apart
+from brownpipe.figures.cases import estimate_of, fits_of, frame_of, has, over_time
+from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, time_axis, told_apart
 
 LABELS = ("diffusion coefficient $D(t)$, 95 % bands",)
+HEIGHTS = (4.6,)
 ROUTES = {
     "diffusion_running": "d$\\langle r^2 \\rangle$/d$t$ / 4",
     "msd_over_4t": "$\\langle r^2 \\rangle$ / 4$t$",
@@ -26,12 +25,7 @@ OTHERS = ("green_kubo", "enskog_diffusion")  # shown in equilibrium, up to REACH
 HEADROOM, REACH = 1.25, 2.0
 
 
-def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
-    """Draw one column per panel."""
-    return drawn_in_panels(panels_of(cases, panel), LABELS[0], 4.6, main)
-
-
-def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw D(t) with its 95 % band, Enskog's D, and slope/4 across its window, of a single case by every route.
 
     Of several cases or with `looks` it is the running slope, or MSD/4t without one.

@@ -3,35 +3,22 @@
 In equilibrium all species have the same, kT in two dimensions (equipartition); a tracer that starts hotter cools.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import estimate_of, frame_of, has, over_time, panels_by_species, parts_of
-from brownpipe.figures.style import DOTTED, INK, band, drawn_in_panels, highest, time_axis, told_apart
+from brownpipe.figures.cases import estimate_of, frame_of, has, over_time
+from brownpipe.figures.style import DOTTED, INK, band, highest, time_axis, told_apart
 
 NAME = "species_energy"
-
-
 LABELS = ("kinetic energy per disk",)
+HEIGHTS = (4.2,)
 
 
-def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
-    """Draw a panel per case with a curve for each species or, if cases share panels, a panel per species."""
-    return drawn_in_panels(panels_by_species(cases, panel, NAME), LABELS[0], 4.2, _curves)
-
-
-def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
-    """Draw the energy of all species of the cases."""
-    _curves(axes, [part for case in cases for part in parts_of(case, "species", NAME)], **looks)
-
-
-def _curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
-    """Draw a curve with its 95 % band for each part, and the mean over all disks."""
+def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
+    """Draw the energy of each species with its 95 % band, and the mean over all disks."""
     parts = [over_time(part, NAME) for part in parts]
     for part, line in told_apart(parts, lambda part: f"{estimate_of(part.isel(time=-1), NAME)} at the end", looks):
         band(axes, part, NAME, **line)

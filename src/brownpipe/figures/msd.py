@@ -1,26 +1,16 @@
 """Figure `msd`: mean squared displacement against time (the note's figure 1), ballistic flight and diffusion."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.figures import style
-from brownpipe.figures.cases import (
-    early_mark,
-    estimate_of,
-    fits_of,
-    frame_of,
-    has,
-    over_time,
-    panels_of,
-    title_of_panel,
-)
+from brownpipe.figures.cases import early_mark, estimate_of, fits_of, frame_of, has, over_time
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
@@ -30,23 +20,7 @@ FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is fo
 HEIGHTS = (4.4, 3.2)  # of the two panels of a column [inch]
 
 
-def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
-    """Draw a column per panel: MSD(t) with fits on linear axes above, on logarithmic ones below."""
-    cases = [over_time(case) for case in cases]
-    groups = panels_of(cases, panel)
-    figure, axes = style.columns(LABELS, len(groups), HEIGHTS)
-    axes[0, 0].set_ylim(0, HEADROOM * style.highest(cases, "msd") or 1.0)
-    for group, (upper, lower) in zip(groups, axes.T, strict=True):
-        main(upper, group)
-        _decades(lower, group)
-    msd = np.concatenate([case.msd.values for case in cases])
-    if (msd > 0).any():
-        style.log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, max(msd.max() * MARGIN, axes[0, 0].get_ylim()[1]))
-    style.heads(axes[0], map(title_of_panel, groups))
-    return figure
-
-
-def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise with models."""
     cases = [over_time(case) for case in cases]
     if len(cases) == 1 and not looks:
@@ -72,28 +46,30 @@ def _fitted_diffusion(case: Dataset) -> str:
 def _linear(axes: Axes, case: Dataset) -> None:
     """Draw MSD(t) with its band, the fitted line extended to the axes, diffusion and ballistic flight."""
     t = case.time.values
-    end = t[-1]
     with_band = ", 95 % band" if case.msd_low.notnull().any() else ""
-    label = f"{int(case.runs):,} runs{with_band}: MSD({end:g}) = {estimate_of(case.isel(time=-1), 'msd')}"
+    label = f"{int(case.runs):,} runs{with_band}: MSD({t[-1]:g}) = {estimate_of(case.isel(time=-1), 'msd')}"
     every = -(-t.size // MOST_DOTS)
-    top = HEADROOM * style.highest([case], "msd") if axes.get_autoscaley_on() else axes.get_ylim()[1]
     style.band(axes, case, "msd", style.DATA, linestyle="", marker="o", markersize=3, markevery=every, label=label)
     for fit in fits_of(case)[:1]:
         _line(axes, fit)
-    _models(axes, case, np.linspace(0, end, 201), 0.0, top)
+    _models(axes, case, np.linspace(0, t[-1], 201))
+    axes.set_ylim(0, _top([case]))
 
 
-def _models(axes: Axes, case: Dataset, t: np.ndarray, low: float, high: float) -> None:
-    """Draw the MSD of diffusion and of ballistic flight at times t, from `low` and as far as `high`."""
+def _top(cases: list[Dataset]) -> float:
+    """The upper end of a linear axis."""
+    return HEADROOM * style.highest(cases, "msd") or 1.0
+
+
+def _models(axes: Axes, case: Dataset, t: np.ndarray) -> None:
+    """Draw the MSD of diffusion and of ballistic flight at times t."""
     for diffusion, label in _diffusing(case):
-        msd = _diffusion(case, t, diffusion)
-        axes.plot(t[msd >= low], msd[msd >= low], color=style.MODEL, linestyle=style.DASHED, linewidth=1.4, label=label)
+        looks: dict[str, Any] = {"color": style.MODEL, "linestyle": style.DASHED, "linewidth": 1.4}
+        axes.plot(t, _diffusion(case, t, diffusion), label=label, **looks)
     square_speed = float(case.initial_square_speed)
-    ballistic = theory.ballistic_msd(t, square_speed)
-    seen = (ballistic >= low) & (ballistic <= high)
-    if seen.any():  # NaN: unknown before the runs
+    if np.isfinite(square_speed):  # known before the runs
         label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
-        axes.plot(t[seen], ballistic[seen], color=style.GREY, linestyle=style.DOTTED, label=label)
+        axes.plot(t, theory.ballistic_msd(t, square_speed), color=style.GREY, linestyle=style.DOTTED, label=label)
 
 
 def _line(axes: Axes, fit: Dataset) -> None:
@@ -145,19 +121,28 @@ def _diffusion(case: Dataset, t: np.ndarray, diffusion: float) -> np.ndarray:
     return theory.diffusive_msd(t, diffusion)
 
 
-def _decades(axes: Axes, cases: list[Dataset]) -> None:
+def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     """Draw MSD(t) on logarithmic axes, where ballistic flight has slope 2 and diffusion slope 1; of one case both."""
+    cases = [over_time(case) for group in groups for case in group]
+    axes[0, 0].set_ylim(0, _top(cases))
+    for panel, group in zip(axes[1], groups, strict=True):
+        _decades(panel, [over_time(case) for case in group])
+    msd = np.concatenate([case.msd.values for case in cases])
+    if (msd > 0).any():
+        style.log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, max(msd.max() * MARGIN, _top(cases)))
+
+
+def _decades(axes: Axes, cases: list[Dataset]) -> None:
     axes.set_xlabel("time $t$")
     cases = [case.isel(time=(case.time.values > 0) & (case.msd.values > 0)) for case in cases]
     cases = [case for case in cases if case.sizes["time"] > 1]
-    for case, line in style.told_apart(cases, lambda _: "", {}) if cases else ():
-        style.band(axes, case, "msd", **line)
     if cases:
-        start, end = (pick(case.time.values[k] for case in cases) for k, pick in ((0, min), (-1, max)))
+        for case, line in style.told_apart(cases, lambda _: "", {}):
+            style.band(axes, case, "msd", **line)
+        start, end = min(case.time.values[0] for case in cases), max(case.time.values[-1] for case in cases)
         style.log_axis(axes, "x", start, end)
-    for case in cases if len(cases) == 1 else ():
-        low, high = float(case.msd.min()) / MARGIN, float(case.msd.max()) * MARGIN
-        _models(axes, case, np.geomspace(start, end, 201), low, high)
+    if len(cases) == 1:
+        _models(axes, cases[0], np.geomspace(start, end, 201))
 
 
 def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:

@@ -4,27 +4,18 @@ from itertools import cycle
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import axis_label, axis_of, frame_of, series_of, title_of_panel
-from brownpipe.figures.style import SERIES, WIDTH, grid, heads, points
+from brownpipe.figures.cases import axis_label, axis_of, frame_of, series_of
+from brownpipe.figures.style import SERIES, points
 
 NAME = "orientational_order"
 LABELS = ("bond-orientational order $|\\psi_6|$",)
+HEIGHTS = (4.2,)
 
 
-def draw(cases: list[Dataset], _: object = None) -> Figure:
-    """Draw one panel."""
-    figure, ((axes,),) = grid(1, 1, WIDTH, 4.2)
-    main(axes, cases)
-    axes.set_ylabel(LABELS[0])
-    heads([axes], [title_of_panel(cases)])
-    return figure
-
-
-def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw a point per case against a varied key, the packing fraction or the number of disks, by what else differs."""
     densities = {float(case.packing_fraction) for case in cases}
     axis = axis_of(cases, "packing_fraction" if len(densities) > 1 else "particles")

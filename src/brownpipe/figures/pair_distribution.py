@@ -3,51 +3,36 @@
 The routes: extrapolation of g(r) to contact, and the collision rate of the pair (docs/theory.md).
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame
-from xarray import Dataset
+from xarray import DataArray, Dataset
 
 from brownpipe import theory
+from brownpipe.analysis.pairs import NORMAL
 from brownpipe.figures import style
-from brownpipe.figures.cases import defined, estimate_of, frame_of, has, panels_of, parts_of, with_contact_theory
+from brownpipe.figures.cases import defined, estimate_of, frame_of, has
 
 NAME = "pair_distribution"
 LABELS = ("pair distribution function $g(r)$",)
+HEIGHTS = (3.6,)
 CONTACTS = {
     "contact_value": ("at contact, by extrapolation", style.FIT, "o"),
     "contact_value_rate": ("at contact, from the collision rate", style.MODEL, "s"),
 }  # label, colour, marker
 LARGEST_ERROR = 0.02  # relative error of g(r) above which neighbouring bins are pooled
 WIDEST = 0.25  # width of a pooled bin, in contact distances
-
-
 DILUTE = 0.2  # packing fraction below which the first order in the density is drawn
 
 
-def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
-    """Draw a panel per pair of species: g(r) with its 95 % band, its values at contact, and theory."""
-    return style.drawn_in_panels(panels_of(_pairs(cases), [*panel, "species_pair"]), LABELS[0], 3.6, _curves)
+def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
+    """Draw g(r) of each pair of species with its 95 % band, and theory.
 
-
-def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
-    """Draw g(r) of all pairs of species of the cases."""
-    _curves(axes, _pairs(cases), **looks)
-
-
-def _pairs(cases: list[Dataset]) -> list[Dataset]:
-    """The cases at each pair of species, beyond contact."""
-    parts = [part for case in cases for part in parts_of(with_contact_theory(case), "species_pair", NAME)]
-    parts = [defined(part, NAME, "distance") for part in parts]
-    return [part.isel(distance=part.distance.values > float(part.contact_distance)) for part in parts]
-
-
-def _curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
-    """Draw g(r): of several pairs or with `looks` with its value at contact, of a single one with both values."""
+    Of several pairs or with `looks` it is drawn with its value at contact, of a single one with both values.
+    """
+    pairs = [_beyond_contact(pair) for pair in pairs]
     contacts = [float(pair.contact_distance) for pair in pairs]
     axes.axhline(1, color=style.GREY, linewidth=0.8)
     for contact in {*contacts}:
@@ -59,15 +44,18 @@ def _curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
             label += f": {estimate_of(pairs[0], name)}"
             style.points(axes, contacts, pairs, name, fmt=marker, color=colour, label=label)
     else:
-        for pair, line in style.told_apart(
-            pairs, lambda pair: f"g(contact) = {estimate_of(pair, 'contact_value')}", looks
-        ):
+        for pair, line in style.told_apart(pairs, _contact_in_words, looks):
             _curve(axes, pair, **line)
             style.points(axes, [float(pair.contact_distance)], [pair], "contact_value", fmt="o", color=line["color"])
     _theory(axes, pairs, named=not looks)
     end = max(float(pair.distance[-1]) for pair in pairs)
     axes.set_xlim(min(contacts) - 0.04 * (end - min(contacts)), end)
     axes.set_xlabel("centre-to-centre distance $r$")
+
+
+def _beyond_contact(pair: Dataset) -> Dataset:
+    pair = defined(pair, NAME, "distance")
+    return pair.isel(distance=pair.distance.values > float(pair.contact_distance))
 
 
 def _contact_in_words(pair: Dataset) -> str:
@@ -89,28 +77,27 @@ def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
         axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=label)
 
 
-def _curve(axes: Axes, case: Dataset, label: str, **looks: Any) -> None:
+def _curve(axes: Axes, pair: Dataset, label: str, **looks: Any) -> None:
     """Draw g(r) with its band; where the errors of single bins are large, of several pooled bins."""
-    width = float(np.diff(case.distance.values[:2])[0])
-    filled = case.isel(distance=case[NAME].values > 0)
+    filled = pair.isel(distance=pair[NAME].values > 0)
     error = float((filled[f"{NAME}_standard_error"] / filled[NAME]).median())  # falls as the root of the number of bins
-    most = int(WIDEST * float(case.contact_distance) / width)
-    number = max(1, min(int(np.ceil((error / LARGEST_ERROR) ** 2)), most)) if error > LARGEST_ERROR else 1
-    label += f", bins of width {number * width:.2g}" * (number > 1)
-    style.band(axes, _pooled(case, number), NAME, label=label, **looks)
+    if error > LARGEST_ERROR:
+        width = float(np.diff(pair.distance.values[:2])[0])
+        number = min(int(np.ceil((error / LARGEST_ERROR) ** 2)), max(1, int(WIDEST * pair.contact_distance / width)))
+        pair, label = _pooled(pair, number), f"{label}, bins of width {number * width:.2g}"
+    style.band(axes, pair, NAME, label=label, **looks)
 
 
-def _pooled(case: Dataset, number: int) -> Dataset:
+def _pooled(pair: Dataset, number: int) -> Dataset:
     """Return g(r) in bins so many times as wide, weighted by the area of their rings, errors taken as independent."""
-    r, g = case.distance.values, case[NAME].values
-    first = np.arange(0, r.size, number)
-    total = np.add.reduceat(r, first)
-    mean = np.add.reduceat(r * g, first) / total
-    reach = {end: np.abs(case[f"{NAME}_{end}"].values - g) for end in ("low", "high")}
-    down, up = (np.sqrt(np.add.reduceat((r * error) ** 2, first)) / total for error in reach.values())
-    values = {NAME: mean, f"{NAME}_low": mean - down, f"{NAME}_high": mean + up}
-    centres = {"distance": np.add.reduceat(r * r, first) / total}
-    return Dataset({name: ("distance", value) for name, value in values.items()}, centres)
+
+    def total(values: DataArray) -> DataArray:
+        return values.coarsen(distance=number, boundary="trim").sum()
+
+    ring = pair.distance.rename("area")
+    mean = total(ring * pair[NAME]) / total(ring)
+    reach = NORMAL * np.sqrt(total((ring * pair[f"{NAME}_standard_error"]) ** 2)) / total(ring)
+    return Dataset({NAME: mean, f"{NAME}_low": mean - reach, f"{NAME}_high": mean + reach})
 
 
 def table(cases: list[Dataset]) -> DataFrame:

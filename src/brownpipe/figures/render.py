@@ -8,9 +8,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import axis_of, cases_of, differing, has, one_count, own_names
+from brownpipe.figures.cases import (
+    axis_of,
+    cases_of,
+    differing,
+    has,
+    one_count,
+    own_names,
+    panels_of,
+    parts_of,
+    title_of,
+)
 from brownpipe.figures.catalogue import FIGURES, OWN, SCAN
-from brownpipe.figures.style import drawing, image_bytes
+from brownpipe.figures.style import columns, drawing, heads, image_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -37,12 +47,25 @@ def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel
     shown: the cases of each figure (`cases_shown`). panel: labels, as of `cases.panels_of`.
     """
     with _module(name) as module:
-        return drawing_of(name, _figure(module, shown[name], panel), module.table(shown[name]), metadata)
+        return drawing_of(name, _figure(module, name, shown[name], panel), module.table(shown[name]), metadata)
 
 
-def _figure(module: ModuleType, cases: list[Dataset], panel: Sequence[str]) -> Figure:
-    """Draw the cases; a figure with a `main` panel puts several into one."""
-    return module.draw(cases, panel) if hasattr(module, "main") else module.draw(cases)
+def _figure(module: ModuleType, name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
+    """Draw the cases: with `curves` several in a panel, where each of them, or each of its parts, is a curve.
+
+    A figure that shows every particle count has one panel. Further rows of panels are drawn by `below`.
+    """
+    if not hasattr(module, "curves"):
+        return module.draw(cases)
+    _, _, variables, every_count, part = FIGURES[name]
+    groups = [cases] if every_count else panels_of(cases, panel, part, variables[0])
+    figure, axes = columns(module.LABELS, len(groups), module.HEIGHTS, sharey=len(module.HEIGHTS) > 1)
+    for upper, group in zip(axes[0], groups, strict=True):
+        module.curves(upper, group)
+    if len(axes) > 1:
+        module.below(axes, groups)
+    heads(axes[0], [title_of(*group) for group in groups])
+    return figure
 
 
 def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[str, str]) -> Drawing:
@@ -54,19 +77,19 @@ def draw(dataset: Dataset, name: str, particles: int | None = None, panel: Seque
     """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
     cases = cases_shown(dataset, particles, [name])[name]
     with _module(name) as module:
-        return _figure(module, cases, panel)
+        return _figure(module, name, cases, panel)
 
 
 def draw_into(axes: Axes, dataset: Dataset, name: str, particles: int | None = None, **looks: Any) -> Axes:
-    """Draw the main panel of a figure into axes, whose style is the caller's; return the axes.
+    """Draw all curves of a figure into axes, whose style is the caller's; return the axes.
 
     looks: of its lines, as of `axes.plot`, such as color and label. Raises FigureError for a figure of several panels.
     """
-    cases = cases_shown(dataset, particles, [name])[name]
+    cases, (_, _, variables, _, part) = cases_shown(dataset, particles, [name])[name], FIGURES[name]
     with _module(name, nullcontext()) as module:
-        if not hasattr(module, "main"):
+        if not hasattr(module, "curves"):
             raise FigureError(f"ax: must not be given for {name}, which has several panels")
-        module.main(axes, cases, **looks)
+        module.curves(axes, [one for case in cases for one in parts_of(case, part, variables[0])], **looks)
         axes.set_ylabel(axes.get_ylabel() or module.LABELS[0])
         return axes
 
@@ -103,7 +126,7 @@ def cases_shown(
         raise FigureError(f"particles: {particles} is not in the dataset; choose one of {counts}")
     shown: dict[str, list[Dataset]] = {}
     for name in names or FIGURES:
-        _, needs, variables, every_count = FIGURES[name]
+        _, needs, variables, every_count, _ = FIGURES[name]
         selected = [case for case in cases if has(case, *variables)]
         selected = selected if every_count else one_count(selected, particles)
         if OWN in needs:

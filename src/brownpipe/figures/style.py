@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brownpipe.figures.cases import differing, drift_in_words, in_words, title_of_panel
+from brownpipe.figures.cases import differing, drift_in_words, in_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -98,17 +98,6 @@ def columns(
                 panel.sharey(row[0])
                 panel.tick_params(labelleft=k % wide == 0)
     return figure, stacks[:, :count]
-
-
-def drawn_in_panels(
-    groups: Sequence[list[Dataset]], label: str, height: float, draw: Callable[[Axes, list[Dataset]], None]
-) -> Figure:
-    """Return a figure with a panel for each group of cases, or of their parts, that share one; `draw` fills it."""
-    figure, axes = columns([label], len(groups), [height], sharey=False)
-    for panel, group in zip(axes[0], groups, strict=True):
-        draw(panel, group)
-    heads(axes[0], map(title_of_panel, groups))
-    return figure
 
 
 def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:

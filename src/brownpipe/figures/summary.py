@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import textwrap
 from collections.abc import Collection, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from brownpipe.figures.cases import (
     scene_of,
     text_of,
     title_of,
-    with_contact_theory,
 )
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.text import in_lines
@@ -38,8 +37,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-TESTS = ("with D = MSD/4t", "with fitted D")  # of eq. (18), the first two models of a dataset
-QUESTION = "eq. (18)"  # above the columns of the tests
+TESTS = ("eq. (18), D = MSD/4t", "eq. (18), fitted D")  # of the first two models of a dataset
 FIT = (
     *("window_start", "window_end", "slope", "slope_standard_error"),
     *("diffusion_coefficient", "diffusion_coefficient_standard_error"),
@@ -55,46 +53,39 @@ class Quantity(NamedTuple):
 
     heading: str
     variable: str
-    meaning: str  # a sentence of the legend
-    asked_by: tuple[str, ...] = ()  # variables, options of the analysis or figures; by default its own variable
+    meaning: str  # a line of the legend
+    asked_by: tuple[str, ...]  # variables of observables, options of the analysis, figures: any of them shows it
     theory: str = ""  # variable with its value in theory, shown beside it in parentheses
-    where: str = ""  # variable that a case must have for the quantity to have this meaning
 
 
-NO_TRAJECTORY = "no trajectory"
-MEASURED = (
-    Quantity("energy", "species_energy", "Energy: mean kinetic energy per disk at the end, kT in equilibrium."),
-    Quantity(
-        *("Z", "compressibility", "Z: compressibility factor from the pair virial, P/(n kT) in a periodic box."),
-        ("pair_distribution", "figure thermodynamics"),
-        "enskog_compressibility",
-    ),
-    Quantity("g(contact)", "contact_value", "g(contact): g(r) extrapolated to contact.", theory="contact_theory"),
-    Quantity(
-        *("collision rate", "collision_rate", "Collision rate: collisions of a disk with others per unit time."),
-        (NO_TRAJECTORY, "figure thermodynamics"),
-        "enskog_collision_rate",
-    ),
-    Quantity("|psi_6|", "orientational_order", "|psi_6|: bond-orientational order of all disks."),
-    Quantity("n(wall)", "contact_density", "n(wall): number density of centres at contact with the walls."),
-    Quantity("alpha_2", "non_gaussian_parameter", "alpha_2: non-Gaussian parameter at the end."),
-    Quantity(
-        *("D (Green-Kubo)", "green_kubo", "D (Green-Kubo): half the integral of the velocity autocorrelation."),
-        theory="enskog_diffusion",
-        where="enskog_diffusion",
-    ),
-)
-# Asks for MSD and D beside these: their observable, options of their analysis, their figures
-SPREADING = (
-    *("diffusion_running", NO_TRAJECTORY, "fit_windows", "rings", "displacement_times"),
+OF_RINGS = ("rings", "displacement_times")  # options that ask for the tests of eq. (18)
+OF_SPREADING = (
+    *("diffusion_running", "fit_windows", *OF_RINGS),
     *(f"figure {name}" for name in ("msd", "diffusion", "displacement_distribution", "scan")),
 )
-DISPLACED = (
-    Quantity("MSD", "msd", "MSD: mean squared displacement of {msd_of}.", SPREADING),
+OF_FLUID = ("figure thermodynamics",)
+QUANTITIES = (
+    Quantity("energy", "species_energy", "kinetic energy per disk at the end, kT in equilibrium", ("species_energy",)),
     Quantity(
-        *("D", "diffusion_coefficient", "D: a quarter of its slope over t in {window}."),
-        SPREADING,
+        *("Z", "compressibility", "compressibility factor from the pair virial, P/(n kT) in a periodic box"),
+        *(("pair_distribution", *OF_FLUID), "enskog_compressibility"),
     ),
+    Quantity("g(contact)", "contact_value", "g(r) extrapolated to contact", ("contact_value",), "contact_theory"),
+    Quantity(
+        *("collision rate", "collision_rate", "collisions of a disk with others per unit time"),
+        *(OF_FLUID, "enskog_collision_rate"),
+    ),
+    Quantity("|psi_6|", "orientational_order", "bond-orientational order of all disks", ("orientational_order",)),
+    Quantity("n(wall)", "contact_density", "number density of centres at contact with the walls", ("contact_density",)),
+    Quantity("alpha_2", "non_gaussian_parameter", "non-Gaussian parameter at the end", ("non_gaussian_parameter",)),
+    Quantity(
+        *("D (Green-Kubo)", "green_kubo", "half the integral of the velocity autocorrelation"),
+        *(("green_kubo",), "enskog_diffusion"),
+    ),
+)
+DISPLACED = (
+    Quantity("MSD", "msd", "mean squared displacement of {msd_of}", OF_SPREADING),
+    Quantity("D", "diffusion_coefficient", "a quarter of its slope over t in {window}", OF_SPREADING),
 )
 
 
@@ -111,39 +102,35 @@ class Answer(NamedTuple):
 def summary(dataset: Dataset, chosen: Collection[str] = (), title: str = "") -> str:
     """Return the results as a text table with one line per case, and lines below it.
 
+    Columns beyond WIDEST are below the others, beside the names of the cases again.
     chosen: the figures that the study names. title: of the study, a line above the table.
     """
     found = answer(dataset, chosen)
-    table = [line for block in _blocks(found) for line in block]
+    names = found.columns[: found.labels]
+    blocks = [[*names]]
+    for column in found.columns[found.labels :]:
+        if sum(max(map(len, cells)) + 2 for cells in [*blocks[-1], column]) > WIDEST + 2:
+            blocks.append([*names])
+        blocks[-1].append(column)
+    table = [line for block in blocks for line in aligned(block)]
     return in_lines([*([title] if title else []), *table, *found.legend, *found.missing, *found.drifting]) + "\n"
-
-
-def _blocks(found: Answer) -> Iterator[list[str]]:
-    """Yield the lines of the table: below each other what is wider than WIDEST, the names of the cases repeated."""
-    labels, rest = found.columns[: found.labels], found.columns[found.labels :]
-    tests = [column for column in rest if column[0] in TESTS]  # stay side by side
-    blocks = [[*labels]]
-    for columns in (*([column] for column in rest if column not in tests), *([tests] if tests else [])):
-        if len(blocks[-1]) > len(labels) and max(map(len, aligned([*blocks[-1], *columns]))) > WIDEST:
-            blocks.append([*labels])
-        blocks[-1] += columns
-    for block in blocks:
-        lines = aligned(block)
-        yield [*([" " * lines[0].index(TESTS[0]) + QUESTION] if block[-1][0] in TESTS else []), *lines]
 
 
 def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     """Return the results of each scene, particle count and engine; `chosen` are the figures that the study names.
 
-    The columns are what the study measured (`quantities`), with standard errors over runs, and if it asked for rings or
-    displacement times the verdict on eq. (18) with either D. All tests of the table are one family: a model is rejected
-    at the family-wise level (Holm).
+    The columns are what an observable, an option of the analysis or a figure asks for, or without any MSD and D, with
+    standard errors over runs. If rings or displacement times were asked for, there is the verdict on eq. (18) with
+    either D. All tests of the table are one family: a model is rejected at the family-wise level (Holm).
     """
-    cases = [with_contact_theory(case) for case in cases_of(dataset)]
-    options = _options(dataset)
+    cases = _cases(dataset)
+    options = json.loads(dataset.attrs.get("options", "{}"))
+    given = {name for name, value in options.items() if value} | {f"figure {name}" for name in chosen}
+    known = [one for one in quantities(dataset) if [*columns_of(cases, one)]]
+    asked = [one for one in known if any(name in given or _any_has(cases, name) for name in one.asked_by)]
+    shown = asked or [one for one in known if one in DISPLACED] or known
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
-    if not options.get("rings") and not options.get("displacement_times"):
-        p = np.full_like(p, np.nan)
+    p = p if given & {*OF_RINGS} else np.full_like(p, np.nan)
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
     tests = int(np.count_nonzero(np.isfinite(p)))
     durations = {case.duration.item() for case in cases}
@@ -152,7 +139,6 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     headings = ["N" if name == "particles" else name.replace("_", " ") for name in names]
     columns = [(head, *(text_of(case, name) for case in cases)) for head, name in zip(headings, names, strict=True)]
     columns.append(("runs", *(str(int(case.runs)) for case in cases)))
-    shown = quantities(dataset, cases, chosen)
     for one in shown:
         for heading, parts in columns_of(cases, one):
             columns.append((end if one.variable == "msd" else heading, *(_cell(part, one) for part in parts)))
@@ -162,35 +148,24 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     return Answer(len(names), columns, lines, [*missing_runs(cases)], [*drifting(cases)])
 
 
-def quantities(dataset: Dataset, cases: list[Dataset], chosen: Collection[str] = ()) -> list[Quantity]:
-    """Return the quantities that a study measured, first what it has observables for; MSD and D last then, or not.
+def _cases(dataset: Dataset) -> list[Dataset]:
+    """Return the cases. Without a temperature, the Green-Kubo integral is not a D and is left out."""
+    if {"green_kubo", "enskog_diffusion"} <= {*dataset.data_vars}:
+        dataset = dataset.assign(green_kubo=dataset.green_kubo.where(dataset.enskog_diffusion.notnull()))
+    return cases_of(dataset)
 
-    They are left out where other quantities are there and neither an observable, an option of the analysis, nor a
-    figure `chosen` asks for them. An observable of the user's own is every variable with this attribute that is one
-    number in each case.
+
+def quantities(dataset: Dataset) -> list[Quantity]:
+    """Return all quantities that an answer may have, MSD and D last.
+
+    An observable of the user's own is every variable with this attribute that is one number in each case.
     """
     own = [
-        Quantity(str(name), str(name), f"{name}: {one.attrs.get('long_name', 'of')} ({one.attrs['observable']}).")
+        Quantity(str(name), str(name), f"{one.attrs.get('long_name', 'of')} ({one.attrs['observable']})", (str(name),))
         for name, one in dataset.data_vars.items()
         if "observable" in one.attrs and f"{name}_standard_error" in dataset and one.dims == dataset.runs.dims
     ]
-    options = _options(dataset) | {f"figure {name}": True for name in chosen}
-    options[NO_TRAJECTORY] = not any(has(case, "displacement_counts") for case in cases)
-
-    def shown(every: Sequence[Quantity], otherwise: bool = False) -> dict[Quantity, bool]:
-        """Those that a study asks for and has, and whether by an observable."""
-        names = {one: one.asked_by or (one.variable,) for one in every if any(columns_of(cases, one))}
-        by_observable = {one: any(has(case, name) for case in cases for name in names[one]) for one in names}
-        return {one: by for one, by in by_observable.items() if by or otherwise or any(map(options.get, names[one]))}
-
-    measured = shown([*MEASURED, *own])
-    displaced = shown(DISPLACED, otherwise=not measured)
-    return [*measured, *displaced] if any(measured.values()) else [*displaced, *measured]
-
-
-def _options(dataset: Dataset) -> dict[str, Any]:
-    """The options of the analysis as they were given."""
-    return json.loads(dataset.attrs.get("options", "{}"))
+    return [*QUANTITIES, *own, *DISPLACED]
 
 
 def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[Dataset | None]]]:
@@ -199,18 +174,22 @@ def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[
         return
     dim = next((dim for dim in SPECIES if dim in cases[0][one.variable].dims), "")
     labels = cases[0][dim].values.tolist() if dim else [""]
-    parts = {label: [_at(case.sel({dim: label}) if dim else case, one) for case in cases] for label in labels}
+    parts = {label: [_at(case.sel({dim: label}) if dim else case, one.variable) for case in cases] for label in labels}
     known = {label: of_label for label, of_label in parts.items() if any(part is not None for part in of_label)}
     for label, of_label in known.items():
         yield f"{one.heading}, {label}" if len(known) > 1 else one.heading, of_label
 
 
-def _at(case: Dataset, one: Quantity) -> Dataset | None:
-    """Return the case at the end and in the first window; None if it does not have the quantity."""
-    if not has(case, one.variable, *filter(None, [one.where])):
+def _any_has(cases: list[Dataset], name: str) -> bool:
+    return any(has(case, name) for case in cases)
+
+
+def _at(case: Dataset, name: str) -> Dataset | None:
+    """Return the case at the end and in the first window; None if it does not have the variable there."""
+    if not has(case, name):
         return None
-    part = over_time(case, one.variable).isel(time=-1) if "time" in case[one.variable].dims else case
-    return part.isel(window=0) if has(part.isel(window=0), one.variable) else None
+    part = over_time(case, name).isel(time=-1) if "time" in case[name].dims else case
+    return part.isel(window=0) if has(part.isel(window=0), name) else None
 
 
 def _cell(part: Dataset | None, one: Quantity) -> str:
@@ -234,28 +213,26 @@ def _verdict(p: float, rejected: bool) -> str:
     return "-" if np.isnan(p) else f"{'' if rejected else 'not '}rejected, {in_words(p)}"
 
 
-def _legend(dataset: Dataset, cases: list[Dataset], shown: list[Quantity], tests: int) -> Iterator[str]:
+def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], tests: int) -> Iterator[str]:
     """Lines that explain the columns, and the tests for equilibrium."""
     words = {"msd_of": dataset.attrs.get("msd_of", "the tracer"), "window": dataset.window.values[0]}
-    sentences = ["N: number of disks.", "±: one standard error over runs.", "All in the scene's reduced units."]
-    sentences += [*(one.meaning.format(**words) for one in shown)]
-    if any(one.theory and any(has(case, one.theory) for case in cases) for one in shown):
-        sentences.append("In parentheses: theory without walls (Luding's for equal disks, else Enskog's).")
-    joined = " ".join(sentence.replace(" ", "\u00a0") for sentence in sentences)
-    yield from (line.replace("\u00a0", " ") for line in textwrap.wrap(joined, LINE, break_on_hyphens=False))
+    yield "N: number of disks. ±: one standard error over runs. All in the scene's reduced units."
+    yield from (f"{one.heading}: {one.meaning.format(**words)}." for one in shown)
+    if any(one.theory and _any_has(cases, one.theory) for one in shown):
+        yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
     starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
     window = dataset.window_start.values[0], dataset.window_end.values[0]
     if DISPLACED[-1] in shown and (caution := window_caution(window, starts)):
         yield from textwrap.wrap(f"° {caution}.", LINE)
     yield from _tests_of_equilibrium(cases)
     if tests:
-        tested = [case for case in cases if has(case, "msd")]
-        times = sorted({at_last_distribution(case).displacement_time.item() for case in tested})
-        at = "at the end" if len(times) > 1 else f"at t = {times[0]:g}"
+        last = [at_last_distribution(case) for case in cases if has(case, "msd")]
+        times = {case.displacement_time.item() for case in last}
+        at = "at the end" if len(times) > 1 else f"at t = {times.pop():g}"
         family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
         yield f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and kurtosis,"
         yield f"and rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm)."
-        power = max(float(at_last_distribution(case).power_5_percent.max()) for case in tested)
+        power = max(float(case.power_5_percent.max()) for case in last)
         yield f"Power: by ring counts alone, a D wrong by 5% is rejected with a probability of at most {power:.0%}."
 
 
@@ -273,15 +250,13 @@ def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:
 
 def drifting(cases: list[Dataset]) -> Iterator[str]:
     """Lines that name the cases, marked by a star, whose runs drift, and those where it cannot be told."""
-    unknown = []
-    for case in (case for case in cases if has(case, "time_to_try")):
-        if drifts(case):
-            values = (case[name].values for name in ("drift", "drift_standard_error", "drift_p_value"))
-            found = drift.Drift(case["quantity"].values.tolist(), *values)
-            words = drift.in_words(found, case.time_to_try.item())
-            yield f"* {scene_of(case)}, N = {case.particles.item()}: {words}"
-        elif not has(case, "drift_p_value"):
-            unknown.append(title_of(case))
+    claimed = [case for case in cases if has(case, "time_to_try")]
+    for case in filter(drifts, claimed):
+        values = (case[name].values for name in ("drift", "drift_standard_error", "drift_p_value"))
+        found = drift.Drift(case["quantity"].values.tolist(), *values)
+        words = drift.in_words(found, case.time_to_try.item())
+        yield f"* {scene_of(case)}, N = {case.particles.item()}: {words}"
+    unknown = [title_of(case) for case in claimed if not has(case, "drift_p_value")]
     if unknown:
         yield f"{unknown[0]}{f' and {len(unknown) - 1} more' if len(unknown) > 1 else ''}: {drift.TOO_FEW}"
 
@@ -308,13 +283,13 @@ def missing_runs(cases: list[Dataset]) -> Iterator[str]:
 
 
 def summary_table(dataset: Dataset) -> DataFrame:
-    """Return every number of the summary, and those of the other fit windows: one row per case and window."""
+    """Return every number that an answer may have, and those of the other fit windows: one row per case and window."""
     from pandas import DataFrame
 
     rows = []
-    cases = [with_contact_theory(case) for case in cases_of(dataset)]
-    shown = [DISPLACED[0], *quantities(dataset, cases, ["thermodynamics"])]
-    measured = [(one, *column) for one in shown if one.variable != FIT[-2] for column in columns_of(cases, one)]
+    cases = _cases(dataset)
+    shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
+    measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):
         row = label_of(case) | {name: case[name].item() for name in ("runs", "failed_runs")}
         row["time"] = case.duration.item()

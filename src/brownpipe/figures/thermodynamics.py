@@ -41,18 +41,22 @@ def draw(cases: list[Dataset]) -> Figure:
     figure, axes = grid(len(heights), len(names), WIDTH, height, sharex="col", height_ratios=heights)
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
-        series = _series(measured)
-        for (label, of_series), looks in zip(series.items(), cycle(LOOKS), strict=False):
+        compared = [case for case in measured if np.isfinite(_expected(case, name))]
+        for (label, of_series), looks in zip(_series(measured).items(), cycle(LOOKS), strict=False):
             points(main, _densities(of_series), of_series, name, label=label, **looks)
+            with_value = [case for case in of_series if np.isfinite(_expected(case, name))]
+            for panel in low:
+                points(panel, _densities(with_value), [_deviation(case, name) for case in with_value], name, **looks)
         if name == Z:
             main.axhline(1, color=GREY, linewidth=0.8)  # of the ideal gas
         main.margins(x=0.15, y=0.12)
         low_end, high_end = main.get_ylim()
         ends = (0 if name != Z and 2 * low_end < high_end else low_end, high_end)
         main.set(xlim=np.maximum(main.get_xlim(), 0), ylim=ends, ylabel=PANELS[name][0])
-        compared = [case for case in measured if np.isfinite(_expected(case, name))]
         for panel in low:
-            _deviations(panel, series, name)
+            panel.axhline(0, color=GREY, linewidth=0.8)
+            panel.margins(y=0.15)
+            panel.set_ylabel("deviation\nfrom theory (%)")
             panel.set_visible(bool(compared))
         if name == Z and any(has(case, "compressibility_rate") for case in compared):  # equal disks
             _equations_of_state(main, low[0], main.get_xlim())
@@ -72,16 +76,6 @@ def _series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
 
 def _densities(cases: list[Dataset]) -> list[float]:
     return [float(case.packing_fraction) for case in cases]
-
-
-def _deviations(axes: Axes, series: dict[str, list[Dataset]], name: str) -> None:
-    """Draw the deviations from theory."""
-    for cases, looks in zip(series.values(), cycle(LOOKS), strict=False):
-        compared = [case for case in cases if np.isfinite(_expected(case, name))]
-        points(axes, _densities(compared), [_deviation(case, name) for case in compared], name, **looks)
-    axes.axhline(0, color=GREY, linewidth=0.8)
-    axes.margins(y=0.15)
-    axes.set_ylabel("deviation\nfrom theory (%)")
 
 
 def _deviation(case: Dataset, name: str) -> Dataset:

@@ -4,17 +4,16 @@ The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md
 two dimensions.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.figures import style
-from brownpipe.figures.cases import frame_of, has, over_time, panels_of, plus_minus, title_of_panel
+from brownpipe.figures.cases import frame_of, has, over_time, plus_minus
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
@@ -24,28 +23,11 @@ LOOKS: dict[str, dict[str, Any]] = {
 }
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 LABELS = (f"velocity autocorrelation\n{LABEL}", LABEL)
+HEIGHTS = (3.85, 3.35)  # of the two panels of a column [inch]
 TAIL = 10  # the logarithmic axis extends at most by this factor below a curve to show its band
 
 
-def draw(cases: list[Dataset], panel: Sequence[str] = ()) -> Figure:
-    """Draw one column per panel: the correlation and its initial slope above, its decay on logarithmic axes below."""
-    cases = [over_time(case, TRACER) for case in cases]
-    groups = panels_of(cases, panel)
-    figure, axes = style.columns(LABELS, len(groups), (3.85, 3.35))
-    limits = [[0.5, 1.2]]
-    for group, (upper, lower) in zip(groups, axes.T, strict=True):
-        main(upper, group)
-        limits += _tails(upper, lower, group)
-        times = np.concatenate([case.time.values for case in group])
-        style.log_axis(lower, "x", times[times > 0].min(), times.max())
-        lower.set_xlabel("time $t$")
-    low, high = zip(*limits, strict=True)
-    style.log_axis(axes[1, 0], "y", min(low) / 1.2, max(high) * 1.2)
-    style.heads(axes[0], map(title_of_panel, groups))
-    return figure
-
-
-def main(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw the correlation of the tracer; of a single case also that of the bath, and the initial slope.
 
     The slope follows from the tracer's collision rate. With `looks` there is one line per case.
@@ -85,6 +67,19 @@ def _rate_in_words(case: Dataset) -> str:
         return ""
     rate, error = (float(case[f"vacf_initial_slope{part}"] / case[TRACER][0]) for part in ("", "_standard_error"))
     return f"initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
+
+
+def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
+    """Draw the decays on logarithmic axes as far as they are resolved."""
+    limits = [[0.5, 1.2]]
+    for (upper, lower), group in zip(axes.T, groups, strict=True):
+        cases = [over_time(case, TRACER) for case in group]
+        limits += _tails(upper, lower, cases)
+        times = np.concatenate([case.time.values for case in cases])
+        style.log_axis(lower, "x", times[times > 0].min(), times.max())
+        lower.set_xlabel("time $t$")
+    low, high = zip(*limits, strict=True)
+    style.log_axis(axes[1, 0], "y", min(low) / 1.2, max(high) * 1.2)
 
 
 def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> list[list[float]]:

@@ -1,5 +1,5 @@
-"""Everything that `brownpipe figures` writes: the files of `figures`, and one page with all results.
+"""What is written of a dataset, and web pages.
 
-`page` puts a page together, `study` and `tradeoff` say what is on it. A page is one HTML file that needs no network and
-no other file. The same dataset gives the same bytes.
+`products` writes all that `brownpipe figures` makes, `page` puts it on one page, `replay` makes that of one run. A page
+is one HTML file that needs no network and no other file. The same dataset or run gives the same bytes.
 """

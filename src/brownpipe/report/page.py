@@ -1,4 +1,7 @@
-"""A page with all results of a dataset: one HTML file that needs neither network nor other files, from `page.html`."""
+"""Web pages from templates (jinja2): one HTML file each, that needs neither network nor other files.
+
+`page.html` is that of all results of a dataset, `replay.html` (`replay.py`) that of one run.
+"""
 
 import base64
 import math
@@ -7,15 +10,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from jinja2 import Environment
+from markupsafe import Markup
 from xarray import Dataset
 
 from brownpipe import figures
 from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.origin import Record, closing_lines
-from brownpipe.figures.pages import filled
 from brownpipe.figures.render import Drawing
-from brownpipe.figures.summary import QUESTION, TESTS, answer
+from brownpipe.figures.summary import answer
+from brownpipe.text import printable
 
 CAPTIONS = Path(figures.__file__).parent
 NOTE = "harrison2020"  # the scenes of the note begin with this name
@@ -26,10 +31,26 @@ NUMBERS = tuple("-+<0123456789")  # first characters of the cells of columns tha
 NEXT = re.compile(r"\n(?=\w+: )")  # before the explanation of a column of the trade-off
 
 
+def filled(template: Path, **contents: Any) -> bytes:
+    """Return a page: the template with its contents, which are escaped and shown as one line each.
+
+    The files of the same name with the suffixes `.css` and `.js` are `style` and `script` in it.
+    """
+    environment = Environment(
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: value if isinstance(value, Markup) else printable(value),
+    )
+    beside = {"style": template.with_suffix(".css"), "script": template.with_suffix(".js")}
+    contents |= {name: Markup(file.read_text(encoding="utf-8")) for name, file in beside.items() if file.is_file()}
+    text = environment.from_string(template.read_text(encoding="utf-8")).render(contents)
+    return text.strip().encode() + b"\n"
+
+
 def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
     """Return the page of a study: the answer, its figures, and the health of its runs."""
     found, cases = answer(dataset, record.get("figures") or ()), cases_of(dataset)
-    tests = sum(column[0] in TESTS for column in found.columns)
     scenes, counts = (dict.fromkeys(str(case[name].item()) for case in cases) for name in ("scene", "particles"))
     runs = sum(int(case.runs) for case in cases)
     of_note = any(scene.startswith(NOTE) for scene in scenes)
@@ -38,7 +59,7 @@ def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record)
         f"{', '.join(scenes)}; N = {', '.join(counts)}; {runs:,} run{'' if runs == 1 else 's'}",
         record,
         note=(record.get("note") or "").strip().split("\n\n"),
-        answers=[("", _table(found.columns, "Answer", (QUESTION, tests) if tests else None, grouped=True), [])],
+        answers=[("", _table(found.columns, "Answer", grouped=True), [])],
         drifting=found.drifting,
         missing=found.missing,
         legend=found.legend,
@@ -73,18 +94,16 @@ def _page(title: str, lead: str, record: Record, **contents: Any) -> bytes:
     return filled(template, title=title, lead=lead, record=record, made_by=made_by, digits=DIGITS, **contents)
 
 
-def _table(
-    columns: Sequence[Sequence[str]], title: str, above: tuple[str, int] | None = None, grouped: bool = False
-) -> dict[str, Any]:
+def _table(columns: Sequence[Sequence[str]], title: str, grouped: bool = False) -> dict[str, Any]:
     """Return a table of words as the template takes it, given its columns, each with its heading.
 
-    title: says what it shows to those who cannot see it. above: a heading above the last columns, and their number.
-    grouped: the first column names groups of rows, each of which stands below a line of its own.
+    title: says what it shows to those who cannot see it. grouped: the first column names groups of rows, each of which
+    stands below a line of its own.
     """
     groups, columns = (columns[0][1:], columns[1:]) if grouped else ((), columns)
     kinds = ["number" if all(cell.startswith(NUMBERS) for cell in cells) else "" for _, *cells in columns]
     header, *rows = zip(*columns, strict=True)
-    return {"title": title, "header": header, "rows": rows, "kinds": kinds, "groups": groups, "above": above}
+    return {"title": title, "header": header, "rows": rows, "kinds": kinds, "groups": groups}
 
 
 def caption_of(name: str) -> tuple[str, list[str]]:

@@ -164,7 +164,7 @@ def _frames(trajectories: Trajectories, arguments: Namespace, kind: str) -> tupl
 def _page(trajectories: Trajectories, arguments: Namespace, _: str) -> tuple[bytes, str]:
     """Return the page that replays a run, and what it shows."""
     from brownpipe.figures.origin import movie_record
-    from brownpipe.figures.replay import RECORD, is_whole, replay_of, replay_page
+    from brownpipe.report.replay import RECORD, is_whole, replay_of, replay_page
 
     for option in ("frames", "fps"):
         if getattr(arguments, option) is not None:

@@ -1,4 +1,4 @@
-// The replay of one run in the section around this script: figures/replay.py says what its data are.
+// The replay of one run in the section around this script: report/replay.py says what its data are.
 (() => {
   "use strict";
   const section = document.currentScript.closest(".brownpipe-replay");

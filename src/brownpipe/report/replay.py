@@ -13,7 +13,7 @@ import numpy as np
 from brownpipe.errors import RequestError
 from brownpipe.figures.movie import legend_entries, shades_of
 from brownpipe.figures.origin import Record
-from brownpipe.figures.pages import filled
+from brownpipe.report.page import filled
 from brownpipe.storage.trajectories import chosen_seed, runs_record
 
 if TYPE_CHECKING:
