@@ -4,6 +4,7 @@ import gc
 import importlib
 import os
 import random
+import re
 import signal
 import sys
 
@@ -77,6 +78,23 @@ def elsewhere(tmp_path, monkeypatch):
     before = signal.getsignal(signal.SIGTERM)
     yield
     signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture
+def said(capsys):
+    """The function from words of the command line to the exit status, standard output and standard error."""
+    from brownpipe.cli import main
+
+    def run(*words):
+        capsys.readouterr()
+        try:
+            status = main([*map(str, words)])
+        except SystemExit as left:
+            status = left.code
+        out, err = capsys.readouterr()
+        return status, out, re.sub("^brownpipe: (compiling|waiting) .*\n", "", err, flags=re.MULTILINE)
+
+    return run
 
 
 class Faults:

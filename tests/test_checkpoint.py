@@ -45,7 +45,6 @@ def around_tracer(boundary, duration, **more):
 
 CASES = {  # some blocks each, and samples that do not fall on their ends
     "walls": (make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer"}),
-    "walls-nothing": (make(W, (3, 3), [(24, 0.2, 1)], 70.0), {"none"}),
     "walls-everything": (make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=4.0), {"tracer", "all", "events"}),
     "periodic": (make(P, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer", "events"}),
     "periodic-mixture": (
@@ -62,7 +61,6 @@ CASES = {  # some blocks each, and samples that do not fall on their ends
         {"tracer"},
     ),
     "swarm": (swarm(15.0), {"tracer", "all"}),  # with more room in its cells than usual
-    "free": (around_tracer(P, 300.0, equilibrate={"time": 300.0, "tracer": "free"}), {"tracer", "all"}),
 }
 
 
@@ -264,7 +262,6 @@ def test_killed_at_any_moment():
     [
         ("--seeds", "3-6", "seeds 3-5, not 3-6"),
         ("--record", "all,events", "record events,tracer, not all,events,tracer"),
-        ("--particles", "23", "particles 24, not 23"),
         ("--observables", "species_energy", "observables none, not species_energy"),
         ("scene", "71.0", "another scene"),
         ("source", "0" * 64, "another source"),

@@ -162,12 +162,6 @@ def test_kurtosis_and_its_error():
     assert scatter == pytest.approx(estimate.standard_error.mean(), rel=SIGMAS / np.sqrt(2 * sets) + 0.05)
 
 
-def test_kurtosis_of_a_square_is_below_one():
-    x = np.random.default_rng(3).uniform(-1, 1, (20000, 2))
-    estimate = distribution.kurtosis(found_of((x**2).sum(axis=1)[:, None]))
-    assert abs(estimate.mean[0] - (2 / 5 + 2 / 9) / (2 * (2 / 3) ** 2)) < SIGMAS * estimate.standard_error[0]
-
-
 @pytest.mark.parametrize(("n", "least"), [(20, 0.89), (400, 0.91)])
 def test_interval_of_the_kurtosis_covers(n, least):
     """Of a normal law, in 400 ensembles. 95 % of 20 runs and 94 % of 400 are expected, less between."""

@@ -12,12 +12,9 @@ from pathlib import Path
 
 import pytest
 
-import brownpipe
 from brownpipe.cli import main
-from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
-from brownpipe.storage.datasets import read_dataset
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.storage.files import write_file
-from brownpipe.storage.trajectories import read_trajectories
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import files_of
 from brownpipe.study.verification import verify_results
@@ -145,13 +142,6 @@ def test_files_have_the_usual_permissions(mask, tmp_path):
     finally:
         os.umask(before)
     assert (tmp_path / "x").stat().st_mode & 0o777 == 0o666 & ~mask
-
-
-def test_paths_that_cannot_be_read(tmp_path):
-    for path in (str(tmp_path / ("x" * 5000)), str(tmp_path)):
-        for read in (brownpipe.read_scene, read_trajectories, read_dataset, brownpipe.open):
-            with pytest.raises(BrownpipeError, match="cannot be read"):
-                read(path)
 
 
 # -- damage, as `brownpipe verify` finds it --------------------------------------------------------------------------

@@ -70,18 +70,6 @@ def test_power_is_the_share_of_tests_that_reject_a_wrong_d():
     assert np.all(stated > 0.02)
 
 
-def test_power_with_a_known_d():
-    """Pearson's test of 4,000 multinomial samples with shares 0.3, 0.3, 0.4 where a third each is expected.
-
-    Within 4.5 standard errors and 1 % for the cumulants.
-    """
-    counts = np.random.default_rng(13).multinomial(400, [0.3, 0.3, 0.4], 4000)
-    statistic = ((counts - 400 / 3) ** 2 / (400 / 3)).sum(axis=1)
-    refused = (statistic > 5.991464547107979).mean()  # the 95 % point of chi-square with 2 degrees
-    stated = goodness.power([400 / 3] * 3, [120.0, 120.0, 160.0], level=0.05)
-    assert abs(refused - stated) < 4.5 * math.sqrt(0.25 / 4000) + 0.01
-
-
 def test_a_known_d_gives_pearsons_chi_square():
     from scipy.stats import chisquare
 

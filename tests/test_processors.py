@@ -1,9 +1,7 @@
 """The same bytes on every processor, for any number of threads, in every folder, language and time zone."""
 
-import ast
 import json
 import os
-import re
 import subprocess
 import sys
 from hashlib import sha256
@@ -12,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe import observables, provenance
+from brownpipe import observables
 from brownpipe.cli import main
-from brownpipe.engines import DEFINITIONS
 from brownpipe.errors import DONE
 
 SCENE = """\
@@ -80,45 +77,3 @@ def test_results_have_the_same_bytes_on_an_old_processor_elsewhere(tmp_path, mon
 
 
 # Functions of NumPy and Python whose last bit depends on the processor or on its linear algebra library.
-VARYING = re.compile(
-    r"(np|math)\.(exp2?|expm1|log(2|10|1p|addexp|space)?|(arc|a)?(sin|cos|tan)h?|(arc|a)tan2|cbrt|pow|power|float_power"
-    r"|geomspace|l?gamma|linalg|polynomial|v?dot|inner|matmul|tensordot|polyfit|vander|cov|corrcoef|pinv|convolve)"
-)
-SAME = {  # where they are used, and why no stored number depends on them
-    "elementary.py: math.cos": "where Newton's method begins",
-    "elementary.py: (-1) ** k": "of integers",
-    "elementary.py: 4 ** k": "of integers",
-    "scene/scene.py: math.log10": "a number of samples, with tolerance",
-    "scene/scene.py: 10 ** (k / per_decade)": "Python's power, one for all processors with FMA",
-    "scene/variation.py: (last / first) ** (k / (count - 1))": "Python's power, too",
-    "engines/forecast.py: max(scene.particles / FITS_CACHE, 1.0) ** SLOWER": "a forecast of CPU time",
-    "engines/saturation.py: (1.0 - share) ** runs": "a warning",
-    "engines/exact/layout.py: math.log2": "rounded up to a power of two",
-    "analysis/resampling.py: math.exp": "rounded to integers",
-    "analysis/resampling.py: weights @ steps": "sums of integers below 2^24",
-    "analysis/resampling.py: weights @ there": "sums of integers below 2^24",
-}
-
-
-def varying(source):
-    """What in a source may have another last bit on another processor."""
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Attribute) and VARYING.fullmatch(ast.unparse(node)):
-            yield ast.unparse(node)
-        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult | ast.Pow):
-            names = any(isinstance(leaf, ast.Name | ast.Attribute) for leaf in ast.walk(node))
-            square_or_power_of_two = "2" in (ast.unparse(node.right), ast.unparse(node.left).removesuffix(".0"))
-            if isinstance(node.op, ast.MatMult) or (names and not square_or_power_of_two):
-                yield ast.unparse(node)
-
-
-def test_stored_numbers_are_computed_by_arithmetic_of_one_result():
-    """Also in modules that no test of bytes reaches. Numbers of figures are rounded to fewer digits."""
-    steps = [(step, None) for step in ("aggregate", "tradeoff")] + [("simulate", engine) for engine in DEFINITIONS]
-    decisive = {file for step in steps for file in provenance.sources(*provenance.modules_of(*step))}
-    found = {
-        f"{file.relative_to(provenance.PACKAGE).as_posix()}: {expression}"
-        for file in decisive
-        for expression in varying(file.read_text())
-    }
-    assert found - SAME.keys() == set()

@@ -9,10 +9,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from brownpipe.cli import main
-from brownpipe.errors import DONE, WRONG_REQUEST
+from brownpipe.errors import DONE
 from brownpipe.figures import origin
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene import parse_scene, read_scene
@@ -76,18 +75,6 @@ def test_figures_tables_summary_and_page_say_what_their_dataset_says(finished, c
     assert records["msd.csv"]["files"] == sorted(set(NAMES) - {"provenance.json"})
     made, where = (folder / "summary.txt").read_text().splitlines()[-2:]
     assert made.startswith("Made by brownpipe ") and where.endswith("provenance.json")
-
-
-@pytest.mark.parametrize("name", ["table.csv", "figure.png", "none.svg"])
-def test_files_that_say_nothing_of_their_origin_are_refused(name, tmp_path, capsys):
-    path = tmp_path / name
-    if name == "table.csv":
-        path.write_text("a,b\n")
-    elif name == "figure.png":
-        Image.new("RGB", (2, 2)).save(path)
-    assert main(["inspect", str(path)]) == WRONG_REQUEST
-    out, err = capsys.readouterr()
-    assert out == "" and err.startswith(f"brownpipe: {path}: ") and err.count("\n") == 1
 
 
 @pytest.mark.parametrize("product", PRODUCTS)

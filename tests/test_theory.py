@@ -13,9 +13,35 @@ from numpy.polynomial.legendre import leggauss
 from scipy.special import eval_genlaguerre, roots_genlaguerre
 
 from brownpipe import theory
-from closed_forms import pair_distance_density, propagator
 
 SIGMAS = 4.5
+
+
+def propagator(r, t, diffusion):
+    """Return the probability per area [1/length^2] to be at distance `r` from the start after time `t > 0`: eq. (11).
+
+    It solves the diffusion equation, eqs. (13)-(16), for a start at the origin, eq. (17).
+    """
+    square = 4.0 * diffusion * np.asarray(t, float)
+    return np.exp(-np.square(r) / square) / (np.pi * square)
+
+
+def pair_distance_density(r, width, height):
+    """Return the density [1/length] of the distance of two independent uniform points in one rectangle.
+
+    0 beyond the diagonal: p(r) = 4 r/(w h)^2 times the integral of (w - r cos q)(h - r sin q) over the directions q for
+    which both factors are positive. For r up to the side S of a square it is (2 r/S^2)(pi - 4 r/S + r^2/S^2).
+    """
+    r = np.asarray(r, float)
+    inside = (r > 0.0) & (r < np.hypot(width, height))
+    d = np.where(inside, r, 1.0)
+    first, last = np.arccos(np.minimum(1.0, width / d)), np.arcsin(np.minimum(1.0, height / d))
+
+    def antiderivative(q):
+        return width * height * q - height * d * np.sin(q) + width * d * np.cos(q) + 0.5 * (d * np.sin(q)) ** 2
+
+    ring = 4.0 * d / (width * height) ** 2 * (antiderivative(last) - antiderivative(first))
+    return np.where(inside, ring, 0.0)
 
 
 def integral(f, low, high, points=20001):
