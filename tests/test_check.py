@@ -158,12 +158,6 @@ def test_placement_is_foreseen_to_fail_where_it_does(name):
     assert share_failing(dense) > 0.9 and at_least(7, dense, range(500, 510))
 
 
-def test_a_lattice_a_list_and_a_lone_disk_always_find_a_place():
-    assert share_failing(parse_scene(crowd(80, placement="lattice"), "a.yaml")) == 0.0
-    assert share_failing(parse_scene(crowd(1, radius=5.0, boundary="reflecting"), "a.yaml")) == 0.0
-    assert share_failing(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")) == 0.0
-
-
 def report(folder, mapping, name="scene"):
     (folder / f"{name}.yaml").write_text(json.dumps(mapping))
     return describe_scene_or_study(folder / f"{name}.yaml").splitlines()

@@ -195,7 +195,7 @@ def of_early_end(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("early"))
-        patch.setattr("brownpipe.storage.trajectories.write_trajectories", die)
+        patch.setattr("brownpipe.verbs.simulate.write_trajectories", die)
         Path("some.yaml").write_text(SCENE.replace("DURATION", "70.0"))
         with pytest.raises(KilledError):
             main(["simulate", "some.yaml", *ASKED, "--checkpoint-every", "1e-9"])
@@ -274,7 +274,9 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
         Path("some.yaml").write_text(SCENE.replace("DURATION", value))
     elif option in ("source", "numba"):
         made_with, kinds = provenance.made_with("simulate", "exact"), {"source": "digest", "numba": "version"}
-        monkeypatch.setattr(provenance, "made_with", lambda *_: made_with | {f"{option}_{kinds[option]}": value})
+        monkeypatch.setattr(
+            "brownpipe.verbs.simulate.made_with", lambda *_: made_with | {f"{option}_{kinds[option]}": value}
+        )
     else:
         asked += [option, value]
     status, err = said(capsys, *asked)
@@ -301,11 +303,3 @@ def test_a_damaged_checkpoint(kept, capsys):
         assert status == FAILED
         assert re.fullmatch(r"brownpipe: x\.h5\.checkpoint: [^\n]* delete it and run [^\n]* again\n", err)
         assert not Path("x.h5").exists()
-
-
-def test_a_file_that_is_no_checkpoint(capsys):
-    assert said(capsys, *ASKED) == (DONE, "")
-    os.rename("x.h5", KEPT)
-    status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
-    assert status == WRONG_REQUEST
-    assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; choose another --output" in err

@@ -196,26 +196,6 @@ def test_non_gaussian_parameter_and_its_control_variate():
     assert found["alpha_controlled_standard_error"][-1] == pytest.approx(error[1], rel=0.1)
 
 
-def test_slope_of_a_parabola():
-    times = np.array([0.0, 0.1, 0.4, 7.0])
-    assert velocity.slope_weights(times[:3]) @ (5 - 3 * times + 2 * times**2)[:3] == pytest.approx(-3)
-    assert velocity.slope_weights(times[:2]) @ (5 - 3 * times)[:2] == pytest.approx(-3)
-
-
-@pytest.mark.parametrize("samples", [{"samples": {"per_decade": 10, "first": 1e-3}}, {"sample_interval": 0.01}])
-def test_initial_slope_is_taken_where_a_quarter_is_lost(samples):
-    """From samples neither too near nor too far; exact, but for round-off, for a decay at Enskog's rate."""
-    scene = gas(**({"sample_interval": None} | samples))
-    gamma = velocity.enskog_rate(scene)
-    assert gamma == pytest.approx((15 / 16) ** 2 / (scene.mass[0] * thermodynamics.enskog(scene)["enskog_diffusion"]))
-    chosen = velocity.early(scene.times, gamma)
-    times = scene.times[chosen]
-    assert 0.15 < gamma * times[2] <= 0.25 and times[1] == pytest.approx(times[2] / 2, rel=0.2)
-    # weights of 1/t1 times values of 1 cancel: round-off of 1e-16/(gamma t1), below 1e-14
-    assert velocity.slope_weights(times, gamma) @ np.exp(-gamma * times) == pytest.approx(-gamma, rel=1e-13)
-    assert velocity.early(scene.times[:3], gamma) == velocity.early(scene.times, 0.0) == [0, 1, 2]
-
-
 def decaying(scene, rate, runs=12):
     """Runs without any scatter whose autocorrelation decays at `rate`."""
     return {"velocity_autocorrelation": np.tile(2 * np.exp(-rate * scene.times), (runs, 1))}
@@ -466,13 +446,6 @@ def test_contact_value_from_the_rate_is_enskogs():
 
 
 # --- thermodynamics
-
-
-def test_compressibility_from_the_rate_is_enskogs():
-    scene, kt = gas(), np.array([0.7])
-    rate = theory.collision_rate(16 / 64, 1.0, 1.3, 0.5, kt) / theory.mean_root_chi_square(30)
-    expected = theory.compressibility(scene.packing_fraction, 1.3)
-    assert thermodynamics.compressibility_from_rate(scene, rate, kt) == pytest.approx(expected)
 
 
 def test_pair_virial_and_wall_pressure_differ_by_the_room_of_the_centres():

@@ -100,7 +100,7 @@ def arrays_of(ensemble, seed):
 @pytest.mark.parametrize("engine", ENGINES, ids=lambda engine: engine.name)
 def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, engine, faults):
     """Batches of random seeds in random order."""
-    for _ in faults.tries(1):
+    for _ in range(1):
         seeds = faults.random.sample(SEEDS, 7)
         batch = engine.simulate(crowd, seeds, {"tracer", "all"})
         expected = {seed: reason for one in seeds for seed, reason in alone(engine, one).stopped.items()}
@@ -172,7 +172,7 @@ def test_a_batch_resumed_from_any_checkpoint_has_the_same_runs_and_reasons(crowd
         crowd, range(4), {"tracer"}, Checkpoints(lambda: True, lambda arrays: stored.append(copied(arrays)))
     )
     expected = written(Path("whole.h5"), crowd, whole).read_bytes()
-    for _ in faults.tries(2):
+    for _ in range(2):
         checkpoint = faults.random.choice(stored)
         resumed = simulate(crowd, range(4), {"tracer"}, Checkpoints(lambda: False, lambda _: None, checkpoint))
         assert dict(resumed.stopped) == dict(whole.stopped)

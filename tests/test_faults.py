@@ -111,7 +111,7 @@ def test_figures_that_cannot_all_be_written_replace_none(study):
 def test_killed_writers_leave_the_old_file_and_the_next_one_no_litter(faults, tmp_path):
     contents = [bytes([k]) * 300_000 for k in range(2)]
     write_file(tmp_path / "x", contents[0])
-    for _ in faults.tries(20):
+    for _ in range(20):
         child = os.fork()
         if child == 0:
             while True:
@@ -169,7 +169,7 @@ def append(path, chance):
 @pytest.mark.slow
 def test_any_damage_is_found_and_nothing_else(study, faults):
     assert verify_results(RESULTS) == (sealed(), [], [])
-    for _ in faults.tries(12):
+    for _ in range(12):
         file = faults.random.choice(sealed())
         before = Path(file).read_bytes()
         faults.random.choice((flip, cut, append))(Path(file), faults.random)

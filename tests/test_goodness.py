@@ -93,16 +93,6 @@ def test_a_d_fitted_to_the_counts_costs_one_degree_of_freedom():
     assert test.p == pytest.approx(chi2.sf(test.statistic, test.degrees_of_freedom), rel=1e-3)
 
 
-def test_the_moments_of_greenwoods_statistic():
-    """Of two parts u and 1 - u of 1, by integration: S = u^2 + (1 - u)^2, twice half of it."""
-    mean, variance, skewness = goodness._greenwood(2)
-    u = (np.arange(100_000) + 0.5) / 100_000
-    s = u**2 + (1 - u) ** 2
-    assert (mean, variance) == pytest.approx((s.mean(), s.var()), rel=1e-8)
-    assert skewness == pytest.approx(((s - s.mean()) ** 3).mean() / s.var() ** 1.5, rel=1e-6)
-    assert goodness._greenwood(10**8)[2] == pytest.approx(10 / 10**4, rel=1e-3)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("runs", "extra"), [(50, 0.008), (400, 0.002), (2400, 0.001)])
 def test_the_kurtosis_is_tested_at_the_stated_level(runs, extra):

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 import xarray
 
-from brownpipe import analysis, inspection, tradeoff
+from brownpipe import analysis, inspection
 from brownpipe.cli import main
-from brownpipe.engines import Engine
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
 from brownpipe.figures.summary import summary
-from brownpipe.figures.tradeoff import summary as tradeoff_summary
 from brownpipe.provenance import ANALYSIS_PACKAGES, PACKAGES, versions
 from brownpipe.scene import read_scene
 from brownpipe.storage import trajectories
@@ -137,17 +135,6 @@ def test_all_variables_with_units_and_meaning(dataset, said):
         assert attributes["units"] in lines[name] and lines[name].endswith(attributes["long_name"])
 
 
-def test_a_trade_off_has_its_own_table(tmp_path):
-    exact = make_runs(make_scene("full"), range(40))
-    steps = Engine("timestep", (("time_step", 0.01), ("collisions", "at_contact")))
-    files = [write(tmp_path, exact), write(tmp_path, exact._replace(engine=steps))]
-    contents = tradeoff.measure(files, seconds_per_run=lambda *_: 1e-3)
-    write_dataset(tmp_path / "tradeoff.nc", contents)
-    text = inspection.report(tmp_path / "tradeoff.nc")
-    assert text.endswith(f"\n\n{tradeoff_summary(contents)}".rstrip("\n"))
-    assert re.search(r"^source       \w{12}, that of this installation$", text, re.MULTILINE)
-
-
 # -- the scene, and the command that a file names ---------------------------------------------------------------------
 
 
@@ -192,10 +179,6 @@ def shift(ensemble):
     ensemble.whole[5].velocity[3, 2, 1] += 2.0**-20
 
 
-def negate_zero(ensemble):
-    ensemble.tracer.position[0] *= -1.0  # the tracer starts at the origin
-
-
 def lose(ensemble):
     del ensemble.observables["virial"]
     ensemble.observables["velocity_autocorrelation"][1, 7] = np.nan
@@ -206,7 +189,6 @@ CHANGES = {
                       "disks/velocity: by at most 9.5e-07 (seed 5)"]),
     "cut": (cut, ["1 of 3", *(f"events/{name}: in shape, type or NaN (seed 6)"
                               for name in ("event_seed", "event_time", "a", "b", "impulse"))]),
-    "zero": (negate_zero, ["3 of 3", "position: by at most 0 (seeds 3,5-6)"]),
     "lost": (lose, ["3 of 3", "velocity_autocorrelation: in shape, type or NaN (seed 5)",
                     "virial: in shape, type or NaN (seeds 3,5-6)"]),
 }  # fmt: skip

@@ -312,18 +312,6 @@ def test_logarithmic_samples_see_the_same_run():
     np.testing.assert_allclose(early, seen.observables["initial_square_speed"] * 1e-12, rtol=1e-7)
 
 
-@pytest.mark.parametrize("boundary", [W, P])
-def test_equipartition(boundary):
-    """kT per disk of any mass. Errors over 200 runs, which are independent; chance of a false alarm below 1e-6."""
-    scene = make(boundary, velocities={"temperature": 1.5, "zero_momentum": False})
-    found = simulate(scene, range(200), {"none"}, observables=("species_energy",)).observables
-    energy = found["species_energy"].mean(axis=1)
-    error = energy.std(axis=0, ddof=1) / np.sqrt(len(energy))
-    assert np.all(np.abs(energy.mean(axis=0) - 1.5) < SIGMAS * error)
-    total = found["species_energy"] @ [1, 12, 3]
-    np.testing.assert_allclose(total, np.tile(found["kinetic_energy"][:, None], total.shape[1]), rtol=1e-12)
-
-
 # -- the same however runs are batched and recorded -----------------------------------------------------------------
 
 

@@ -114,12 +114,8 @@ def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypa
     git(tmp_path, "commit", "-m", "one")
     commit = git(tmp_path, "rev-parse", "HEAD")
     assert commit_of(package) == commit
-    (tmp_path / "notes").write_text("not of the source")
-    assert commit_of(package) == commit
     (package / "a.py").write_text("2\n")
     assert commit_of(package) == f"{commit}, modified"
-    git(tmp_path, "checkout", "src")
-    assert commit_of(package) == commit
     inside = tmp_path / ".venv" / "lib" / PACKAGE.name  # installed in a folder that somebody keeps in git
     inside.mkdir(parents=True)
     assert commit_of(inside) is None

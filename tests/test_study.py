@@ -59,17 +59,6 @@ def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_r
         assert not set(paths).intersection(str(file.path) for file in files_of(small(particles=[50], **other)))
 
 
-def test_files_that_are_there_are_used_whatever_their_batches(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    runs = run_sets(small(particles=[50]))[0]
-    runs.folder.mkdir(parents=True)
-    for name in ("0-9", "5-39", "20-24", "50-99", "200-299", "notes"):
-        (runs.folder / f"{name}.h5").touch()
-    found = batches_of(runs)  # of seeds 0-59 in batches of 30
-    assert found == [(0, 9), (10, 19), (20, 24), (25, 49), (50, 99)]
-    assert batches_of(run_sets(small(particles=[50], seeds="10-12"))[0]) == [(5, 39)]
-
-
 @given(st.sets(st.integers(0, 60), min_size=1), st.lists(st.tuples(st.integers(0, 60), st.integers(0, 20)), max_size=8))
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
@@ -152,10 +141,7 @@ def replaced(*entries):
     ("entry", "key", "value"),
     [
         ("seeds=[0-1,17]", "seeds", (0, 1, 17)),
-        ("displacement_times=[0.5,1]", "displacement_times", (0.5, 1.0)),
         ("figures=[msd, health]", "figures", ("msd", "health")),
-        ("figures=null", "figures", small().figures),
-        ("observables=[species_energy,pair_distribution]", "observables", ("species_energy", "pair_distribution")),
         ("rings={dr: 0.04, count: 24}", "rings", Rings(dr=0.04, count=24)),
         (
             "instead_of={harrison2020: harrison2020_thermal}",
@@ -172,7 +158,6 @@ def test_replaced_keys(entry, key, value):
     ("entry", "message"),
     [
         ("particles=[150,x]", "particles[1]: must be an integer, not 'x'"),
-        ("rings={dr: 0.0.4, count: 24}", "rings.dr: must be a number, not '0.0.4'"),
         ("duration=2", "duration: unknown key; allowed: scenes, "),
     ],
 )

@@ -270,10 +270,3 @@ def test_a_wrong_study_is_refused_in_one_line(tmp_path, arguments, message):
 
 
 # -- report and style -----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("file", sorted((ROOT / "workflow" / "rules").iterdir()), ids=lambda path: path.name)
-def test_the_workflow_only_connects(file):
-    """Only what several rules need has functions, in common.smk: those of the checkpoint."""
-    pattern = r"^\s*(?:run:|script:)|\blambda\b" + ("" if file.name == "common.smk" else r"|^\s*def\b")
-    assert not re.search(pattern, file.read_text(), re.MULTILINE)
