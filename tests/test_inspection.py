@@ -30,8 +30,9 @@ PERIODIC = """\
 box: {x: [-1.0, 4.0], y: [2.0, 6.0], boundary: periodic}
 disks: {tracer: {radius: 0.3, mass: 20.0}, species: [{name: bath, count: 12, radius: 0.2, mass: 0.5}]}
 velocities: {temperature: 1.5}
-duration: 20.0
-sample_interval: 1.0
+equilibrate: {time: 1.0, tracer: free}
+duration: 100.0
+sample_interval: 5.0
 """
 WHOLE_BOX = ["periodic.yaml", "--seeds", "0-2"]
 MADE = {  # name: options of `simulate`
