@@ -108,11 +108,11 @@ def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypa
     package.mkdir(parents=True)
     (package / "a.py").write_text("1\n")
     assert commit_of(package) is None
-    git(tmp_path, "init")
+    git("init")
     assert commit_of(package) is None  # no commit yet
-    git(tmp_path, "add", "src")
-    git(tmp_path, "commit", "-m", "one")
-    commit = git(tmp_path, "rev-parse", "HEAD")
+    git("add", "src")
+    git("commit", "-m", "one")
+    commit = git("rev-parse", "HEAD")
     assert commit_of(package) == commit
     (package / "a.py").write_text("2\n")
     assert commit_of(package) == f"{commit}, modified"
