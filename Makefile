@@ -36,9 +36,8 @@ test: ready_dev
 test-quick: ready_dev
 	python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder -m "not slow"
 
-# A study on a Slurm cluster of one node, which is started for it and thrown away; it installs Debian's packages slurm-wlm and munge if need be.
+# A study on a Slurm cluster of one node, which is started for it and thrown away. It needs Debian's packages slurm-wlm and munge, and root.
 cluster-test: ready_dev ready_cluster
-	@python tests/slurm.py
 	python -m pytest tests/test_cluster.py --cluster
 
 bench: ready

@@ -1,9 +1,9 @@
 """What all tests need: one thread each, an order that keeps all cores busy, Ctrl-C, and random faults."""
 
 import gc
-import importlib
 import os
 import random
+import re
 import signal
 import sys
 
@@ -15,12 +15,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Hundreds of processes are started. If none of them may store its compiled source, each takes 0.2 s of CPU more.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
-
-# In a new environment no package is compiled to byte code yet. Processes that import the same packages at the same time
-# would each compile all of them; so one begins with packages that the other imports last.
-if os.environ.get("PYTEST_XDIST_WORKER") == "gw1":
-    for name in ("numba", "matplotlib.figure", "hypothesis"):
-        importlib.import_module(name)
 
 # Files of results are on disk before they are renamed, which takes 5 ms each: it is for a power cut, and no test makes
 # one. Processes that tests start do wait for the disk.
@@ -79,6 +73,23 @@ def elsewhere(tmp_path, monkeypatch):
     signal.signal(signal.SIGTERM, before)
 
 
+@pytest.fixture
+def said(capsys):
+    """The function from words of the command line to the exit status, standard output and standard error."""
+    from brownpipe.cli import main
+
+    def run(*words):
+        capsys.readouterr()
+        try:
+            status = main([*map(str, words)])
+        except SystemExit as left:
+            status = left.code
+        out, err = capsys.readouterr()
+        return status, out, re.sub("^brownpipe: (compiling|waiting) .*\n", "", err, flags=re.MULTILINE)
+
+    return run
+
+
 class Faults:
     """Random faults: moments, bytes, inputs. A failing test shows its seed, and --fault-seed repeats it."""
 
@@ -86,10 +97,6 @@ class Faults:
         self.seed = random.SystemRandom().randrange(2**32) if seed is None else seed
         self.random = random.Random(self.seed)
         print(f"--fault-seed {self.seed}")  # shown if the test fails
-
-    def tries(self, count):
-        """Yield the numbers of the tries."""
-        yield from range(count)
 
 
 @pytest.fixture

@@ -25,8 +25,6 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from asking import ask
-
 IMPORTED = (
     *("snakemake.cli", "snakemake.profiles", "snakemake.report.html_reporter", "snakemake.storage", "smart_open"),
     *("numpy", "pandas", "h5py", "yaml", "requests", "platformdirs", "pygments", "jinja2"),
@@ -38,7 +36,7 @@ PROGRAM = """\
 #!{python} -ISE
 import sys
 sys.path.append({tests!r})
-from asking import run_as
+from forked import run_as
 run_as("{name}", {address!r}, sys.argv)
 """
 
@@ -48,6 +46,26 @@ class Done(NamedTuple):
 
     returncode: int
     printed: str
+
+
+def ask(address, program, arguments, cwd, env, streams):
+    """Have a program run in a forked process and wait for its end; return its exit status.
+
+    `streams` are three file descriptors, which become standard input, output and error of that process.
+    """
+    request = {"program": program, "arguments": arguments, "cwd": cwd, "env": env}
+    with socket.socket(socket.AF_UNIX) as server:
+        server.connect(address)
+        socket.send_fds(server, [b"\0"], streams)
+        server.sendall(json.dumps(request).encode("ascii"))
+        server.shutdown(socket.SHUT_WR)
+        return int(server.makefile().readline())
+
+
+def run_as(program, address, arguments):
+    """Run a program where this process is, with its environment and its streams, and end as the program does."""
+    status = ask(address, program, arguments, os.getcwd(), dict(os.environ), [0, 1, 2])
+    raise SystemExit(status if status >= 0 else 128 - status)
 
 
 def snakemake(*arguments, cwd, env) -> Done:

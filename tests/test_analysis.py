@@ -9,13 +9,12 @@ import pytest
 from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution, goodness
 from brownpipe.analysis.displacement import initial_square_speed
-from brownpipe.engines import configured
 from brownpipe.engines.ensemble import Track
 from brownpipe.engines.initial_state import draw
 from brownpipe.errors import AnalysisError
 from brownpipe.scene import parse_scene
 from brownpipe.storage import trajectories
-from ensembles import DIFFUSION, make_runs, make_scene, study, walk, write
+from ensembles import DIFFUSION, make_runs, make_scene, study, write
 
 SIGMAS = 4.5
 TIMES = np.arange(101) * 0.01
@@ -60,13 +59,6 @@ def test_line_that_is_not_defined_is_nan(window):
     assert np.isnan(displacement.line_weights(TIMES, window)).all()
 
 
-def test_mean_of_lines_is_line_of_mean():
-    squared = displacement.squared_displacement(walk(np.random.default_rng(2), TIMES, 30))
-    lines = displacement.per_run_lines(squared, TIMES, WINDOWS).mean(axis=0)
-    for k, window in enumerate(WINDOWS):
-        assert lines[:, k] == pytest.approx(displacement.line_weights(TIMES, window) @ squared.mean(axis=0), rel=1e-12)
-
-
 def test_rings_are_half_open_and_count_everybody():
     edges = distribution.ring_edges(0.5, 3)
     assert distribution.ring_of(np.array([0.0, 0.49, 0.5, 1.4, 1.5, 9.0]), edges).tolist() == [0, 0, 1, 2, 3, 3]
@@ -99,10 +91,6 @@ def test_initial_square_speed_is_that_of_drawn_states(velocities):
     scene = make_scene(particles=4, velocities=velocities)
     v2 = np.array([np.square(draw(scene, seed).velocity[0]).sum() for seed in range(1500)])
     assert abs(v2.mean() - initial_square_speed(scene)) < SIGMAS * v2.std() / np.sqrt(v2.size)
-
-
-def test_initial_square_speed_of_a_list_of_disks():
-    assert initial_square_speed(one_disk()) == 25.0
 
 
 def test_initial_square_speed_of_a_hot_tracer_that_cools_is_not_known():
@@ -187,10 +175,6 @@ def test_scenes_and_particle_counts_keep_the_order_in_which_they_are_given(tmp_p
     assert (dataset.runs == 3).all()
 
 
-def test_dataset_names_no_file(dataset, files):
-    assert not any(str(path.parent) in str(value) for path in files for value in dataset.attrs.values())
-
-
 def test_default_windows_end_with_the_shortest_run(tmp_path):
     files = [write(tmp_path, make_runs(make_scene(f"of_{end}", duration=end), range(5))) for end in (0.5, 2.0)]
     dataset = aggregate(files)
@@ -233,13 +217,6 @@ def test_no_tracer_no_msd(tmp_path):
     assert dataset.pair_collisions == pytest.approx(80, abs=SIGMAS * np.sqrt(80 / 12))
     alone = {"failed": np.zeros(12, np.uint8), "friction_rate": np.ones(12)}  # as of the langevin engine
     assert aggregate([bare._replace(ensemble=bare.ensemble._replace(observables=alone))]).runs == 12
-
-
-def test_engines_are_labelled_with_their_settings(tmp_path):
-    exact = make_runs(make_scene(), range(12))
-    coarse = exact._replace(engine=configured("timestep", time_step=0.01, collisions="late"))
-    dataset = aggregate([write(tmp_path, exact), write(tmp_path, coarse)])
-    assert dataset.engine.values.tolist() == ["exact", "timestep-0.01-late"]
 
 
 def test_times_that_differ_by_round_off_are_one(tmp_path):

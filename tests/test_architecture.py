@@ -80,14 +80,6 @@ def test_files_and_tables_are_known_from_storage_on():
     assert len(below) > 40 and [name for name in below if known.search(MODULES[name].read_text())] == []
 
 
-def test_no_import_cycle():
-    after = {name: set(own_imports(file)) for name, file in MODULES.items()}
-    while after:
-        free = {name for name, needed in after.items() if not needed & after.keys()}
-        assert free, f"a cycle among {sorted(after)}"
-        after = {name: needed for name, needed in after.items() if name not in free}
-
-
 @pytest.mark.parametrize("module", ENTRY_POINTS)
 def test_kernels_know_arrays_alone(module):
     """No scene, no file, no table: what is compiled into an entry point is kernels and the records they work on."""

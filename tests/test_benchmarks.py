@@ -40,23 +40,3 @@ def test_a_quick_pass_reports_and_leaves_the_tables_of_docs_alone(path, monkeypa
     runpy.run_path(str(path), run_name="__main__")
     assert any(character.isdigit() for character in capfd.readouterr().out)
     assert docs() == before
-
-
-@pytest.fixture(scope="module")
-def hash_runs():
-    """The names of benchmarks/hash_runs.py."""
-    return runpy.run_path(str(ROOT / "benchmarks" / "hash_runs.py"))
-
-
-def test_a_comparison_that_finds_differences_ends_with_status_1(hash_runs, tmp_path, monkeypatch, capsys):
-    path, now = tmp_path / "before.json", {"a, exact": {"exit status": 0, "x": "1"}}
-    monkeypatch.setitem(hash_runs["main"].__globals__, "run", lambda cases: now)
-    monkeypatch.setattr(sys, "argv", ["hash_runs.py", "--write", str(path)])
-    hash_runs["main"]()
-    monkeypatch.setattr(sys, "argv", ["hash_runs.py", "--compare", str(path)])
-    hash_runs["main"]()
-    now["a, exact"]["x"] = "2"
-    with pytest.raises(SystemExit) as stop:
-        hash_runs["main"]()
-    assert stop.value.code == 1
-    assert "a, exact: x: differs\n1 differences" in capsys.readouterr().out

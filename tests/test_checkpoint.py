@@ -44,7 +44,6 @@ def around_tracer(boundary, duration, **more):
 
 CASES = {  # some blocks each, and samples that do not fall on their ends
     "walls": (make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer"}),
-    "walls-nothing": (make(W, (3, 3), [(24, 0.2, 1)], 70.0), {"none"}),
     "walls-everything": (make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=4.0), {"tracer", "all", "events"}),
     "periodic": (make(P, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer", "events"}),
     "periodic-mixture": (
@@ -61,7 +60,6 @@ CASES = {  # some blocks each, and samples that do not fall on their ends
         {"tracer"},
     ),
     "swarm": (swarm(15.0), {"tracer", "all"}),  # with more room in its cells than usual
-    "free": (around_tracer(P, 300.0, equilibrate={"time": 300.0, "tracer": "free"}), {"tracer", "all"}),
 }
 
 
@@ -263,7 +261,6 @@ def test_killed_at_any_moment():
     [
         ("--seeds", "3-6", "seeds 3-5, not 3-6"),
         ("--record", "all,events", "record events,tracer, not all,events,tracer"),
-        ("--particles", "23", "particles 24, not 23"),
         ("--observables", "species_energy", "observables none, not species_energy"),
         ("scene", "71.0", "another scene"),
         ("source", "0" * 64, "another source"),
@@ -305,11 +302,3 @@ def test_a_damaged_checkpoint(kept, capsys):
         assert status == FAILED
         assert re.fullmatch(r"brownpipe: x\.h5\.checkpoint: [^\n]* delete it and run [^\n]* again\n", err)
         assert not Path("x.h5").exists()
-
-
-def test_a_file_that_is_no_checkpoint(capsys):
-    assert said(capsys, *ASKED) == (DONE, "")
-    os.rename("x.h5", KEPT)
-    status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
-    assert status == WRONG_REQUEST
-    assert "x.h5.checkpoint: is a file of brownpipe, but not a checkpoint; choose another --output" in err

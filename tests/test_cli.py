@@ -15,7 +15,6 @@ import pytest
 from brownpipe.cli import build_parser, main
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
-from brownpipe.storage.datasets import read_dataset
 from brownpipe.storage.trajectories import read_trajectories
 from brownpipe.text import printable
 from brownpipe.verbs import VERBS
@@ -43,49 +42,19 @@ def dataset(runs):
     return path
 
 
-def said(capsys, *argv):
-    """Exit status, standard output, and the one line on standard error."""
-    try:
-        status = main([str(word) for word in argv])
-    except SystemExit as left:
-        status = left.code
-    out, err = capsys.readouterr()
-    err = re.sub("^brownpipe: (compiling|waiting) .*\n", "", err, flags=re.MULTILINE)  # once per machine
-    assert err.count("\n") <= 1
-    assert "Traceback" not in err
-    return status, out, err
-
-
 # -- what it does ---------------------------------------------------------------------------------------------------
 
 
-def test_simulate_writes_what_was_asked_for_and_one_seed_again_to_the_bit(runs, capsys):
+def test_simulate_writes_what_was_asked_for_and_one_seed_again_to_the_bit(runs, said):
     before = read_trajectories(runs)
     assert (before.scene.particles, before.engine.name) == (10, "exact")
     assert before.ensemble.seeds.tolist() == [0, 1, 2] and before.ensemble.tracer.position.shape == (101, 3, 2)
-    status, out, err = said(capsys, "simulate", SCENE, "--particles", 10, "--seeds", 2, "--record", "all,events")
+    status, out, err = said("simulate", SCENE, "--particles", 10, "--seeds", 2, "--record", "all,events")
     assert (status, err) == (DONE, "") and re.fullmatch(r"harrison2020\.h5: 1 run, .* of CPU\n", out)
     again = read_trajectories("harrison2020.h5").ensemble
     assert again.tracer.position[:, 0].tobytes() == before.ensemble.tracer.position[:, 2].tobytes()
     assert again.whole[2].position[:, 0].tobytes() == again.tracer.position[:, 0].tobytes()
     assert len(again.events[2].time) == sum(again.observables[f"{kind}_collisions"][0] for kind in ("pair", "wall"))
-
-
-def test_a_tracer_that_is_light_for_langevin_gets_a_word(capsys):
-    status, _, err = said(capsys, "simulate", SCENE, *LANGEVIN, "enskog")
-    assert status == DONE and "langevin is rough here: the tracer has only 2.5 times the mass" in err
-
-
-def test_aggregate_figures_and_inspect(runs, dataset, capsys):
-    assert read_dataset(dataset).runs.values.tolist() == [[[3]]]
-    assert said(capsys, "figures", dataset, "--output", "made/here", "--figures", "health")[::2] == (DONE, "")
-    names = {path.name for path in Path("made/here").iterdir()}
-    pictures = {f"health.{kind}" for kind in ("png", "svg", "csv")}
-    assert names == pictures | {"summary.csv", "summary.txt", "provenance.json"}
-    status, out, err = said(capsys, "inspect", runs)
-    assert (status, err) == (DONE, "") and "seeds        0-2 (3 runs)" in out
-    Path("without_suffix").write_bytes(dataset.read_bytes())
-    assert "title " in said(capsys, "inspect", "without_suffix")[1]
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -99,10 +68,10 @@ def test_help_has_an_example_that_parses(verb, capsys):
     build_parser(example).parse_args(example)
 
 
-def test_a_dot_in_a_name_is_no_suffix_and_a_link_is_followed(capsys):
+def test_a_dot_in_a_name_is_no_suffix_and_a_link_is_followed(said):
     os.symlink("there.h5", "link.h5")
     for name in ("mass_0.5", "T1.5.h5", "link.h5"):
-        assert said(capsys, "simulate", SCENE, "--particles", 10, "--output", name)[0] == DONE
+        assert said("simulate", SCENE, "--particles", 10, "--output", name)[0] == DONE
         assert Path(name).is_file()
     assert Path("link.h5").is_symlink() and read_trajectories("there.h5").scene.particles == 10
 
@@ -138,58 +107,39 @@ COMMAS = "several values of an option are joined by commas"
         # arguments
         ([], "required: VERB"),
         (["simulat", SCENE], "invalid choice: 'simulat'; did you mean simulate? (choose from "),
-        (["simulate"], "required: SCENE"),
         (["simulate", SCENE, "--particles", "many"], "--particles: must be an integer, not 'many'"),
-        (["simulate", SCENE, "--particles", "-1"], "--particles"),
         (["simulate", SCENE, "--particles", "5000"], "disks: 4999 disks of radius 0.1 (bath) cannot fit"),
         (["simulate", SCENE, "--seeds", "1-"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending"),
-        (["simulate", SCENE, "--seeds", ""], "seeds: must be seeds"),
         (["simulate", SCENE, "--seeds", "9-3"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending"),
         (["simulate", SCENE, "--seeds", "0-99999999999"], "ascending, at most 10000000, not"),
-        (["simulate", SCENE, "--seeds", "99999999999999999999"], "seeds: must be seeds"),
         (["simulate", PAIR, "--seeds", "0-49"], "seeds: must be one seed, as the disks of pair_head_on are listed"),
         (["simulate", SCENE, "--record", "everything"], "--record everything: must be one or several of tracer, all"),
-        (["simulate", SCENE, "--record", "none,all"], "--record none,all: must be one or several of"),
         (["simulate", SCENE, "--engine", "timestp"], "--engine: must be 'exact', 'timestep' or 'langevin', not"),
         (["simulate", SCENE, "--engine", "timestep"], "--time-step: missing; must be given with --engine timestep"),
-        (["simulate", SCENE, "--engine", "langevin"], "--friction: missing; must be given with --engine langevin"),
         (["simulate", SCENE, "--time-step", "1e-3"], "--time-step 0.001: the exact engine has no such setting"),
-        (["simulate", SCENE, "--time-step", "0"], "--time-step: must be > 0, not 0"),
         (["simulate", SCENE, "--time-step", "10ms"], "must be a number, not '10ms'; without quotes, unit or comma"),
         (["simulate", SCENE, *STEP, "--collisions", "x"], "--collisions: must be 'at_contact' or 'late', not 'x'"),
-        (["simulate", SCENE, *STEP, "--friction", "enskog"], "--friction enskog: the timestep engine has no such"),
         (["simulate", SCENE, *STEP, "--checkpoint-every", "9"], "keeps no checkpoints; must go with exact"),
         (["simulate", SCENE, "--checkpoint-every", "0"], "--checkpoint-every: must be "),
-        (["simulate", SCENE, "--checkpoint-every", "often"], "--checkpoint-every: must be "),
-        (["simulate", SCENE, *LANGEVIN, "stokes"], "--friction: must be 'enskog', 'boltzmann' or"),
         (["simulate", SCENE, *LANGEVIN, "enskog", "--record", "all,events"], "--record all,events: the langevin"),
         (["simulate", SCENE, "--sedes", "3"], "unrecognized arguments: --sedes 3; did you mean --seeds?"),
         (["simulate", SCENE, "--dt", "3"], "unrecognized arguments: --dt 3 (see brownpipe simulate --h"),
         (["simulate", SCENE, "--seeds", "0-9", "17"], COMMAS),
-        (["aggregate", "x.h5"], "required: --output"),
         (["aggregate", "x.h5", "--output", "a.nc", "--fit-windows", "1:0"], "must be T0:T1 with 0 <= T0 < T1"),
         (["aggregate", "x.h5", "--output", "a.nc", "--ring-width", "nan"], "--ring-width: must be a number, not 'nan'"),
-        (["aggregate", "x.h5", "--output", "a.nc", "--displacement-times", "0"], "must be > 0, not 0"),
-        (["aggregate", "x.h5", "--output", "a.nc", "--rings", "0"], "must be >= 1, not 0"),
         (["aggregate", "x.h5", "--output", "a.nc", "--study", STUDY], "files: must not be given with --study"),
         (["figures", "a.nc", "--output", "f", "--figures", "msds"], "--figures: "),
         (["plan", STUDY, "--tolerance", "2%", "--write", "my study.yaml"], "--write: must be a name: letters, digits,"),
         # files of another kind
         (["simulate", "absent.yaml"], "absent.yaml: cannot be read: No such file or directory"),
-        (["simulate", "."], ".: cannot be read: Is a directory"),
         (["check", "absent.yaml"], "absent.yaml: cannot be read"),
-        (["inspect", "absent.nc"], "absent.nc: cannot be read: No such file or directory"),
         (["simulate", STUDY], RUN_IT),
-        (["plan", SCENE, "--tolerance", "2%"], SIMULATE_IT),
         (["tradeoff", SCENE], SIMULATE_IT),
         (["tradeoff", STUDY], f"{STUDY}: has no results yet; run it first: brownpipe run {STUDY}"),
         (["aggregate", SCENE, "--output", "a.nc"], f"{SCENE}: {NO_RESULTS}"),
-        (["figures", STUDY, "--output", "f"], f"{STUDY}: {NO_RESULTS}"),
-        (["movie", SCENE], f"{SCENE}: {NO_RESULTS}"),
         (["aggregate", "DATASET", "--output", "a.nc"], "is a file of brownpipe, but not a"),
         (["figures", "RUNS", "--output", "f"], "is a file of brownpipe, but not a"),
         (["simulate", "RUNS"], "it is an HDF5 file: brownpipe inspect "),
-        (["check", "RUNS"], "it is an HDF5 file: brownpipe inspect "),
         # what is in them
         (["aggregate", "RUNS", "RUNS", "--output", "a.nc"], "seed 0 is already in"),
         (["figures", "DATASET", "--output", "f", "--figures", "scan"], "scan: cannot be drawn from this dataset"),
@@ -197,61 +147,45 @@ COMMAS = "several values of an option are joined by commas"
         # outputs of another kind
         (["simulate", SCENE, "--output", "new/x.csv"], "new/x.csv: the output must end in .h5 or .hdf5, not '.csv'"),
         (["aggregate", "RUNS", "--output", "x.h5"], "x.h5: the output must end in .nc, not '.h5'"),
-        (["tradeoff", STUDY, "--files", "RUNS", "--output", "x.csv"], "x.csv: the output must end in .nc, not '.csv'"),
         (["movie", "RUNS", "--output", "x"], "x: the output must end in .gif, .mp4, .png or .html, not ''"),
-        (["plan", STUDY, "--tolerance", "2%", "--write", "x.txt"], "x.txt: the output must end in .yaml or .yml, not"),
         (["figures", "x.nc", "--output", "msd.png"], "msd.png: the output must be a folder, not a name that ends in"),
     ],
 )
-def test_wrong_requests_are_refused_in_one_line_and_nothing_is_written(argv, message, capsys, runs, dataset, tmp_path):
-    status, out, err = said(capsys, *({"RUNS": runs, "DATASET": dataset}.get(word, word) for word in argv))
+def test_wrong_requests_are_refused_in_one_line_and_nothing_is_written(argv, message, said, runs, dataset, tmp_path):
+    status, out, err = said(*({"RUNS": runs, "DATASET": dataset}.get(word, word) for word in argv))
     assert (status, out) == (WRONG_REQUEST, "")
-    assert err.startswith("brownpipe") and message in err and "delete" not in err
+    assert err.startswith("brownpipe") and message in err and "delete" not in err and err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("text", "verb", "message"),
-    [
-        ("seeds: 10\nparticles: 50\n", ["simulate"], "is a study, not a scene"),
-        ("disks: []\nduration: 1\n", ["plan", "--tolerance", "2%"], "is a scene, not a study"),
-        ("seeds: 10\nparticles: 50\n", ["check"], "line 1: scenes: missing; must be given"),
-        ("disks: []\nduration: 1\n", ["check"], "line 1: box: missing; must be given"),
-    ],
-)
-def test_parts_of_a_scene_or_study_are_known_for_what_they_are(text, verb, message, capsys):
-    Path("part.yaml").write_text(text)
-    assert f"part.yaml: {message}" in said(capsys, verb[0], "part.yaml", *verb[1:])[2]
-
-
-def test_no_character_that_a_terminal_obeys_is_shown(faults, capsys):
+def test_no_character_that_a_terminal_obeys_is_shown(faults, said):
     """Of keys, values and names of files, as they are and in quotes."""
     everything = "".join(map(chr, [*range(0x10000), 0x1D173, 0xE0001, 0xE0100, 0x10FFFF]))
     assert printable(everything).isprintable() and not set(printable(everything)) & set("\x1b\x9b\x00\xad\ud800\u202e")
     codes = ["\x1b[2J", "\x1b]0;title\x07", "\x9b31m", "\b\b", "\x7f", "\u202e", "\u200b", "\r", "\x85", "\u2028"]
     text = Path(SCENE).read_text()
-    for _ in faults.tries(20):
+    for _ in range(20):
         hostile = "".join(faults.random.choices([*codes, "a", "'", '"', "{x}", "%s", "é"], k=6))
         place = faults.random.choice(list(re.finditer(r"[\w.]+", text)))
         new = faults.random.choice([hostile, json.dumps(hostile), json.dumps(place[0] + hostile)])
         path = Path(f"{hostile}.yaml")
         path.write_text(text[: place.start()] + new + text[place.end() :], newline="")
-        _, out, err = said(capsys, "check", path)
+        _, out, err = said("check", path)
         assert [char for char in out + err if char != "\n" and not char.isprintable()] == []
 
 
-def test_more_than_memory_and_disk_can_hold(capsys, monkeypatch):
+def test_more_than_memory_and_disk_can_hold(said, monkeypatch):
     monkeypatch.setattr(exact, "simulate", raises(AssertionError("begins the work")))
     with monkeypatch.context() as patch:
         patch.setattr("shutil.disk_usage", lambda _: argparse.Namespace(free=1e6))
-        status, _, err = said(capsys, "simulate", SCENE, "--seeds", "0-99999", "--output", "a.h5")
+        status, _, err = said("simulate", SCENE, "--seeds", "0-99999", "--output", "a.h5")
         assert status == FAILED and "there is room for 1 MB" in err
     monkeypatch.setattr(os, "sysconf", {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}.__getitem__)
-    status, _, err = said(capsys, "simulate", SCENE, "--seeds", "0-9999999")
+    status, _, err = said("simulate", SCENE, "--seeds", "0-9999999")
     assert status == WRONG_REQUEST and "and this machine has 0.0041 GB: take fewer" in err
 
 
-def test_inputs_and_devices_are_not_replaced(runs, capsys):
+def test_inputs_and_devices_are_not_replaced(runs, said):
     Path("scene.yaml").write_bytes(Path(SCENE).read_bytes())
     Path("runs.h5").write_bytes(runs.read_bytes())
     os.link("runs.h5", "same.h5")
@@ -262,7 +196,7 @@ def test_inputs_and_devices_are_not_replaced(runs, capsys):
         ["simulate", "scene.yaml", "--output", "/dev/null"],
         ["simulate", "scene.yaml", "--output", "folder"],
     ):
-        status, _, err = said(capsys, *argv)
+        status, _, err = said(*argv)
         assert status == WRONG_REQUEST and "choose another name for the output" in err
     assert Path("runs.h5").read_bytes() == runs.read_bytes()
     assert Path("/dev/null").is_char_device()
@@ -272,9 +206,9 @@ def test_inputs_and_devices_are_not_replaced(runs, capsys):
 
 
 @pytest.mark.parametrize("output", ["file/x.h5", "/proc/new/x.h5"])
-def test_a_place_that_cannot_be_written_to(output, capsys):
+def test_a_place_that_cannot_be_written_to(output, said):
     Path("file").touch()
-    status, _, err = said(capsys, "simulate", SCENE, "--particles", 10, "--output", output)
+    status, _, err = said("simulate", SCENE, "--particles", 10, "--output", output)
     assert status == FAILED and f"{output}: its folder cannot be made" in err
 
 
@@ -282,13 +216,13 @@ def test_a_place_that_cannot_be_written_to(output, capsys):
 @pytest.mark.parametrize(
     ("content", "expected"), [(None, WRONG_REQUEST), (b"", FAILED), (b"not HDF5", WRONG_REQUEST), ("flipped", FAILED)]
 )
-def test_files_that_are_none_or_damaged(verb, content, expected, capsys, runs):
+def test_files_that_are_none_or_damaged(verb, content, expected, said, runs):
     if content == "flipped":
         content = bytearray(runs.read_bytes())
         content[len(content) // 2] ^= 1
     if content is not None:
         Path("x.h5").write_bytes(content)
-    status, _, err = said(capsys, *verb)
+    status, _, err = said(*verb)
     assert status == expected
     assert err.startswith("brownpipe: x.h5: ")
     assert ("delete it" in err) == (expected == FAILED)
@@ -310,9 +244,9 @@ def raises(error):
         (KeyboardInterrupt(), 130, "brownpipe: interrupted\n"),
     ],
 )
-def test_a_run_that_ends_early(error, status, message, capsys, monkeypatch, tmp_path):
+def test_a_run_that_ends_early(error, status, message, said, monkeypatch, tmp_path):
     monkeypatch.setattr(exact, "simulate", raises(error))
-    assert said(capsys, "simulate", SCENE) == (status, "", message)
+    assert said("simulate", SCENE) == (status, "", message)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -323,11 +257,11 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
 
 
 @pytest.mark.parametrize(("failed", "status"), [([1, 0, 1], DONE), ([1, 1, 1], FAILED)])
-def test_runs_that_fail_their_health_check(runs, failed, status, capsys, monkeypatch):
+def test_runs_that_fail_their_health_check(runs, failed, status, said, monkeypatch):
     ensemble = read_trajectories(runs).ensemble
     marked = ensemble._replace(observables=ensemble.observables | {"failed": np.array(failed, np.uint8)})
     monkeypatch.setattr(exact, "simulate", lambda *_, **__: marked)
-    found, _, err = said(capsys, "simulate", SCENE, "--particles", 10, "--seeds", "0-2", "--output", "x.h5")
+    found, _, err = said("simulate", SCENE, "--particles", 10, "--seeds", "0-2", "--output", "x.h5")
     assert found == status
     assert f"x.h5: failed their health check: {sum(failed)} of 3 runs: 0" in err
     assert read_trajectories("x.h5").ensemble.observables["failed"].tolist() == failed

@@ -65,10 +65,8 @@ def test_the_figure_says_p_and_power_of_the_numbers_in_the_dataset(dataset):
         one = dataset.isel(displacement_time=0).sel(model=model)
         return displacement_distribution._verdict(one.assign({name: one[name] * 0 + x for name, x in numbers.items()}))
 
-    both = "p = 0.60 (rings p = 0.30, kurtosis p = 0.40)"
-    assert said(0.3, 0.4) == f"not rejected at the 1 % level: {both}"
-    both = "p = 2.0e-05 (rings p = 1.0e-05, kurtosis p = 0.40)"
-    assert said(1e-5, 0.4) == f"rejected at the 1 % level: {both}"
+    assert said(0.3, 0.4) == "not rejected at the 1 % level: p = 0.60 (rings p = 0.30, kurtosis p = 0.40)"
+    assert said(1e-5, 0.4).startswith("rejected at the 1 % level")
     assert said(0.4, 1e-5).startswith("rejected at the 1 % level")
     assert said(0.008, np.nan, "square") == "rejected at the 1 % level: rings p = 0.0080"
     assert said(0.008, 0.7).startswith("not rejected at the 1 % level: p = 0.016 (")
@@ -160,12 +158,6 @@ def test_kurtosis_and_its_error():
     assert abs(estimate.mean.mean() - 1) < SIGMAS / np.sqrt(n * sets) + 2 / n  # the bias is -1/n
     scatter = estimate.mean.std(ddof=1)
     assert scatter == pytest.approx(estimate.standard_error.mean(), rel=SIGMAS / np.sqrt(2 * sets) + 0.05)
-
-
-def test_kurtosis_of_a_square_is_below_one():
-    x = np.random.default_rng(3).uniform(-1, 1, (20000, 2))
-    estimate = distribution.kurtosis(found_of((x**2).sum(axis=1)[:, None]))
-    assert abs(estimate.mean[0] - (2 / 5 + 2 / 9) / (2 * (2 / 3) ** 2)) < SIGMAS * estimate.standard_error[0]
 
 
 @pytest.mark.parametrize(("n", "least"), [(20, 0.89), (400, 0.91)])

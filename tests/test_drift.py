@@ -172,16 +172,6 @@ def test_the_family_is_all_cases_of_a_dataset():
     assert np.isfinite(both.drift_p_value).sum() == 8
 
 
-def test_sentence():
-    found = drift.Drift(
-        ("pressure", "psi_6"), np.array([-0.0123, 0.2]), np.array([0.00098, 0.03]), np.array([1e-6, 0.5])
-    )
-    assert drift.in_words(found, 20.0) == (
-        "the pressure drifts by -1.2(1) % within the runs: not equilibrated; try equilibrate.time: 20"
-    )
-    assert drift.in_words(found._replace(p=np.ones(2)), 20.0) == ""
-
-
 def test_settling_is_forecast_for_a_fluid():
     dense = parse_scene(LATTICE, "dense.yaml")
     assert 15 < settling_time(dense) < 35

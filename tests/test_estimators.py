@@ -197,42 +197,6 @@ def test_non_gaussian_parameter_and_its_control_variate():
     assert found["alpha_controlled_standard_error"][-1] == pytest.approx(error[1], rel=0.1)
 
 
-def test_files_without_products_of_velocity_and_displacement_have_no_running_d():
-    scene = gas()
-    shape = (12, len(scene.times))
-    found = estimates(scene, {name: np.ones(shape) for name in ("square_displacement", "velocity_autocorrelation")})
-    assert "msd" in found and "velocity_autocorrelation" in found
-    assert not {"diffusion_running", "green_kubo"} & found.keys()
-
-
-def test_slope_of_a_parabola():
-    times = np.array([0.0, 0.1, 0.4, 7.0])
-    assert velocity.slope_weights(times[:3]) @ (5 - 3 * times + 2 * times**2)[:3] == pytest.approx(-3)
-    assert velocity.slope_weights(times[:2]) @ (5 - 3 * times)[:2] == pytest.approx(-3)
-
-
-@pytest.mark.parametrize("samples", [{"samples": {"per_decade": 10, "first": 1e-3}}, {"sample_interval": 0.01}])
-def test_initial_slope_is_taken_where_a_quarter_is_lost(samples):
-    """From samples neither too near nor too far; exact, but for round-off, for a decay at Enskog's rate."""
-    scene = gas(**({"sample_interval": None} | samples))
-    gamma = velocity.enskog_rate(scene)
-    assert gamma == pytest.approx((15 / 16) ** 2 / (scene.mass[0] * thermodynamics.enskog(scene)["enskog_diffusion"]))
-    chosen = velocity.early(scene.times, gamma)
-    times = scene.times[chosen]
-    assert 0.15 < gamma * times[2] <= 0.25 and times[1] == pytest.approx(times[2] / 2, rel=0.2)
-    # weights of 1/t1 times values of 1 cancel: round-off of 1e-16/(gamma t1), below 1e-14
-    assert velocity.slope_weights(times, gamma) @ np.exp(-gamma * times) == pytest.approx(-gamma, rel=1e-13)
-    assert velocity.early(scene.times[:3], gamma) == velocity.early(scene.times, 0.0) == [0, 1, 2]
-
-
-def test_samples_twice_as_late():
-    even, decades = np.arange(12) * 0.1, np.append(0.0, 10.0 ** np.arange(-2, 3))
-    assert velocity.twice_as_late(even, [0, 1, 3], 0.5) == [0, 2, 6]
-    assert velocity.twice_as_late(even, [0, 3, 6], 0.5) == [0, 3]  # the run is over
-    assert velocity.twice_as_late(even, [0, 1, 3], 2.0) == [0, 1]  # little of the velocity is left there
-    assert velocity.twice_as_late(decades, [0, 1, 2], 0.5) == [0, 2, 3]
-
-
 def decaying(scene, rate, runs=12):
     """Runs without any scatter whose autocorrelation decays at `rate`."""
     return {"velocity_autocorrelation": np.tile(2 * np.exp(-rate * scene.times), (runs, 1))}
@@ -273,38 +237,12 @@ def test_initial_slope_of_a_heavy_tracer_is_taken_before_the_bath_has_collisions
     assert abs(slope + 2 * rate) <= error < 0.1 * rate
 
 
-def test_initial_slope_without_theory():
-    """A parabola off by (gamma h)^2/3 of the slope, which the stated error covers."""
-    scene = make_scene(sample_interval=0.05)
-    assert velocity.enskog_rate(scene) == 0.0
-    slope, error, _, _ = slope_of(scene, decaying(scene, 3.0))
-    assert slope / 6 + 1 == pytest.approx(0.15**2 / 3, rel=0.3)
-    assert abs(slope + 6) < error < 6 * abs(slope + 6)
-
-
 @pytest.mark.parametrize(("lost", "stated"), [(0.19, True), (0.21, False), (0.9, False), (1 - 1e-9, False)])
 def test_no_initial_slope_where_samples_are_far_apart(lost, stated):
     rate = velocity.enskog_rate(gas())
     interval = -np.log(1 - lost) / rate
     scene = gas(duration=8 * interval, sample_interval=interval)
     assert np.isfinite(slope_of(scene, decaying(scene, rate))).all() == stated
-
-
-def test_no_theory_makes_no_overflow():
-    """Samples a thousand relaxation times apart of what does not decay: nothing is stated, without a warning."""
-    scene = gas(duration=1e4, sample_interval=1e3)
-    assert np.isnan(slope_of(scene, decaying(scene, 0.0))).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("misjudged", [1.0, 1.3])
-def test_initial_slope_of_langevin_runs(misjudged):
-    """20,480 Ornstein-Uhlenbeck velocities: within 4.5 stated errors of -gamma <v^2>, <v^2> = 2 kT/m."""
-    rate = velocity.enskog_rate(gas()) / misjudged
-    scene = gas(duration=1.0 / rate, sample_interval=0.2 / rate)
-    found = estimates(scene, observed(*langevin_runs(scene.times, rate, 1.0, 20_480, 7)))
-    error = found["vacf_initial_slope_standard_error"]
-    assert abs(found["vacf_initial_slope"] + 2 * rate) < SIGMAS * error < 0.6 * rate
 
 
 def test_expected_slope_is_enskogs_friction():
@@ -469,18 +407,6 @@ def test_contact_value_of_the_form_that_is_fitted(decay, flat):
         assert ((averages * fitted).sum() == pytest.approx(1.7, rel=1e-9)) == (cubic == 0)
 
 
-def test_contact_value_of_a_dense_fluid():
-    """g near contact at a packing fraction of 0.65 as simulated: its logarithm falls by 6.75 and then less steeply.
-
-    A parabola through the middles of the bins up to 1.15 is 0.71 % low here, the form that is fitted 0.02 %.
-    """
-    scene = gas(number=256, side=float(np.sqrt(256 * np.pi / 4 / 0.65)))
-    edges = np.arange(60) * 0.025
-    averages = bin_averages(lambda r: 5.7 * np.exp(-6.75 * (r - 1) + 3.4 * (r - 1) ** 2), edges)
-    fitted, _ = pairs.contact_weights(edges, 1.0, *pairs.decays(scene))
-    assert (averages * fitted).sum() == pytest.approx(5.7, rel=4e-4)
-
-
 def test_truncation_widens_error_and_interval():
     """What the next order exceeds its own noise by is added in quadrature."""
     one = Estimate(*(np.array([value] * 3) for value in (2.0, 0.3, 1.5, 2.6)))
@@ -521,13 +447,6 @@ def test_contact_value_from_the_rate_is_enskogs():
 
 
 # --- thermodynamics
-
-
-def test_compressibility_from_the_rate_is_enskogs():
-    scene, kt = gas(), np.array([0.7])
-    rate = theory.collision_rate(16 / 64, 1.0, 1.3, 0.5, kt) / theory.mean_root_chi_square(30)
-    expected = theory.compressibility(scene.packing_fraction, 1.3)
-    assert thermodynamics.compressibility_from_rate(scene, rate, kt) == pytest.approx(expected)
 
 
 def test_pair_virial_and_wall_pressure_differ_by_the_room_of_the_centres():

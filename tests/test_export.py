@@ -6,23 +6,19 @@ The tests import these programs themselves: every process that runs tests import
 import csv
 import itertools
 import sys
-import tracemalloc
 
 import gsd.hoomd
 import numpy as np
 import pytest
 
 import brownpipe as bp
-from brownpipe.analysis.dataset import aggregate
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import RunResult, Track
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.observables import observe
-from brownpipe.observables.pairs import bins
 from brownpipe.scene import parse_scene
-from brownpipe.storage.export import export
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene
 
@@ -187,10 +183,7 @@ def test_a_table_of_a_file_without_whole_runs_has_all_tracers(tmp_path, capsys):
 
 
 def test_walls_in_gsd(walled, capsys):
-    """freud finds the pairs between walls once the box is larger by their longest distance."""
-    import freud
-
-    scene, _, track = run_in(walled, 3)
+    scene, _, _ = run_in(walled, 3)
     target = exported(walled, "gsd")
     assert "walled.gsd: GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err
     with gsd.hoomd.open(target) as frames:
@@ -200,50 +193,9 @@ def test_walls_in_gsd(walled, capsys):
     np.testing.assert_allclose(disks.diameter, 2 * scene.radius, rtol=SINGLE)
     np.testing.assert_allclose(disks.mass, scene.mass, rtol=SINGLE)
     assert last.log["periodic"] == 0 and not disks.image.any()
-    apart = track.position[-1][:, None] - track.position[-1]
-    expected = np.count_nonzero(np.hypot(*apart.T) < 2.5) - 12
-    larger = last.configuration.box[:2] + 2.5
-    query = freud.locality.AABBQuery(freud.box.Box(*larger), disks.position)
-    found = query.query(disks.position, {"r_max": 2.5, "exclude_ii": True}).toNeighborList()
-    assert len(found) == expected
 
 
 # -- the same results from other programs ---------------------------------------------------------------------------
-
-
-def test_pair_distribution_by_freud_and_mdanalysis(fluid):
-    """Pairs change bins by rounding only: those whose distance is that close to an edge. 200 bins, 86,000 pairs.
-
-    freud divides by N/A, we divide by (N - 1)/A; both count every pair of disks, freud and MDAnalysis twice.
-    """
-    import freud
-    import MDAnalysis
-    from MDAnalysis.analysis.rdf import InterRDF
-
-    scene, _, track = run_in(fluid, 5)
-    number, width = bins(scene)
-    reach = number * width
-    measured = freud.density.RDF(number, reach)
-    with gsd.hoomd.open(fluid.with_suffix(".gsd")) as frames:
-        for frame in frames:
-            measured.compute(frame, reset=False)
-    universe = MDAnalysis.Universe(fluid.with_suffix(".gsd"))
-    theirs = InterRDF(universe.atoms, universe.atoms, number, (0, reach), norm="none", exclusion_block=(1, 1)).run()
-    apart = track.position[:, :, None] - track.position[:, None]
-    apart -= edges_of(scene) * np.rint(apart / edges_of(scene))
-    distance = np.sort(np.sqrt((apart**2).sum(axis=-1))[:, ~np.eye(200, dtype=bool)], axis=None)
-    ends, error = np.arange(number + 1) * width, 2 * SHIFTED * edges_of(scene).sum() + 4 * SINGLE * reach
-    low, high = (np.searchsorted(distance, ends + change) for change in (-error, error))
-    assert np.count_nonzero(high > low) < 30  # edges that any pair is close to
-    ours = read_trajectories(fluid).ensemble.observables["pair_counts"][0, 0]
-    for counts in (2 * ours, measured.bin_counts, theirs.results.count):
-        below = np.append(0, np.cumsum(counts, dtype=int))
-        assert np.all(low <= below) and np.all(below <= high)
-    g = aggregate([fluid])["pair_distribution"].squeeze().values
-    same = measured.bin_counts == 2 * ours
-    assert np.count_nonzero(same) > 0.8 * number
-    rings = 4 * SINGLE * number  # error of the area between two radii in single precision
-    np.testing.assert_allclose(measured.rdf[same] * 200 / 199, g[same], rtol=rings)
 
 
 @pytest.mark.parametrize(("average", "mode", "disks"), [("disks", "direct", 200), ("origins", "window", 1)])
@@ -281,15 +233,12 @@ def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks
 
 
 def test_refusals(walled, tmp_path, capsys, monkeypatch):
-    names = ("tracer.h5", "empty.h5", "bare.h5", "bare_empty.h5")
-    tracer, empty, bare, bare_empty = (tmp_path / name for name in names)
+    tracer, empty, bare = (tmp_path / name for name in ("tracer.h5", "empty.h5", "bare.h5"))
     runs = make_runs(make_scene(), [1])
     write_trajectories(tracer, make_scene(), Engine("exact"), runs.ensemble)
     write_trajectories(empty, make_scene(), Engine("exact"), runs.ensemble._replace(tracer=None))
     bath = {"species": [{"name": "bath", "count": 0, "radius": 0.1, "mass": 0.4}]}
-    written(bare, make_scene("bare", 0, disks=bath), [2])
-    without = bp.simulate(make_scene("bare", 0, disks=bath), [2], record="all", quiet=True)
-    bp.save(without, bare_empty)
+    bp.save(bp.simulate(make_scene("bare", 0, disks=bath), [2], record="all", quiet=True), bare)
     monkeypatch.chdir(tmp_path)
     asked = {
         "tracer.h5: holds no whole runs; make it again: brownpipe simulate SCENE --record all": (tracer, "gsd"),
@@ -297,7 +246,6 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
         "tracer.h5: seed 17 is not in it; must be of 1": (tracer, "csv", "--seed", 17),
         "empty.h5: holds no whole runs; make it again: brownpipe simulate SCENE --record all": (empty, "csv"),
         "bare.h5: its scene has no disks": (bare, "csv"),
-        "bare_empty.h5: its scene has no disks": (bare_empty, "csv"),
         "run.xyz: the output must end in .gsd, not '.xyz'": (walled, "gsd", "--output", "run.xyz"),
         "is an input": (walled, "gsd", "--output", walled),
     }
@@ -306,7 +254,7 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "gsd", None)
     message = refused(capsys, walled, "--to", "gsd")
     assert "--to gsd: needs the package gsd (" in message and "install it by pip install gsd, or choose xyz" in message
-    assert sorted(tmp_path.iterdir()) == [bare, bare_empty, empty, tracer]
+    assert sorted(tmp_path.iterdir()) == [bare, empty, tracer]
 
 
 @pytest.mark.parametrize("length", [1e-40, 1e40])
@@ -318,17 +266,3 @@ def test_gsd_refuses_what_it_would_round_to_nothing(length, tmp_path, capsys):
     message = refused(capsys, path, "--to", "gsd", "--output", tmp_path / "far.gsd")
     assert "holds numbers from 1.2e-38 to 3.4e+38 only; choose xyz or csv" in message
     assert [*tmp_path.iterdir()] == [path]
-
-
-@pytest.mark.parametrize(("form", "duration"), [("gsd", 8.0), ("xyz", 8.0), ("csv", 20.0)])
-def test_memory_is_that_of_a_sample(form, duration, tmp_path):
-    """It was 0.22, 0.25 and 0.34 of the memory of all samples."""
-    scene = make_scene("long", 40, duration, boundary="periodic")
-    trajectories = read_trajectories(written(tmp_path / "long.h5", scene, [0]))
-    stored = sum(values.nbytes for values in trajectories.ensemble.whole[0])
-    target = str(tmp_path / f"long.{form}")
-    tracemalloc.start()
-    export(trajectories, "long.h5", target, form)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < stored / 2

@@ -14,7 +14,6 @@ import forked
 from brownpipe.analysis import aggregate
 from brownpipe.analysis.runs import groups_of
 from brownpipe.analysis.varied import failed_runs
-from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import layout
 from brownpipe.engines.exact import run as exact_run
@@ -101,7 +100,7 @@ def arrays_of(ensemble, seed):
 @pytest.mark.parametrize("engine", ENGINES, ids=lambda engine: engine.name)
 def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, engine, faults):
     """Batches of random seeds in random order."""
-    for _ in faults.tries(1):
+    for _ in range(1):
         seeds = faults.random.sample(SEEDS, 7)
         batch = engine.simulate(crowd, seeds, {"tracer", "all"})
         expected = {seed: reason for one in seeds for seed, reason in alone(engine, one).stopped.items()}
@@ -173,7 +172,7 @@ def test_a_batch_resumed_from_any_checkpoint_has_the_same_runs_and_reasons(crowd
         crowd, range(4), {"tracer"}, Checkpoints(lambda: True, lambda arrays: stored.append(copied(arrays)))
     )
     expected = written(Path("whole.h5"), crowd, whole).read_bytes()
-    for _ in faults.tries(2):
+    for _ in range(2):
         checkpoint = faults.random.choice(stored)
         resumed = simulate(crowd, range(4), {"tracer"}, Checkpoints(lambda: False, lambda _: None, checkpoint))
         assert dict(resumed.stopped) == dict(whole.stopped)
@@ -207,11 +206,6 @@ def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, see
     assert not others.ensemble.stopped and "stopped" not in to_tree(others)
 
 
-def said(capsys, *words):
-    status = main([*map(str, words)])
-    return status, *capsys.readouterr()
-
-
 @pytest.mark.parametrize(
     ("seeds", "options", "status"),
     [
@@ -222,9 +216,9 @@ def said(capsys, *words):
         ("1,3", ("--allow-failed", 0), DONE),
     ],
 )
-def test_simulate_writes_the_file_and_names_seeds_and_reason_in_one_line(capsys, seeds, options, status):
+def test_simulate_writes_the_file_and_names_seeds_and_reason_in_one_line(said, seeds, options, status):
     Path("crowd.yaml").write_text(CROWD)
-    found, out, err = said(capsys, "simulate", "crowd.yaml", "--seeds", seeds, *options)
+    found, out, err = said("simulate", "crowd.yaml", "--seeds", seeds, *options)
     assert (found, out.count("\n")) == (status, 1) and "nan" not in out
     assert Path("crowd.h5").is_file()
     number = {"0-3": 4, "0,2": 2}.get(seeds)
@@ -235,16 +229,16 @@ def test_simulate_writes_the_file_and_names_seeds_and_reason_in_one_line(capsys,
 
 
 @pytest.mark.slow
-def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(capsys, crowd, whole):
+def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(said, crowd, whole):
     written(Path("a.h5"), crowd, part(whole, [0, 1, 2, 3]))
-    _, out, _ = said(capsys, "inspect", "a.h5")
+    _, out, _ = said("inspect", "a.h5")
     assert "could not go on: 2 of 4 runs: 0,2 (seed 0: disks: only " in out and "nan" not in out
-    _, out, _ = said(capsys, "inspect", "a.h5", "--seed", 2)
+    _, out, _ = said("inspect", "a.h5", "--seed", 2)
     assert "could not go on: 1 of 1 runs: 2 (seed 2: disks: only" in out and "nan" not in out
     for words in (["movie"], ["export", "--to", "xyz"], ["export", "--to", "csv"]):
-        status, _, err = said(capsys, words[0], "a.h5", *words[1:], "--seed", 2)
+        status, _, err = said(words[0], "a.h5", *words[1:], "--seed", 2)
         assert status == WRONG_REQUEST and err.startswith("brownpipe: a.h5: seed 2: its run could not go on: disks: ")
-    _, _, err = said(capsys, "export", "a.h5", "--to", "csv")
+    _, _, err = said("export", "a.h5", "--to", "csv")
     assert "could not go on: 2 of 4 runs: 0,2" in err and "nan" not in Path("a.csv").read_text()
 
 
@@ -286,7 +280,7 @@ def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd,
 
 
 @pytest.mark.slow
-def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
+def test_summary_health_figure_and_status_name_the_failed_runs(batches, said):
     dataset = aggregate(batches(3))
     write_dataset("a.nc", dataset)
     text = summary(dataset)
@@ -298,10 +292,10 @@ def test_summary_health_figure_and_status_name_the_failed_runs(batches, capsys):
     line = "brownpipe: a.nc: 4 of 16 runs failed and are in no average, {}: crowd, N = 40: seeds 0,2,11,14\n"
     limits = ("allow_failed: 3 accepts no more", "accepted by allow_failed: 4")
     refused, accepted = map(line.format, limits)
-    assert said(capsys, "inspect", "a.nc", "--allow-failed", 3) == (FAILED, "", refused)
-    assert said(capsys, "inspect", "a.nc", "--allow-failed", 4) == (DONE, "", accepted)
+    assert said("inspect", "a.nc", "--allow-failed", 3) == (FAILED, "", refused)
+    assert said("inspect", "a.nc", "--allow-failed", 4) == (DONE, "", accepted)
     write_dataset("b.nc", aggregate(batches(1, (1, 3))))
-    assert said(capsys, "inspect", "b.nc", "--allow-failed", 0) == (DONE, "", "")
+    assert said("inspect", "b.nc", "--allow-failed", 0) == (DONE, "", "")
 
 
 def test_a_study_in_which_every_run_failed_has_a_summary_and_no_average(batches):

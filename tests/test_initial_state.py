@@ -213,14 +213,6 @@ def test_what_cannot_be_placed_ends_with_a_message(number, radius, placement, me
         draw(dense(box(3, 3, P), [(number, radius, 1)], placement), 0)
 
 
-def test_species_share_a_lattice_at_random():
-    scene = on_lattice(box(4, 4, P), [(60, 0.12, 1.0), (60, 0.08, 1.0)])
-    one, two = draw(scene, 1), draw(scene, 2)
-    assert not np.array_equal(one.position, two.position)
-    sites = {tuple(np.round(x, 9)) for state in (one, two) for x in state.position.tolist()}
-    assert len(sites) <= 150  # of one lattice of few more than 120 sites
-
-
 GROWN = {  # side of the box, (number, radius, mass) of each species, and a tracer: packing fractions of 0.65 to 0.75
     "tracer": (box(20.1, 20.1, P), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0}),
     "tracer held, walls": (box(20.1, 20.1, W), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0, "position": [1, 2]}),
@@ -297,13 +289,3 @@ def test_finds_an_overlap_where_all_pairs_do(disks, periodic):
         a, b, value = found
         assert value < 0
         assert value == pytest.approx(gaps[a, b], abs=1e-12)
-
-
-def test_passes_a_hexagonal_packing_in_contact():
-    i, j = np.divmod(np.arange(60 * 52), 60)
-    position = np.stack([0.2 * (j + i % 2 / 2), 0.1 * math.sqrt(3) * i], axis=1)
-    box = ((0, 60 * 0.2), (0, 52 * 0.1 * math.sqrt(3)))
-    radius = np.full(len(i), 0.1)
-    assert overlap(position, radius, box) is None
-    radius[77] += 1e-9
-    assert 77 in overlap(position, radius, box)[:2]

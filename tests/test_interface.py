@@ -18,7 +18,6 @@ from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
-from brownpipe.figures.summary import answer
 from synthetic import render
 
 SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
@@ -48,13 +47,10 @@ def result(runs):
 
 
 @pytest.mark.slow
-def test_runs_are_those_of_the_command_line_to_the_byte(folder, runs):
+def test_runs_and_analysis_are_those_of_the_command_line_to_the_byte(folder, runs, result):
     bp.save(runs, folder / "mine.h5")
     assert (folder / "mine.h5").read_bytes() == (folder / "runs.h5").read_bytes()
     assert bp.open(folder / "runs.h5").identical(runs)
-
-
-def test_an_analysis_is_that_of_the_command_line(folder, result):
     assert result.identical(bp.open(folder / "study.nc"))
     bp.save(result, folder / "mine.nc")
     assert (folder / "mine.nc").read_bytes() == (folder / "study.nc").read_bytes()
@@ -69,19 +65,11 @@ def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, run
     assert len(bp.open(folder / "second.h5").events.event_seed) == (runs.events.event_seed >= 4).sum()
 
 
-@pytest.mark.parametrize("part", [slice(50), slice(1, None), slice(0, None, 2)])
-def test_a_part_of_the_samples_is_not_taken_for_the_runs(runs, tmp_path, part):
-    """Rates refer to the whole duration, and displacements to the first sample."""
-    selected = runs.isel(time=part)
-    with pytest.raises(RequestError, match=r"a selection of its seeds \(of time it must hold all 101 in order; select"):
-        bp.analyse(selected)
-    with pytest.raises(RequestError, match="of time it must hold all 101"):
-        bp.save(selected, tmp_path / "part.h5")
-
-
 @pytest.mark.parametrize(
     ("part", "message"),
     [
+        (lambda runs: runs.isel(time=slice(50)), "of time it must hold all 101 in order; select"),
+        (lambda runs: runs.isel(time=slice(1, None)), "of time it must hold all 101"),
         (lambda runs: runs.sel(component=["x"]), "of component it must hold all 2"),
         (lambda runs: runs.sel(component=["y", "x"]), "of component it must hold all 2 in order"),
         (lambda runs: runs.isel(seed=[]), "different integers"),
@@ -96,7 +84,7 @@ def test_a_part_of_the_samples_is_not_taken_for_the_runs(runs, tmp_path, part):
     ],
 )
 def test_another_selection_is_neither_analysed_nor_saved(runs, tmp_path, part, message):
-    """Of one component, the displacement in a periodic box would count it twice."""
+    """Rates refer to the whole duration, displacements to the first sample and, in a periodic box, to both axes."""
     selected = part(runs)
     with pytest.raises(RequestError, match=f"runs: must be what simulate or open returns.*{message}"):
         bp.save(selected, tmp_path / "part.h5")
@@ -104,20 +92,6 @@ def test_another_selection_is_neither_analysed_nor_saved(runs, tmp_path, part, m
     if "of disk" not in message:
         with pytest.raises(RequestError, match=message):
             bp.analyse(selected)
-
-
-@pytest.mark.parametrize(("average", "whose"), [("runs", "the tracer"), ("disks", "all disks equal to the tracer")])
-def test_a_dataset_says_whose_displacement_it_is(average, whose):
-    scene = bp.read_scene(Path(SCENE).with_name("dense.yaml"))
-    scene = scene.replace(duration=0.05, equilibrate=0.01)
-    runs = bp.simulate(scene, 2, observables=["square_displacement"], average=average, quiet=True)
-    result = bp.analyse(runs, quiet=True)
-    assert result.attrs["msd_of"] == whose
-    assert f"MSD: mean squared displacement of {whose}." in "\n".join(answer(result).legend)
-    assert (
-        result.msd.long_name
-        == "mean squared displacement of the tracer (where measured over disks, of all disks equal to it)"
-    )
 
 
 def test_periodic_runs_without_image_are_not_analysed():
@@ -162,13 +136,6 @@ def test_collisions_of_runs_in_any_order_are_those_of_each_run(runs, tmp_path):
         assert np.array_equal(*of_seed)
 
 
-def test_a_scene_with_a_replaced_key_is_simulated():
-    scene = bp.read_scene(SCENE, np.int64(20)).replace(duration=np.float64(0.5))
-    runs = bp.simulate(scene, 1, quiet=True)
-    expected = bp.simulate(bp.Scene(**KEYS | {"duration": 0.5, "particles": 20}, name="harrison2020"), 1, quiet=True)
-    assert runs.identical(expected)
-
-
 @pytest.mark.parametrize("stream", [None, type("Stream", (), {"write": print, "flush": print})()])
 def test_no_terminal_is_needed(monkeypatch, stream):
     monkeypatch.setattr(sys, "stderr", stream)
@@ -186,18 +153,6 @@ def test_a_tree_has_names_units_and_meanings(runs):
     assert all(variable.attrs["units"] and variable.attrs["long_name"] for variable in variables)
     squares = ((runs.position - runs.position.isel(time=0)) ** 2).sum("component")
     np.testing.assert_allclose(squares.transpose("seed", "time"), runs.square_displacement, rtol=1e-12, atol=1e-15)
-
-
-@pytest.mark.slow
-def test_velocities_of_all_disks_and_their_histograms_stand_side_by_side(tmp_path):
-    runs = bp.simulate(SCENE, 3, particles=20, record=["all"], observables=["velocity_distribution"], quiet=True)
-    assert runs.disks.velocity.dims == ("time", "seed", "disk", "component")
-    assert runs.velocity_counts.dims == ("seed", "species", "velocity_bin")
-    assert (runs.velocity_bin.units, runs.speed_bin.units) == ("sqrt(kT/mass)", "sqrt(kT/mass)")
-    assert runs.disks.velocity.units == "length/time"
-    bp.save(runs, tmp_path / "runs.h5")
-    assert bp.open(tmp_path / "runs.h5").identical(runs)
-    assert bp.analyse(runs).identical(bp.analyse(tmp_path / "runs.h5"))
 
 
 def test_engines_take_their_settings_as_arguments():
@@ -221,7 +176,9 @@ def test_runs_that_failed_are_named(monkeypatch):
 def test_the_velocity_of_the_tracer_is_recorded_if_asked(tmp_path, capsys, engine, further):
     friction = {"friction": "enskog"} if engine.get("engine") == "langevin" else {}
     scene = bp.read_scene(SCENE, 20).replace(**{"box.boundary": "periodic", "disks.tracer.mass": 8.0})
-    runs = bp.simulate(scene, 3, record=["velocity", *further], quiet=True, **engine, **friction)
+    measured = ["velocity_distribution"] if further else []
+    runs = bp.simulate(scene, 3, record=["velocity", *further], observables=measured, quiet=True, **engine, **friction)
+    assert not further or runs.velocity_counts.dims == ("seed", "species", "velocity_bin")
     assert (runs.velocity.dims, runs.velocity.units) == (runs.position.dims, "length/time")
     first = (runs.velocity.isel(time=0) ** 2).sum("component")
     np.testing.assert_allclose(first, runs.initial_square_speed, rtol=1e-12)
@@ -232,7 +189,7 @@ def test_the_velocity_of_the_tracer_is_recorded_if_asked(tmp_path, capsys, engin
     assert main(["inspect", str(tmp_path / "runs.h5"), "--reproduce"]) == 0
     assert "identical: 3 runs" in capsys.readouterr().out
     with pytest.raises(AnalysisError, match="another --record"):
-        bp.analyse([runs, bp.simulate(scene, [7], quiet=True, **engine, **friction)])
+        bp.analyse([runs, bp.simulate(scene, [7], observables=measured, quiet=True, **engine, **friction)])
 
 
 def test_positions_go_on_where_a_periodic_box_ends(runs):
@@ -332,18 +289,12 @@ def test_a_scene_from_numbers_is_that_of_the_file():
     [
         (lambda: bp.Scene(**KEYS | {"duration": -1}), "Scene: duration: must be > 0, not -1"),
         (lambda: bp.Scene(**KEYS, name="a b"), "Scene: name: must be a name"),
-        (lambda: bp.read_scene("absent.yaml"), "absent.yaml"),
         (lambda: bp.simulate(SCENE, -3), "seeds: must be a count like 2400, or seeds"),
-        (lambda: bp.simulate(SCENE, np.array([-3, 4])), "seeds: must be"),
         (lambda: bp.simulate(SCENE, 2.5), "seeds: must be"),
-        (lambda: bp.simulate(SCENE, {1.5}), "seeds: must be"),
         (lambda: bp.simulate(SCENE, {True}), "seeds: must be"),
-        (lambda: bp.simulate(SCENE, {"a"}), "seeds: must be"),
         (lambda: bp.simulate(SCENE, {10**30}), "seeds: must be"),
         (lambda: bp.simulate(SCENE, range(10**9)), "seeds: must be seeds like .* at most 10000000, not '0-999999999'"),
-        (lambda: bp.simulate(SCENE, range(0)), "seeds: must be"),
         (lambda: bp.read_scene(None), "path: must be the path of a file, not None"),
-        (lambda: bp.open(3), "path: must be the path of a file, not 3"),
         (
             lambda: bp.simulate(SCENE, engine="exakt"),
             "engine: must be .* not 'exakt'; did you mean exact",
@@ -351,41 +302,26 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, time_step=0.1), "time_step 0.1: the exact engine has no such setting"),
         (lambda: bp.simulate(SCENE, recrod="all"), "recrod: unknown; did you mean record?"),
         (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt: unknown; did you mean time_step?"),
-        (lambda: bp.simulate(SCENE, seed=3), "seed: unknown; did you mean seeds?"),
-        (lambda: bp.scan(SCENE, {"duration": [1, 2]}, core=2), "core: unknown; did you mean cores?"),
+        (lambda: bp.analyse("a.h5", fit_window=(0, 1)), "fit_window: unknown; did you mean fit_windows?"),
+        (lambda: bp.Scene(quick=True), r"quick: unknown; see help\(brownpipe.Scene\)"),
         (lambda: bp.simulate(SCENE, cores=0), "cores: must be >= 1, not 0"),
         (lambda: bp.mean(np.zeros(3)), "array: must be an array with the dimension seed"),
         (lambda: bp.mean(xarray.DataArray([1.0, 2.0], {"seed": [4, 4]})), "array: must have every seed once"),
-        (lambda: bp.run("absent.yaml"), "absent.yaml: cannot be read"),
-        (lambda: bp.run(SCENE), "is a scene, not a study"),
         (lambda: bp.simulate(KEYS), "scene: must be a scene or the path of a scene file, not {"),
         (lambda: bp.simulate(SCENE, record=None), "record: must be a name or a list of names, not None"),
-        (lambda: bp.simulate(SCENE, observables=3), "observables: must be a name or a list of names, not 3"),
         (lambda: bp.simulate(SCENE, engine="timestep"), "time_step: missing; must be given with engine timestep"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=0), "time_step: must be > 0, not 0"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=-1), "time_step: must be > 0, not -1"),
         (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.nan), "time_step: must be a finite number"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.inf), "time_step: must be a finite number"),
         (lambda: bp.simulate(SCENE, engine="timestep", time_step="1e-3"), "time_step: must be a number"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=1e-3, collisions="early"), "collisions: must be 'at_"),
-        (lambda: bp.simulate(SCENE, record="everything"), "record everything: must be one or several of tracer"),
-        (lambda: bp.simulate(SCENE, observables=["msd"]), "observables: 'msd' is unknown"),
         (lambda: bp.simulate(bp.read_scene(SCENE), particles=3), "particles: must not be given with a scene"),
         (lambda: bp.analyse(bp.read_scene(SCENE)), "runs: must be what simulate or open returns, not a Scene"),
-        (lambda: bp.analyse(xarray.Dataset({"a": 1})), "runs: must be what simulate or open returns, not a Dataset"),
-        (lambda: bp.analyse({"a": 1}), "runs: must be what simulate or open returns, not a dict"),
-        (lambda: bp.analyse([]), "no trajectory files"),
         (lambda: bp.analyse([xarray.DataTree()]), "runs: must be what simulate or open returns"),
         (lambda: bp.analyse("a.h5", fit_windows=[(1, 0.5)]), "fit_windows: must be two times"),
         (lambda: bp.analyse("a.h5", fit_windows=(0.1, 1)), r"fit_windows\[0\]: must be a list"),
         (lambda: bp.analyse("a.h5", rings={"dr": 0.1}), "rings.count: missing"),
-        (lambda: bp.analyse("a.h5", displacement_times=[-1]), r"displacement_times\[0\]: must be > 0"),
         (lambda: bp.plot(xarray.Dataset()), "result: must be a dataset of brownpipe.analyse"),
         (lambda: bp.save("runs", "a.h5"), "data: must be"),
         (lambda: bp.save(xarray.DataTree(), "a.nc"), "path: a.nc: files of runs must end in .h5 or .hdf5"),
         (lambda: bp.save(xarray.Dataset({"failed_runs": 0}), "a.h5"), "path: a.h5: files of datasets must end in .nc"),
-        (lambda: bp.save(xarray.DataTree(), "."), "path: .: files of runs must end in .h5"),
-        (lambda: bp.save(xarray.Dataset(), "absent/a.h5/b.nc"), "data: must be"),
     ],
 )
 def test_an_error_names_the_argument(call, message):
@@ -407,29 +343,10 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
         bp.plot(result, "velocity_autocorrelation")
     with pytest.raises(FigureError, match="result: has no dimension scene; plot it before squeeze or sel"):
         bp.plot(result.squeeze())
-    with pytest.raises(FigureError, match="result: has no dimension window; plot it before squeeze or sel"):
-        bp.plot(result.isel(window=0))
     with pytest.raises(FigureError, match="result: the dimension scene is empty"):
         bp.plot(result.isel(scene=[]))
     with pytest.raises(FigureError, match="particles: 7 is not in the dataset"):
         bp.plot(result, particles=7)
-
-
-@pytest.mark.parametrize(
-    ("name", "again"),
-    [
-        ("runs.h5", "delete it and run the study, or brownpipe simulate, again"),
-        ("study.nc", "delete it and run the study, or brownpipe aggregate, again"),
-    ],
-)
-def test_a_damaged_file_is_not_opened(folder, tmp_path, name, again):
-    contents = bytearray((folder / name).read_bytes())
-    contents[len(contents) // 2] ^= 1
-    (tmp_path / name).write_bytes(contents)
-    with pytest.raises(StorageError, match=again):
-        bp.open(tmp_path / name)
-    with pytest.raises(StorageError, match="absent"):
-        bp.open(tmp_path / f"absent_{name}")
 
 
 def test_importing_it_takes_no_time_and_lists_its_names():

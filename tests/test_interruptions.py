@@ -63,7 +63,7 @@ CROWD = {
 @pytest.mark.slow
 def test_a_signal_at_a_random_moment_ends_a_simulation(tmp_path, faults):
     """While it compiles or loads machine code, runs and writes."""
-    for attempt in faults.tries(2):
+    for attempt in range(2):
         number, status, word = ENDS[attempt % 2]
         apart = {} if faults.random.random() < 0.5 else {"NUMBA_CACHE_DIR": str(tmp_path / "cache" / str(attempt))}
         with tempfile.TemporaryDirectory(dir=tmp_path) as folder:
@@ -99,7 +99,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_killed_study_goes_on_where_it_was(folder, tmp_path, faults):
-    for number in faults.tries(1):
+    for number in range(1):
         study = shutil.copytree(folder, tmp_path / str(number))
         kill, wanted = faults.random.choice(KILLS), faults.random.randint(1, 4)
         lost = killed(study, kill, wanted, faults.random.uniform(0, 1))

@@ -92,40 +92,6 @@ def test_a_record_is_passed_by_reference():
     assert record.values.tolist() == [3.0, 5.0, 7.0, 9.0] and record.inner.values.tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
-@kernel
-def says(number):
-    """What prints needs an environment."""
-    print("kernel", number)
-    return number + 1
-
-
-@pytest.mark.slow
-def test_other_peoples_compiled_functions_work_as_ever(capfd):
-    """Ufuncs, functions that only compiled functions can call, kernels that print, and indices from the end."""
-    compiler.take_indices()
-
-    @numba.vectorize(["float64(float64)"])
-    def twice(x):
-        return 2.0 * x
-
-    @numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
-    def inner(n):
-        return n if n < 2 else inner(n - 1) + inner(n - 2)
-
-    @numba.njit
-    def outer(n):
-        return inner(n) + says(n)
-
-    @numba.njit
-    def last_but(array, n):
-        return array[-1 - n]
-
-    assert twice(np.arange(3.0)).tolist() == [0.0, 2.0, 4.0]
-    assert outer(10) == 55 + 11
-    assert last_but(np.arange(5.0), 1) == 3.0
-    assert capfd.readouterr().out == "kernel 10\n"
-
-
 def test_a_record_leaves_no_references_to_its_arrays():
     """Neither with reference counts nor without."""
 

@@ -1,9 +1,7 @@
 """The same trajectories on every processor, for any number of threads, in every folder, language and time zone."""
 
-import ast
 import json
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +11,7 @@ import pytest
 import xarray
 
 import brownpipe as bp
-from brownpipe import observables, provenance
+from brownpipe import observables
 from brownpipe.cli import main
 from brownpipe.errors import DONE
 
@@ -79,36 +77,3 @@ def test_trajectories_have_the_same_bits_on_an_old_processor_elsewhere_and_other
 
 
 # Functions of NumPy and Python whose last bit depends on the processor or on its linear algebra library.
-VARYING = re.compile(
-    r"(np|math)\.(exp2?|expm1|log(2|10|1p|addexp|space)?|(arc|a)?(sin|cos|tan)h?|(arc|a)tan2|cbrt|pow|power|float_power"
-    r"|geomspace|l?gamma|linalg|polynomial|v?dot|inner|matmul|tensordot|polyfit|vander|cov|corrcoef|pinv|convolve)"
-)
-SAME = {  # where they are used, and why no position depends on them
-    "scene/scene.py: math.log10": "a number of samples, with tolerance",
-    "scene/scene.py: 10 ** (k / per_decade)": "Python's power, one for all processors with FMA",
-    "scene/variation.py: (last / first) ** (k / (count - 1))": "Python's power, too",
-    "engines/exact/layout.py: math.log2": "rounded up to a power of two",
-}
-
-
-def varying(source):
-    """What in a source may have another last bit on another processor."""
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Attribute) and VARYING.fullmatch(ast.unparse(node)):
-            yield ast.unparse(node)
-        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult | ast.Pow):
-            names = any(isinstance(leaf, ast.Name | ast.Attribute) for leaf in ast.walk(node))
-            square_or_power_of_two = "2" in (ast.unparse(node.right), ast.unparse(node.left).removesuffix(".0"))
-            if isinstance(node.op, ast.MatMult) or (names and not square_or_power_of_two):
-                yield ast.unparse(node)
-
-
-def test_trajectories_are_computed_by_arithmetic_of_one_result():
-    """Also in modules that no test of bytes reaches."""
-    decisive = provenance.sources("scene/*", "engines/*", "engines/exact/*", "engines/timestep/*")
-    found = {
-        f"{file.relative_to(provenance.PACKAGE).as_posix()}: {expression}"
-        for file in decisive
-        for expression in varying(file.read_text())
-    }
-    assert found - SAME.keys() == set()

@@ -2,12 +2,6 @@
 
 import io
 import logging
-import os
-import re
-import signal
-import struct
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -113,66 +107,6 @@ def test_the_time_left_follows_from_the_pace_since_the_stage_began(clock, capsys
     assert last == f"x, {len(reports)} s" + (f", about {left:.0f} s to go" if left else "")
 
 
-def test_silent_means_nothing_and_the_outer_one_shows_all(monkeypatch, capsys):
-    with progress.shown("simulate", silent=True):
-        progress.remark("compiling")
-    assert capsys.readouterr() == ("", "")
-    with progress.shown("study"), progress.shown("simulate"):
-        assert len(progress.listeners) == 1
-        progress.remark("compiling")
-    assert capsys.readouterr().err == "brownpipe: compiling\n"
-    assert progress.listeners == progress.remark_listeners == []
-
-
-WORK = """
-import sys, time
-from brownpipe import progress
-progress.DELAY, progress.INTERVAL, progress.LINE_INTERVAL = 0.0, 0.0, 0.0
-with progress.shown("movie"):
-    progress.remark("compiling")
-    for k in progress.tracked(range(40), "frames"):
-        time.sleep(float(sys.argv[1]))
-print("made")
-"""
-
-
-def on_terminal(term, columns=100, sleep=0.01, interrupt=False):
-    """What a program writes to a terminal of so many columns, and its exit status."""
-    ours, theirs = os.openpty()
-    termios, fcntl = __import__("termios"), __import__("fcntl")
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
-    environment = os.environ | {"TERM": term, "NO_COLOR": "1"}
-    command = [sys.executable, "-c", WORK, str(sleep)]
-    process = subprocess.Popen(command, stdout=theirs, stderr=theirs, env=environment)
-    os.close(theirs)
-    written = b""
-    while True:
-        try:
-            written += os.read(ours, 65536)
-        except OSError:  # the end of a terminal
-            break
-        if interrupt and b"frames" in written:
-            process.send_signal(signal.SIGINT)
-            interrupt = False
-    os.close(ours)
-    return written.decode(), process.wait()
-
-
-@pytest.mark.slow
-def test_a_terminal_has_a_line_that_fits_and_is_removed_also_by_ctrl_c():
-    written, status = on_terminal("xterm", 20)
-    assert status == 0 and "\x1b" not in written
-    assert "brownpipe: compiling\r\n" in written
-    lines = [text for text in written.split("\r") if text.startswith("movie: ")]
-    assert len(lines) > 1 and max(map(len, lines)) < 20
-    assert re.search(r"\r +\rmade\r\n$", written)
-    written, status = on_terminal("xterm", sleep=0.2, interrupt=True)
-    assert status == -signal.SIGINT and re.search(r"\r +\rTraceback", written) and "made" not in written
-    written, _ = on_terminal("dumb")
-    assert re.search(r"movie: \d+ of 40 frames \(\d+ %\), 1 s, about 1 s to go\r\n", written)
-    assert "\x1b" not in written and not re.search(r"\r(?!\n)", written)
-
-
 # -- the screen of a study: messages as Snakemake sends them ---------------------------------------------------------
 
 
@@ -233,21 +167,6 @@ def test_the_time_left_follows_from_the_times_expected_of_the_jobs_and_remarks_a
     assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 21 s to go"  # 5 s / 19 x 81
 
 
-def test_without_a_terminal_there_is_a_line_every_half_a_minute(monkeypatch, clock):
-    handler, screen = display(monkeypatch)
-    start(handler)
-    begin(handler, 4)
-    handler.look()
-    for number in range(1, 4):
-        begin(handler, number)
-        send(handler, LogEvent.JOB_FINISHED, job_id=number)
-    for _ in range(59):
-        clock.now += 1.0
-        handler.look()
-    lines = ["brownpipe: the study", "simulate: 300 of 400 runs, 30 s, about 10 s to go"]
-    assert screen.getvalue().splitlines() == lines
-
-
 def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_interruption(monkeypatch):
     handler, screen = display(monkeypatch)
     for number in (7, 8, 9, 7, 9):
@@ -290,11 +209,8 @@ WARNING, ERROR = logging.WARNING, logging.ERROR
     ("message", "more", "shown"),
     [
         ("Building DAG of jobs...", {}, False),
-        ("Complete log(s): x", {}, False),
         ("brownpipe: the study: 0 runs in 0", {}, False),
-        ("SLURM run ID: 4fd69280", {}, False),
         ("Job 8 has been submitted with SLURM jobid 2 (log: /a/2.log).", {}, False),
-        ("Unlocked working directory.", {}, True),
         ("Guessed SLURM account: physics", {"level": WARNING}, True),
         ("The DAG went wrong", {"level": ERROR}, True),
         ("The DAG went wrong", {"event": LogEvent.ERROR, "level": ERROR}, True),

@@ -56,14 +56,6 @@ def test_weights_are_poisson_and_of_each_seed_alone():
     assert np.square(one).sum(axis=1).max() < 0.75 * resampling._LONGEST**2
 
 
-def test_each_quantity_is_resampled_as_if_alone():
-    samples = np.random.default_rng(8).exponential(1.0, (1500, 7))
-    together = resampling.resample(samples)
-    for k in range(7):
-        for value, alone in zip(together, resampling.resample(samples[:, k]), strict=True):
-            assert np.array_equal(value[k], alone)
-
-
 def test_blocks_add_up():
     """Mean and error of many blocks are those of all runs at once, to round-off."""
     samples, seeds = np.random.default_rng(10).exponential(1.0, 5000) + 1e6, np.arange(5000) * 3 + 17

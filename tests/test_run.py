@@ -34,38 +34,29 @@ def started(monkeypatch):
     return calls
 
 
-def said(capsys, *words):
-    """Exit status, standard output, and standard error."""
-    try:
-        status = main([*words])
-    except SystemExit as left:
-        status = left.code
-    return status, *capsys.readouterr()
-
-
 # -- new ------------------------------------------------------------------------------------------------------------
 
 
-def test_new_writes_a_scene_and_a_study_that_are_valid_and_names_the_next_commands(capsys, started):
-    status, out, err = said(capsys, "new", "first", "--folder", "my studies")
+def test_new_writes_a_scene_and_a_study_that_are_valid_and_names_the_next_commands(said, started):
+    status, out, err = said("new", "first", "--folder", "my studies")
     assert (status, err) == (DONE, "")
     assert sorted(path.name for path in Path("my studies").iterdir()) == ["first.yaml", "first_scene.yaml"]
     next_commands = [shlex.split(line, comments=True) for line in out.splitlines() if line.startswith("brownpipe ")]
     assert [words[1] for words in next_commands] == ["check", "run"]
-    described = [said(capsys, *words[1:]) for words in next_commands]
+    described = [said(*words[1:]) for words in next_commands]
     assert [status for status, _, _ in described] == [DONE, DONE] and len(started) == 1
     seconds = re.search(r"^total     600 runs in 2 jobs: some ([0-9.]+) s of CPU", described[0][1], re.MULTILINE)
     assert float(seconds[1]) < 15  # a wall time below 30 s on two cores, with kernels to compile
-    assert said(capsys, "check", "my studies/first_scene.yaml")[0] == DONE
+    assert said("check", "my studies/first_scene.yaml")[0] == DONE
     readme = out.rpartition("all keys: ")[2].strip()
     assert Path(readme) == ROOT / "config" / "README.md" and Path(readme).is_file()
 
 
 @pytest.mark.parametrize("there", ["first.yaml", "first_scene.yaml"])
 @pytest.mark.parametrize("name", ["first", "a b", "../a", "", "---a", "a" * 60])
-def test_new_replaces_no_file_and_refuses_what_is_no_name(capsys, name, there):
+def test_new_replaces_no_file_and_refuses_what_is_no_name(said, name, there):
     Path(there).symlink_to("nowhere")
-    status, out, err = said(capsys, "new", "--", name)
+    status, out, err = said("new", "--", name)
     assert (status, out) == (WRONG_REQUEST, "") and err.count("\n") == 1
     assert (f"{there}: exists" if name == "first" else "must be a name: ") in err
     assert [path.name for path in Path().iterdir()] == [there]
@@ -81,24 +72,24 @@ def study(capsys):
     return "my studies/first.yaml"
 
 
-def test_run_starts_the_workflow_of_this_installation_and_passes_other_options_on(capsys, study, started, monkeypatch):
+def test_run_starts_the_workflow_of_this_installation_and_passes_other_options_on(said, study, started, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     further = ["tradeoff_figures", "-n", "--config", "seeds=3"]
-    assert said(capsys, "run", study, "-j", "3", *further) == (DONE, "", "")
+    assert said("run", study, "-j", "3", *further) == (DONE, "", "")
     ((command, environment),) = started
     assert command[1:4] == ["-P", "-m", "snakemake"] and command[4:6] == ["--snakefile", str(ROOT / "Snakefile")]
     assert command[6:] == ["--configfile", study, "--cores", "3", *further]
     own, _, rest = environment["PATH"].partition(":")
     assert rest == "/nowhere" and os.access(f"{own}/brownpipe", os.X_OK)
-    assert said(capsys, "run", study) == (DONE, "", "") and started[1][0][-2:] == ["--cores", "all"]
+    assert said("run", study) == (DONE, "", "") and started[1][0][-2:] == ["--cores", "all"]
 
 
-def test_run_refuses_at_once(capsys, study, started, monkeypatch):
+def test_run_refuses_at_once(said, study, started, monkeypatch):
     line = "brownpipe: absent.yaml: cannot be read: No such file or directory\n"
-    assert said(capsys, "run", "absent.yaml") == (WRONG_REQUEST, "", line)
+    assert said("run", "absent.yaml") == (WRONG_REQUEST, "", line)
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # to root every folder is writable
     line = f"brownpipe: {Path.cwd()}: cannot be written to; run the study from another folder\n"
-    assert said(capsys, "run", study) == (FAILED, "", line) and not started
+    assert said("run", study) == (FAILED, "", line) and not started
 
 
 def test_a_lock_of_a_study_that_runs_outlives_a_dry_run_that_began_before(monkeypatch):
@@ -127,13 +118,13 @@ def plugin(monkeypatch):
     monkeypatch.setattr(workflow, "find_spec", lambda name: name if name == "snakemake_executor_plugin_slurm" else None)
 
 
-def test_a_profile_says_where_jobs_run_and_how_many(capsys, study, started, plugin):
+def test_a_profile_says_where_jobs_run_and_how_many(said, study, started, plugin):
     Path("my profile").mkdir()
     Path("my profile/config.yaml").write_text("executor: slurm\n")
     for name, folder in (("slurm", ROOT / "profiles" / "slurm"), ("my profile", Path("my profile").absolute())):
-        assert said(capsys, "run", study, "--profile", name) == (DONE, "", "")
+        assert said("run", study, "--profile", name) == (DONE, "", "")
         assert started[-1][0][-2:] == ["--profile", str(folder)]
-    assert said(capsys, "run", study, "--profile", "slurm", "-j", "9") == (DONE, "", "")
+    assert said("run", study, "--profile", "slurm", "-j", "9") == (DONE, "", "")
     assert started[-1][0][-2:] == ["--jobs", "9"]
     assert "--cores" not in started[-1][0]
 
@@ -146,12 +137,12 @@ def test_a_profile_says_where_jobs_run_and_how_many(capsys, study, started, plug
         ("empty", "empty/config.yaml: empty; must be a mapping of keys to values"),
     ],
 )
-def test_a_profile_that_cannot_be_used(capsys, study, started, plugin, name, message):
+def test_a_profile_that_cannot_be_used(said, study, started, plugin, name, message):
     for folder, text in (("other", "executor: my-queue\n"), ("empty", "")):
         Path(folder).mkdir()
         Path(folder, "config.yaml").write_text(text)
     for further in ([], ["-n"]):
-        status, out, err = said(capsys, "run", study, "--profile", name, *further)
+        status, out, err = said("run", study, "--profile", name, *further)
         assert (status, out, started) == (WRONG_REQUEST, "", [])
         assert err.startswith("brownpipe: ") and err.endswith(f"{message}\n")
 
@@ -169,17 +160,3 @@ def test_a_job_asks_for_twice_the_forecast_and_twice_as_much_at_each_retry():
         assert asked[key](wildcards, attempt=3) == 4 * asked[key](wildcards, attempt=1)
     assert asked["cpus_per_task"] == 1
     assert asked["mem_mb"](wildcards | {"last": "9"}, attempt=1) < 700
-
-
-def test_analyses_ask_for_more_with_more_runs_quantities_and_larger_files():
-    def asked(rule="aggregate", key="mem_mb", **more):
-        return requests(read_study(CONFIG / "small.yaml", {"particles": 50} | more))[rule][key]({}, 1)
-
-    assert asked() < 1500 and asked(key="runtime") < 10
-    assert asked() < asked(observables=["velocity_autocorrelation"])
-    assert (
-        asked(seeds=10**5, batch=10**3) < asked(seeds=10**5, batch=10**4) < asked("tradeoff", seeds=10**5, batch=10**4)
-    )
-    assert asked("aggregate", "runtime", seeds=10**7, batch=10**5) > 60
-    tolerance = {"seeds": None, "tolerance": 0.001}
-    assert asked("plan", "runtime", **tolerance) < asked("tradeoff", "runtime", **tolerance)  # the pilot alone

@@ -56,12 +56,6 @@ def test_note_as_published():
 # -- defaults, text and digest ---
 
 
-def test_who_is_pinned_does_not_matter_without_equilibration():
-    mapping = {"box": BOX, "disks": {"tracer": {"radius": 0.1, "mass": 1}}, "velocities": {"temperature": 1}}
-    mapping |= {"duration": 1.0, "equilibrate": {"time": 0, "tracer": "free"}}
-    assert parse_scene(mapping, "test.yaml") == species(tracer={"radius": 0.1, "mass": 1})
-
-
 def test_digest_is_of_the_physics_alone():
     scene = species(kind(149), tracer={"radius": 0.3, "mass": 1.0})
     same = species(kind("rest"), tracer={"mass": 1, "radius": 0.3}, particles=150)
@@ -119,18 +113,6 @@ def read_text(text):
         file.write(text)
         file.flush()
         return read_yaml(file.name)
-
-
-SCENES = [*CONFIG.glob("scenes/*.yaml"), *Path(__file__).parent.glob("scenes/*.yaml")]
-ACCEPTED = sorted(path for path in SCENES if path.stem != "expected" and not path.stem.startswith("refuse_"))
-
-
-@pytest.mark.parametrize("path", ACCEPTED, ids=lambda path: path.stem)
-def test_a_scene_written_as_yaml_is_the_same_scene(path, tmp_path):
-    scene = read_scene(path)
-    (tmp_path / path.name).write_text(scene_yaml(scene))
-    again = read_scene(tmp_path / path.name)
-    assert (again, again.digest) == (scene, scene.digest)
 
 
 # -- sample times ---
@@ -222,13 +204,6 @@ def test_more_disks_than_can_fit_are_refused(boundary):
         species(kind(1040), box=box)
     closed = {"x": [0, 2.0], "y": [0, 2 * math.sqrt(3)], "boundary": boundary}  # hexagonal, if it is periodic
     assert species(kind(200, radius=0.1), box=closed).packing_fraction == pytest.approx(0.9069, 1e-4)
-
-
-def test_mixture_may_fill_the_holes_but_not_more_than_the_box():
-    hexagonal = kind(1000, name="big")
-    assert species(hexagonal, kind(2000, radius=0.01, name="small")).packing_fraction > 0.87
-    with pytest.raises(RequestError, match=r"the disks cover 1\.\d+ times the area of the box"):
-        species(hexagonal, kind(5000, radius=0.02, name="small"))
 
 
 # -- what floating-point numbers can tell apart ---

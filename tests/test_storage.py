@@ -2,8 +2,6 @@
 
 import errno
 import os
-import subprocess
-import sys
 
 import h5py
 import numpy as np
@@ -157,66 +155,7 @@ def test_dataset_round_trip(tmp_path):
 
 # -- the same bytes -------------------------------------------------------------------------------------------------
 
-ELSEWHERE = """
-import sys, time
-sys.path[:0] = sys.argv[1:3]
-from test_storage import *
-time.sleep(1.1)  # a time stamp in seconds would show
-scene = make_scene(particles=5)
-write_trajectories("a/runs.h5", scene, Engine("exact"), make_ensemble(scene))
-write_dataset("a/study.nc", make_dataset())
-"""
-
-
-@pytest.mark.slow
-def test_same_bytes_in_another_process_place_and_time_zone(tmp_path):
-    scene = make_scene(particles=5)
-    write_trajectories(tmp_path / "runs.h5", scene, Engine("exact"), make_ensemble(scene))
-    write_dataset(tmp_path / "study.nc", make_dataset())
-    other = {"TZ": "Asia/Tokyo", "LANG": "C", "LC_ALL": "C", "PYTHONHASHSEED": "7", "HOME": str(tmp_path)}
-    run_elsewhere(ELSEWHERE, tmp_path, other)
-    for name in ("runs.h5", "study.nc"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / name).read_bytes()
-    assert str(tmp_path).encode() not in (tmp_path / "runs.h5").read_bytes()
-
-
-def run_elsewhere(program, folder, environment):
-    places = [os.path.dirname(__file__), str(provenance.PACKAGE.parent)]
-    environment = {"PATH": os.environ["PATH"]} | environment
-    command = [sys.executable, "-c", program, *places]
-    return subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True, text=True)
-
-
-def test_writing_trajectories_leaves_xarray_alone(tmp_path):
-    program = "import sys; sys.path[:0] = sys.argv[1:3]; import brownpipe.storage.trajectories"
-    assert run_elsewhere(f"{program}; print('xarray' in sys.modules)", tmp_path, {}).stdout == "False\n"
-
-
 # -- damage ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("read", [read_trajectories, read_dataset])
-def test_no_flipped_bit_and_no_truncation_is_silent(read, full, tmp_path):
-    path, again = full, "delete it and run the study, or brownpipe simulate, again"
-    if read is read_dataset:
-        path, again = tmp_path / "study.nc", "delete it and run the study, or brownpipe aggregate, again"
-        write_dataset(path, make_dataset())
-    contents = path.read_bytes()
-    for bit in np.random.default_rng(3).integers(0, 8 * len(contents), 200):
-        damaged = bytearray(contents)
-        damaged[bit // 8] ^= 1 << (bit % 8)
-        path.write_bytes(damaged)
-        assert again in refusal(read, path)
-    for size in (0, 7, 8, 100, len(contents) // 2, len(contents) - 1):
-        path.write_bytes(contents[:size])
-        refusal(read, path)
-
-
-def test_an_edited_file_is_refused(full):
-    with h5py.File(full, "r+") as file:
-        file.attrs["engine"] = "other"
-    message = refusal(read_trajectories, full)
-    assert "damaged" in message and refusal(inspection.report, full) == message
 
 
 def test_other_files_are_refused(tmp_path):
@@ -267,9 +206,3 @@ def test_a_failed_write_keeps_the_old_file_and_nothing_else(call, failure, tmp_p
     assert os.listdir(tmp_path) == ["x"] and (tmp_path / "x").read_bytes() == b"old"
     if isinstance(failure, OSError):
         assert f"{tmp_path / 'x'}: not written: {failure.strerror}" in str(error.value)
-
-
-def test_a_file_in_place_of_the_folder(tmp_path):
-    (tmp_path / "x").write_bytes(b"")
-    with pytest.raises(StorageError, match="choose a place"):
-        write_file(tmp_path / "x" / "y", b"")

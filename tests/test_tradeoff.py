@@ -18,7 +18,6 @@ from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.tradeoff import bias, front, timing
-from brownpipe.tradeoff.dataset import VARIABLES
 from brownpipe.tradeoff.front import Interval, MeasuredSetting
 from ensembles import make_runs, make_scene, write
 
@@ -88,11 +87,6 @@ def test_the_part_of_a_square_that_is_scatter_is_taken_off():
     assert bias.careful_square(found._replace(low=np.array(0.01))) == pytest.approx(0.05**2 - 0.03**2)
     assert bias.square(found) == pytest.approx(0.05**2 - 0.03**2)
     assert bias.square(found._replace(standard_error=np.array(0.06))) == 0.0
-
-
-def test_partners_are_found_by_seed():
-    mine, theirs = bias.same_seeds(np.array([4, 9, 2]), np.array([2, 3, 4]))
-    assert (mine.tolist(), theirs.tolist()) == ([2, 0], [0, 2])
 
 
 # -- distributions --------------------------------------------------------------------------------------------------
@@ -321,78 +315,31 @@ def test_pairs_counted_in_the_runs_are_compared(tmp_path):
 
 # -- the figure and the text ----------------------------------------------------------------------------------------
 
-SETTINGS = {  # CPU time of a run [s], relative bias of the MSD
-    "exact": (1e-3, 0.0),
-    "timestep-0.035": (8.8e-4, -0.13),
-    "timestep-0.01": (9.0e-4, 0.021),
-    "timestep-0.02": (9.1e-4, 0.022),
-    "timestep-0.01-late": (8.8e-4, 0.020),
-    "timestep-0.02-late": (8.7e-4, 0.0205),
-    "timestep-0.001": (1.5e-3, 0.003),
-    "timestep-0.002": (1.5e-3, 0.003),
-    "timestep-1e-05": (4.3e-3, 0.0005),
-    "langevin-boltzmann": (1.4e-4, 0.95),
-    "langevin-enskog": (1.5e-4, 0.1),
-    "langevin-measured": (1.6e-4, -0.03),
-    "exact in half": (2.5e-4, 0.004),
-    "timestep-0.05": (8e-4, 1.9),
-}
 
+@pytest.mark.parametrize("count", [1, 4, 11])
+def test_every_line_has_its_name_beside_it(measured, count):
+    """Of settings that cost the same and are nearly as good, names cover neither each other nor anything else.
 
-def made(labels):
-    """A dataset of one scene with these settings: biases known to 0.004, a spread of 1, and all else 0.01."""
-    sizes = {"scene": 1, "setting": len(labels), "sample": 3}
-    values = {name: (one.dims, np.full([sizes[dim] for dim in one.dims], 0.01)) for name, one in VARIABLES.items()}
-    seconds, biases = np.array([SETTINGS[label] for label in labels]).T
-    of_settings = {
-        "seconds": seconds,
-        "runs": np.full(len(labels), 1000),
-        "msd_spread": np.ones(len(labels)),
-        "msd_bias": biases,
-        "msd_bias_standard_error": np.full(len(labels), 0.004),
-        "msd_bias_low": biases - 0.008,
-        "msd_bias_high": biases + 0.008,
-    }
-    values |= {name: (("scene", "setting"), np.asarray(array)[None]) for name, array in of_settings.items()}
-    dataset = xarray.Dataset(values, {"scene": ["box"], "setting": labels})
-    for name, careful in (("pays", True), ("may_pay", False)):
-        ends = {one.label: one for one in front.pareto_front(front.settings_of(dataset, "box", careful=careful))}
-        ends |= {label: Interval(label, np.nan, np.nan) for label in labels if label not in ends}
-        dataset[f"{name}_from"] = ("scene", "setting"), [[ends[label].start for label in labels]]
-        dataset[f"{name}_to"] = ("scene", "setting"), [[ends[label].end for label in labels]]
-    return dataset
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [2, 5, 8, len(SETTINGS)])
-def test_every_line_has_its_name_beside_it(count):
-    """Names cover neither each other nor anything else, and lines lead to them without crossing."""
-    labels = list(SETTINGS)[:count] if count > 2 else ["exact", "exact in half"]
+    Lines lead to them without crossing.
+    """
+    fast = measured.sel(setting=[FAST])
+    others = [
+        fast.assign(
+            {f"msd_bias{part}": 0.02 + 0.001 * k + 0 * fast.msd_bias for part in ("", "_low", "_high")}
+        ).assign_coords(setting=[f"timestep-{k}e-3-late"])
+        for k in range(count)
+    ]
+    labels = ["exact", *(str(one.setting.item()) for one in others)]
+    dataset = xarray.concat([measured.sel(setting=["exact"]), *others], "setting", data_vars="minimal")
     with style.drawing():
-        figure = drawing.draw(made(labels), "box")
+        figure = drawing.draw(dataset, "full_N20")
         FigureCanvasAgg(figure).draw()
     (axes,) = figure.axes
     named = [one for one in axes.texts if isinstance(one, Annotation) and one.arrow_patch is not None]
-    remark = next(one for one in axes.texts if one not in named)
-    assert sorted(one.get_text() for one in named) == sorted(label for label in labels if label != "timestep-0.05")
-    assert ("timestep-0.05" in remark.get_text()) == ("timestep-0.05" in labels)
-    texts = [*named, remark, axes.xaxis.label, axes.yaxis.label]
-    boxes = [Text.get_window_extent(one) for one in texts]
+    assert sorted(one.get_text() for one in named) == sorted(labels)
+    boxes = [Text.get_window_extent(one) for one in (*named, axes.xaxis.label, axes.yaxis.label)]
     for k, box in enumerate(boxes):
-        assert not any(box.overlaps(other) for other in (axes.bbox, *boxes[:k])), texts[k]
-        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0 and box.y1 <= figure.bbox.y1, texts[k]
-    ends = [one.xy[1] for one in named]
-    places = [one.xyann[1] for one in named]
+        assert not any(box.overlaps(other) for other in (axes.bbox, *boxes[:k]))
+        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0 and box.y1 <= figure.bbox.y1
+    ends, places = ([getattr(one, name)[1] for one in named] for name in ("xy", "xyann"))
     assert np.argsort(ends, kind="stable").tolist() == np.argsort(places, kind="stable").tolist()
-    for one in named:
-        tip = one.arrow_patch.get_window_extent()
-        assert tip.x1 <= min(box.x0 for box in boxes[: len(named)]) + 1  # [pixel]
-
-
-def test_a_short_part_of_the_front_is_drawn():
-    """Langevin with Enskog's friction is on it from 1.5 to 1.6 ms of CPU time."""
-    with style.drawing():
-        figure = drawing.draw(made(["exact", "langevin-enskog", "langevin-measured"]), "box")
-    bold = [line for line in figure.axes[0].lines if line.get_linewidth() == 4.0]
-    assert [len(line.get_xdata()) > 1 for line in bold] == [True] * 3
-    assert bold[0].get_xdata()[[0, -1]] == pytest.approx([1.5e-3, 1.6e-3])

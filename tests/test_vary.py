@@ -2,7 +2,6 @@
 
 import json
 import math
-import shlex
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +14,12 @@ from hypothesis import strategies as st
 import brownpipe as bp
 from brownpipe.cli import main
 from brownpipe.figures.cases import cases_of
-from brownpipe.figures.scan import axis_of, series_of, table
-from brownpipe.figures.summary import summary
+from brownpipe.figures.scan import table
 from brownpipe.scene import parse_scene
 from brownpipe.scene.reading import validated
 from brownpipe.scene.variation import Vary, scene_with
 from brownpipe.study import read_study
-from brownpipe.study.run_sets import batches_of, commands, run_sets
+from brownpipe.study.run_sets import commands, run_sets
 
 FLUID = {
     "box": {"x": [0.0, 8.0], "y": [-4.0, 4.0], "boundary": "periodic"},
@@ -93,17 +91,6 @@ def test_a_key_without_numbers_is_no_axis_of_a_figure(folder):
     assert "scan" in read_study("study.yaml").figures
 
 
-def test_the_command_of_a_job_makes_its_runs(folder):
-    """`simulate --value` makes a file that has the study's digest, and the positions of a scene file with the value."""
-    study = read_study("study.yaml")
-    runs = run_sets(study)[3]
-    (first, last), words = batches_of(runs)[0], commands(study)[runs.key]
-    assert main(["simulate", *shlex.split(words), "--seeds", f"{first}-{last}", "--output", "of_job.h5"]) == 0
-    edited = scene_with(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2})
-    expected = bp.simulate(parse_scene(json.loads(edited.text), "x.yaml"), 6, quiet=True)
-    assert np.array_equal(bp.open("of_job.h5").position, expected.position)
-
-
 @pytest.mark.slow
 def test_the_dataset_of_a_study_is_that_of_python_and_each_part_that_of_its_scene(folder):
     study = read_study("study.yaml")
@@ -131,14 +118,6 @@ def test_keys_together_share_a_dimension():
     assert result.tracer_radius.dims == ("tracer_mass",) and result.tracer_radius.values.tolist() == [0.5, 0.6, 0.7]
 
 
-def test_series_are_along_the_first_key(result):
-    cases = cases_of(result)
-    assert axis_of(cases) == "tracer_mass"
-    series = series_of(cases, "tracer_mass")
-    assert [*series] == ["packing_fraction = 0.1", "packing_fraction = 0.2"]
-    assert [case.tracer_mass.item() for case in series["packing_fraction = 0.2"]] == [1.0, 10.0, 100.0]
-
-
 def test_differences_are_of_runs_with_the_same_seeds(result):
     rows = table(cases_of(result))
     first_window = rows.drop_duplicates(["tracer_mass", "packing_fraction"]).set_index(
@@ -154,29 +133,3 @@ def test_differences_are_of_runs_with_the_same_seeds(result):
     assert row["msd_difference_standard_error"] == pytest.approx(pairs.std(ddof=1) / math.sqrt(12))
     assert math.isnan(first_window.loc[0.2, 1.0]["msd_difference"])
     assert row["msd"] - first_window.loc[0.2, 1.0]["msd"] == pytest.approx(row["msd_difference"])
-
-
-def test_axes_are_logarithmic_where_values_span_more_than_a_factor_of_30(result):
-    figure = bp.plot(result, "scan")
-    assert [panel.get_xscale() for panel in figure.axes] == ["log"] * len(figure.axes)
-    drawn = [line for panel in figure.axes[1:2] for line in panel.lines if len(line.get_xdata()) == 3]
-    assert len(drawn) == 2 * 2 + 2  # of two packing fractions in two windows, and Enskog's
-    narrow = bp.plot(result.sel(tracer_mass=[1.0, 10.0]), "scan")
-    assert narrow.axes[0].get_xscale() == "linear"
-
-
-def test_the_answer_has_a_column_for_each_key(result):
-    lines = [line.split() for line in summary(result).splitlines()]
-    (heading,) = [line for line in lines if line[:1] == ["scene"]]
-    assert heading[1:6] == ["tracer", "mass", "packing", "fraction", "N"]
-    assert [line[1:3] for line in lines if line[:1] == ["fluid"]] == [
-        [m, phi] for m in ("1", "10", "100") for phi in ("0.1", "0.2")
-    ]
-
-
-def test_tables_of_a_scan_are_drawn_again_in_their_place(result, tmp_path):
-    bp.save(result, tmp_path / "scan.nc")
-    for names in ("scan,health", "health"):
-        words = ["figures", str(tmp_path / "scan.nc"), "--output", str(tmp_path / "figures"), "--figures", names]
-        assert main(words) == 0
-    assert not (tmp_path / "figures" / "scan.csv").exists() and (tmp_path / "figures" / "health.csv").exists()

@@ -72,32 +72,8 @@ def new(installed):
     return run(installed.bin / "brownpipe", "new", "first", cwd=installed.folder)
 
 
-EVERY_KERNEL = """
-import sys
-from collections import Counter
-from numba.core import event
-from brownpipe import progress
-from brownpipe.engines.exact import run as exact
-from brownpipe.scene import read_scene
-
-progress.remark_listeners.append(print)
-with event.install_recorder("numba:compile") as recorder:
-    exact.prepare_scene(read_scene(sys.argv[1]))
-functions = [each.data["dispatcher"].py_func for _, each in recorder.buffer if each.is_start]
-times = Counter(f"{one.__module__}.{one.__qualname__}" for one in functions if one.__module__.startswith("brownpipe"))
-print(len(times), "kernels;", "more than once:", sorted(name for name in times if times[name] > 1))
-"""
-
-
 @pytest.fixture(scope="session")
-def compiled(installed, new):
-    """What a process and another one after it print of the kernels that they compile for the first scene."""
-    command = installed.bin / "python", "-c", EVERY_KERNEL, "first_scene.yaml"
-    return [run(*command, cwd=installed.folder) for _ in range(2)]
-
-
-@pytest.fixture(scope="session")
-def finished(installed, new, compiled):
+def finished(installed, new):
     """What is printed by `brownpipe run` for a first study, here with fewer runs and one figure."""
     study = installed.folder / "first.yaml"
     text = study.read_text()
@@ -106,15 +82,6 @@ def finished(installed, new, compiled):
         text = text.replace(old, other)
     study.write_text(text)
     return run(installed.bin / "brownpipe", "run", "first.yaml", "-j2", cwd=installed.folder)
-
-
-def test_every_kernel_is_compiled_once_and_only_the_first_time(compiled):
-    """Not once for disks that are int64 and once for uint32; and a second process finds the machine code."""
-    first, second = compiled
-    told, counted = first.splitlines()
-    assert told == "compiling the kernels for this kind of scene, once per machine: about 8 s"
-    assert int(counted.split()[0]) > 60 and counted.endswith("more than once: []")
-    assert second == "0 kernels; more than once: []\n"
 
 
 def test_a_first_study_comes_to_its_figures(installed, new, finished):

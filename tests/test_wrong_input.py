@@ -57,14 +57,10 @@ allow_failed: 0
 """
 SCENES = [  # of which text, what in it, is replaced by what; line, key, and a word of the message
     (SPECIES, "x: [-3, 3]", "x: [3, -3]", 2, "box.x", "low < high"),
-    (SPECIES, "x: [-3, 3]", "x: [3]", 2, "box.x[1]", "missing"),
     (SPECIES, "x: [-3, 3]", "x: [1, 2, 3]", 2, "box.x", "a list of at most 2"),
-    (SPECIES, "  x: [-3, 3]\n", "", 1, "box.x", "missing"),
     (SPECIES, "y: [-3, 3]", "y: [-3, 3]\n  boundary: periodc", 4, "box.boundary", "did you mean periodic?"),
     (SPECIES, "y: [-3, 3]", "y: [0, 1]\n  boundary: periodic", 7, "disks.tracer.radius", "at most a quarter of the"),
-    (SPECIES, "particles: 150\n", "", 1, "particles", "missing"),
     (SPECIES, "particles: 150", "particles: -1", 4, "particles", ">= 0, not -1"),
-    (SPECIES, "particles: 150", "particles: 50, 100", 4, "particles", "an integer, not '50, 100'"),
     (SPECIES, "particles: 150", "N: 150", 4, "N", "did you mean particles? allowed: box,"),
     (SPECIES, "particles: 150", "particles: 2000", 5, "disks", "1999 disks of radius 0.1 (bath) cannot fit"),
     (SPECIES, "count: rest", "count: 5", 4, "particles", "must be 6"),
@@ -72,18 +68,13 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (SPECIES, "name: bath", "name: tracer", 8, "disks.species[0].name", "a name of its own"),
     (SPECIES, "name: bath", "name: ../bath", 8, "disks.species[0].name", "a name: letters"),
     (SPECIES, "mass: 0.4", "mas: 0.4", 8, "disks.species[0].mas", "did you mean mass?"),
-    (SPECIES, "mass: 0.4", "mass: -1", 8, "disks.species[0].mass", "must be > 0, not -1"),
     (SPECIES, "mass: 0.4", "mass: 1e-210", 5, "disks", "within a factor of 1e+200"),
     (SPECIES, "radius: 0.3", "radius: 3.5", 6, "disks.tracer.radius", "at most half the shorter side of the box, 3.0"),
     (SPECIES, "radius: 0.3", "radius: 0,3", 6, "disks.tracer.3", "unknown key; a number has a decimal point"),
-    (SPECIES, "temperature: 1.6", "kT: 1.6", 9, "velocities.kT", "did you mean temperature?"),
     (SPECIES, "1.6", "1, standard_deviation: 2", 9, "velocities", "either standard_deviation or temperature"),
     (SPECIES, "1.6", "1, zero_momentum: yes", 9, "velocities.zero_momentum", "true or false, not 'yes'"),
-    (SPECIES, "velocities: {temperature: 1.6}\n", "", 1, "velocities", "missing"),
-    (SPECIES, "duration: 1", "duration: 0", 10, "duration", "> 0, not 0"),
     (SPECIES, "duration: 1", "duration: 10 s", 10, "duration", "a number, not '10 s'; without quotes, unit or comma"),
     (SPECIES, "duration: 1", "duration: .inf", 10, "duration", "a finite number, not inf"),
-    (SPECIES, "duration: 1\n", "", 1, "duration", "missing"),
     (
         SPECIES,
         "sample_interval: 0.1",
@@ -96,9 +87,7 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (SPECIES, "sample_interval: 0.1", "samples: {first: 0.1}", 11, "samples.per_decade", "missing"),
     (SPECIES, "sample_interval: 0.1", "samples: {per_decade: 2, first: 1}", 11, "samples.first", "below the duration"),
     (SPECIES, "0.1\n", "0.1\nsamples: {per_decade: 2}\n", 12, "samples", "not be given with sample_interval"),
-    (SPECIES, "0.1\n", "0.1\nequilibrate: -1\n", 12, "equilibrate", ">= 0, not -1"),
     (SPECIES, "0.1\n", "0.1\nequilibrate: {tracer: free}\n", 12, "equilibrate.time", "missing"),
-    (LISTED, "radius: 0.1", "radius: ", 4, "disks[0].radius", "missing"),
     (LISTED, "radius: 0.1", "radius: 0.95", 3, "disks", "disk 0 at [0.0, 0.0] and disk 1 at [1.0, 0.0] overlap"),
     (
         LISTED,
@@ -114,16 +103,12 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (LISTED, "y: [-3, 3]", "y: [-3, 0], boundary: periodic", 4, "disks[0].position", "inside the box, -3.0 <= y < 0.0"),
 ]
 STUDIES = [
-    ("seeds: 60", "runs: 3", 8, "runs", "did you mean seeds?"),
     ("seeds: 60\n", "", 1, "seeds", "must be given, or a tolerance in their place"),
-    ("seeds: 60", "seeds: 0", 8, "seeds", "a count like 2400, or seeds like"),
     ("seeds: 60", "seeds: 0-99999999", 8, "seeds", "at most 10000000, not"),
     ("seeds: 60", "seeds: 3\ntolerance: 2%", 8, "seeds", "or a tolerance in their place; not both"),
-    ("seeds: 60", "tolerance: 2 percent", 8, "tolerance", "must be a number, not '2 percent'"),
     ("seeds: 60", "tolerance: 2%\ntarget: mds", 9, "target", "did you mean msd?"),
     ("seeds: 60\nbatch: 30", "seeds: 10000\nbatch: 1", 9, "batch", "at most 10000 jobs (80000 with this one)"),
     ("particles: [50, 150]", "particles: [50, 50]", 4, "particles", "differ"),
-    ("particles: [50, 150]", "particles: []", 4, "particles", "a list of at least 1"),
     (
         "particles: [50, 150]",
         "particles: 2000",
@@ -137,30 +122,23 @@ STUDIES = [
     ("- exact", "- exat", 6, "engines[0].name", "'exact', 'timestep', 'langevin', not 'exat'; did you mean exact?"),
     ("- exact", "- {friction: enskog}", 6, "engines[0].name", "missing"),
     ("- exact", "- {name: exact, time_step: 1}", 6, "engines[0].time_step", "allowed: name, scenes, seeds"),
-    ("- exact", "- exact\n- exact", 5, "engines", "differ"),
     ("- exact", "- {name: exact, scenes: dense}", 6, "engines[0].scenes", "a scene of the study"),
-    ("time_step: 0.001", "time_step: 0", 7, "engines[1].time_step", "> 0, not 0"),
     ("time_step: 0.001", "time_step: 1", 7, "engines[1]", "time_step: must be at most 0.03484"),
-    ("record: tracer", "record: all", 10, "record", "'tracer' or 'none', not 'all'"),
     ("average: runs\nobs", "average: origins\nobs", 11, "average", "origins needs square_displacement"),
     ("observables: []", "observables: [species]", 12, "observables[0]", "did you mean species_energy?"),
-    ("figures: [msd]", "figures: [helth]", 13, "figures[0]", "did you mean health?"),
     ("figures: [msd]", "panel: [scene, mass]", 13, "panel", "must be of scene, particles, engine, not 'mass'"),
     ("figures: [msd]", "figures: energy", 13, "figures", "needs the observable species_energy"),
     ("displacement_times: [0.5]", "displacement_times: 0.333", 14, "displacement_times[0]", "a sample time of some"),
     ("- [0.1, 1]", "- [0.1, 0.115]", 16, "fit_windows[0]", "three samples or more of harrison2020"),
-    ("- [0.1, 1]", "- 0.1", 16, "fit_windows[0]", "a list, not 0.1"),
     (", count: 20", "", 17, "rings.count", "missing"),
     ("allow_failed: 0", "instead_of: {harrison2020: dense}", 18, "instead_of.harrison2020", "a scene of the study"),
 ]
 VARIED = [
     ("{disks.tracer.mass: [-1]}", "vary", "with disks, particles replaced: disks.tracer.mass: must be > 0, not -1"),
-    ("{disks.tracer.mas: [1]}", "vary", "did you mean mass?"),
     ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or mass of disks.species.bath"),
     ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be <= 1, not 1.5"),
     ("{packing_fraction: [0.1]}", "vary", "packing_fraction: must be with one number of particles"),
     ("{duration: [1, 1.0000000000001]}", "vary", "must be values that differ"),
-    ("{duration: 3}", "vary.duration", "from, to, count, spacing or a list, not 3"),
     ("{duration: {from: 1, to: 3}}", "vary.duration.count", "missing"),
     ("{duration: {from: 0, to: 3, count: 3, spacing: log}}", "vary.duration.from", "different from 0"),
     ("{particles: [16]}", "vary", "by the key `particles`"),
@@ -256,15 +234,6 @@ def test_any_bytes_are_refused_in_one_line(tmp_path_factory, content):
         read_scene(path)
 
 
-def test_a_scene_is_no_study_and_a_study_no_scene(tmp_path):
-    (tmp_path / "scene.yaml").write_text(LISTED)
-    (tmp_path / "study.yaml").write_text(STUDY)
-    with pytest.raises(RequestError, match=r"is a scene, not a study; run it with brownpipe simulate .*scene.yaml"):
-        read_study(tmp_path / "scene.yaml")
-    with pytest.raises(RequestError, match=r"is a study, not a scene; run it with brownpipe run .*study.yaml"):
-        read_scene(tmp_path / "study.yaml")
-
-
 def test_a_value_of_the_command_line_has_no_line(tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text(STUDY)
@@ -285,15 +254,10 @@ def test_a_value_of_the_command_line_has_no_line(tmp_path):
     ("text", "value"),
     [
         ("1e-3", 1e-3),
-        (".5", 0.5),
-        ("-0.0", 0.0),
         ("010", 10),
         ("0x1F", "0x1F"),
         ("no", "no"),
-        ("1_000", "1_000"),
         ("2020-09-28", "2020-09-28"),
-        ("'1'", "1"),
-        ("true", True),
         ("~", None),
         ("", None),
         ('"a\\nb"', "a\nb"),
@@ -325,12 +289,3 @@ def test_byte_order_mark_and_windows_line_ends(tmp_path):
     path = tmp_path / "file.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1\r\nb: [2,\r\n  3]\r\n")
     assert read_yaml(path) == {"a": 1, "b": [2, 3]}
-
-
-def test_both_parsers_of_pyyaml_read_the_same(monkeypatch):
-    folder = Path(__file__).parent / "scenes"
-    files = sorted(folder.glob("*.yaml"))
-    assert len(files) > 20
-    fast = [repr(read_yaml(file)) for file in files]
-    monkeypatch.setattr("brownpipe.scene.reading.LOADER", yaml.BaseLoader)
-    assert [repr(read_yaml(file)) for file in files] == fast
