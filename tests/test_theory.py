@@ -13,6 +13,7 @@ from numpy.polynomial.legendre import leggauss
 from scipy.special import eval_genlaguerre, roots_genlaguerre
 
 from brownpipe import theory
+from validation import transport
 
 SIGMAS = 4.5
 
