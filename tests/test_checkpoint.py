@@ -277,7 +277,9 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
         Path("some.yaml").write_text(SCENE.replace("DURATION", value))
     elif option in ("source", "numba"):
         made_with, kinds = provenance.made_with("simulate", "exact"), {"source": "digest", "numba": "version"}
-        monkeypatch.setattr("brownpipe.verbs.simulate.made_with", lambda *_: made_with | {f"{option}_{kinds[option]}": value})
+        monkeypatch.setattr(
+            "brownpipe.verbs.simulate.made_with", lambda *_: made_with | {f"{option}_{kinds[option]}": value}
+        )
     else:
         asked += [option, value]
     status, err = said(capsys, *asked)
