@@ -305,9 +305,11 @@ def plot(
     validated(Literal[tuple(FIGURES)], figure, key="figure")
     if not _is_analysis(result):
         raise FigureError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
-    for dim in ("scene", "particles", "engine"):
-        if not result.sizes.get(dim):
-            raise FigureError(f"result: has no {dim} along a dimension; plot it before squeeze or sel, which remove it")
+    for dim in ("scene", "particles", "engine", "window"):
+        if dim not in result.dims and (dim in result.coords or dim != "window"):
+            raise FigureError(f"result: has no dimension {dim}; plot it before squeeze or sel, which remove it")
+        if result.sizes.get(dim) == 0:
+            raise FigureError(f"result: the dimension {dim} is empty; there is nothing to plot")
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
     if ax is not None:
