@@ -29,7 +29,7 @@ from brownpipe.errors import FigureError, RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
-from brownpipe.figures.summary import summary_table
+from brownpipe.figures.summary import SHAPE, summary_table
 from brownpipe.inspection import read_contents
 from brownpipe.observables.own import named
 from brownpipe.processes import calculated
@@ -276,7 +276,8 @@ def table(result: Dataset) -> "DataFrame":
     their units.
     """
     frame = summary_table(result.isel(window=[0])).dropna(axis="columns", how="all")
-    shown = frame[[name for name in frame if name in result.variables]]
+    left_out = (*SHAPE, "failed_runs", "time", "slope", "slope_standard_error")
+    shown = frame[[name for name in frame if name in result.variables and name not in left_out]]
     shown.attrs = {name: result[name].attrs["units"] for name in shown if "units" in result[name].attrs}
     return shown
 
