@@ -159,13 +159,6 @@ def test_failed_runs_are_not_averaged_in(dataset, files, tmp_path):
         assert np.array_equal(mine[name].squeeze(), alone[name].squeeze())
 
 
-def test_collision_counts_are_means_over_runs(dataset):
-    expected = {"pair_collisions": 80, "wall_collisions": 30, "tracer_collisions": 9}
-    for name, mean in expected.items():
-        assert (abs(dataset[name] - mean) < SIGMAS * np.sqrt(mean / 58)).all()
-        assert np.allclose(dataset[f"{name}_standard_error"], np.sqrt(mean / 58), rtol=SIGMAS / np.sqrt(2 * 57))
-
-
 def test_scenes_and_particle_counts_keep_the_order_in_which_they_are_given(tmp_path):
     """Neither as text (M1, M10, M3) nor ascending: it is the order of the study."""
     scenes = [make_scene(name, count) for name in ("M1", "M3", "M10") for count in (20, 10)]

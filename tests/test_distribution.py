@@ -167,10 +167,6 @@ def test_interval_of_the_kurtosis_covers(n, least):
     assert least <= ((estimate.low < 1) & (estimate.high > 1)).mean() <= 0.99
 
 
-def test_no_kurtosis_at_the_start():
-    assert np.isnan(distribution.kurtosis(found_of(np.zeros((20, 1)))).mean).all()
-
-
 # --- where the square is
 
 

@@ -244,11 +244,4 @@ def test_automatic_batches_take_tens_of_seconds_and_more_where_there_are_very_ma
     assert len(found) <= most_jobs and max(last - first + 1 for first, last in found) * seconds <= longest_job
 
 
-def test_a_study_without_batch_has_jobs_of_the_length_of_its_cases():
-    studies = (small(batch="auto", seeds=10**6, particles=count) for count in (50, 150))
-    short, long = (batches_of(run_sets(study)[0]) for study in studies)
-    assert small(batch="auto", seeds=10**6, particles=[50, 150]).batch is None
-    assert len(short) < len(long) < 2 * len(short) * 150 / 50
-
-
 # -- refusals: test_wrong_input.py ---
