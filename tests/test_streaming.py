@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from brownpipe.analysis import aggregate, runs
+from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble, Track
 from brownpipe.errors import AnalysisError
@@ -57,14 +57,6 @@ def test_the_layout_of_files_does_not_matter(everything, tmp_path):
         write_dataset(tmp_path / f"{name}.nc", aggregate(written(tmp_path / name, everything, batches)))
         images.add((tmp_path / f"{name}.nc").read_bytes())
     assert len(images) == 1
-
-
-def test_a_file_that_is_replaced_meanwhile_is_refused(everything, tmp_path):
-    paths = written(tmp_path / "batches", everything, layouts()["batches"])
-    (group,) = runs.groups_of(paths)
-    paths[1].write_bytes(paths[2].read_bytes())
-    with pytest.raises(AnalysisError, match=r"1\.h5: was replaced while it was read"):
-        list(runs.blocks_of(group))
 
 
 @pytest.mark.slow
