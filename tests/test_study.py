@@ -221,6 +221,7 @@ COSTS = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(COSTS, st.integers(1, 10**6), st.integers(0, 10**6), st.integers(1, 10**6))
 @settings(max_examples=60, deadline=None)
 def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(cost, runs, first, more):
