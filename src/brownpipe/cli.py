@@ -18,7 +18,7 @@ from brownpipe import processes
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.provenance import versions
 from brownpipe.text import printable
-from brownpipe.verbs import VERBS
+from brownpipe.verbs import VERBS, verb_of
 from brownpipe.verbs.output import say
 
 GARBAGE = 500_000  # new objects before Python looks for garbage: saves CPU time of figures and analysis
@@ -76,18 +76,20 @@ def _parsed(argv: list[str]) -> Namespace:
 def build_parser(argv: Sequence[str]) -> "_Parser":
     """Return the parser of a command line.
 
-    Only the verb that `argv` begins with gets its arguments: those of `simulate` take time, as they import all engines.
+    If `argv` begins with a verb, only its module is imported: those of all verbs take time.
     """
     parser = _Parser("brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones.")
     version = f"brownpipe {versions()['brownpipe_version']}" if "--version" in argv else ""  # to look it up takes time
     parser.add_argument("--version", action="version", version=version, help="show the version and exit")
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
-    for name, verb in VERBS.items():
+    given = [name for name in argv[:1] if name in VERBS]
+    for name in given or VERBS:
+        verb = verb_of(name)
         description, _, example = (verb.__doc__ or "").rpartition("\n\n")
         brief = description.partition("\n")[0]
         subparser = subparsers.add_parser(name, help=brief, description=description, epilog=example.strip())
         subparser.set_defaults(verb=verb)
-        if name in argv[:1]:
+        if given:
             parser.of_verb = subparser
             getattr(sys.modules[verb.__module__], f"add_{name}")(subparser.add_argument)
     return parser

@@ -4,17 +4,13 @@ A reader raises ArgumentTypeError, which argparse shows with the name of the opt
 """
 
 import json
-from argparse import ArgumentTypeError, Namespace
+from argparse import ArgumentTypeError
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import Count, scalar, validated
 from brownpipe.scene.seeds import Seed
-from brownpipe.storage.files import write_file
-from brownpipe.study import Study, read_study
-from brownpipe.study.plan import settled
-from brownpipe.study.run_sets import listed_runs
 
 Value = TypeVar("Value")
 
@@ -69,23 +65,3 @@ def add_seed(add: Callable, help: str) -> None:
 def add_config(add: Callable) -> None:
     replaced = "other values of the study's keys, as for `snakemake --config`"
     add("--config", nargs="+", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
-
-
-def add_runs_of_study(add: Callable) -> None:
-    """Add the options of `study_of` and `list_runs`, besides the study itself."""
-    add_config(add)
-    plan = "the file that says how many runs the tolerance of the study needs; nothing for a study with seeds"
-    add("--plan", nargs="?", metavar="PLAN.yaml", help=plan)
-    add("--planned", metavar="SHA256", help="of all that the dataset is made from; stored in it")
-    add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
-
-
-def study_of(arguments: Namespace) -> Study:
-    """Return the study that the options say, with its number of runs."""
-    return settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
-
-
-def list_runs(study: Study, arguments: Namespace) -> None:
-    """Write the list of runs of a study, if that is asked for."""
-    if arguments.list_runs is not None:
-        write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())

@@ -11,9 +11,12 @@ from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.scene.reading import AtLeastOne, Positive
 from brownpipe.storage.datasets import write_dataset
-from brownpipe.study.run_sets import files_of
+from brownpipe.storage.files import write_file
+from brownpipe.study import Study, read_study
+from brownpipe.study.plan import settled
+from brownpipe.study.run_sets import files_of, listed_runs
 from brownpipe.text import counted, shell_path
-from brownpipe.verbs.options import add_particles, add_runs_of_study, list_runs, several, study_of, typed, window
+from brownpipe.verbs.options import add_config, add_particles, several, typed, window
 from brownpipe.verbs.output import NETCDF, PAGE, folder, show, writable
 
 
@@ -22,7 +25,7 @@ def add_aggregate(add: Callable) -> None:
     add("--output", required=True, metavar="DATASET.nc", help="dataset to write (netCDF4)")
     instead = "study file (YAML), in place of FILE.h5 and the options below: analyse its runs as it says"
     add("--study", metavar="STUDY", help=instead)
-    add_runs_of_study(add)
+    _add_runs_of_study(add)
     windows = "where lines are fitted to the MSD (default: two that begin when motion is diffusive)"
     add("--fit-windows", type=several(window), metavar="T0:T1", help=windows)
     width = "of the displacement distribution, with --rings (default: from the data)"
@@ -45,7 +48,7 @@ def aggregate(arguments: Namespace) -> None:
     files, windows, times = arguments.files, arguments.fit_windows, arguments.displacement_times
     width, count, study = arguments.ring_width, arguments.rings, None
     if arguments.study is not None:
-        study = study_of(arguments)
+        study = _study_of(arguments)
         files, times = files_of(study), study.displacement_times
         windows = study.fit_windows if "fit_windows" in study.model_fields_set else None
         width, count = (study.rings.dr, study.rings.count) if study.rings else (None, None)
@@ -57,7 +60,7 @@ def aggregate(arguments: Namespace) -> None:
         )
     write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
     if study is not None:
-        list_runs(study, arguments)
+        _list_runs(study, arguments)
     show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
 
 
@@ -111,7 +114,7 @@ def figures(arguments: Namespace) -> None:
 def add_tradeoff(add: Callable) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
     add("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
-    add_runs_of_study(add)
+    _add_runs_of_study(add)
     add("--output", metavar="DATASET.nc", help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)")
     fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
     add("--fit-window", type=window, metavar="T0:T1", help=fitted)
@@ -126,7 +129,7 @@ def tradeoff(arguments: Namespace) -> None:
 
     example: brownpipe tradeoff config/tradeoff.yaml
     """
-    study = study_of(arguments)
+    study = _study_of(arguments)
     expected = files_of(study)
     inputs = arguments.files or [file.path for file in expected]
     missing = [path for path in inputs if not Path(path).exists()]
@@ -138,5 +141,25 @@ def tradeoff(arguments: Namespace) -> None:
     with progress.shown("tradeoff"):
         dataset = comparison.measure(arguments.files or expected, dict(study.instead_of), arguments.fit_window)
     write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
-    list_runs(study, arguments)
+    _list_runs(study, arguments)
     show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")
+
+
+def _add_runs_of_study(add: Callable) -> None:
+    """Add the options of `_study_of` and `_list_runs`, besides the study itself."""
+    add_config(add)
+    plan = "the file that says how many runs the tolerance of the study needs; nothing for a study with seeds"
+    add("--plan", nargs="?", metavar="PLAN.yaml", help=plan)
+    add("--planned", metavar="SHA256", help="of all that the dataset is made from; stored in it")
+    add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
+
+
+def _study_of(arguments: Namespace) -> Study:
+    """Return the study that the options say, with its number of runs."""
+    return settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
+
+
+def _list_runs(study: Study, arguments: Namespace) -> None:
+    """Write the list of runs of a study, if that is asked for."""
+    if arguments.list_runs is not None:
+        write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())
