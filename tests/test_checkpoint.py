@@ -262,8 +262,8 @@ def test_killed_at_any_moment():
         ("--seeds", "3-6", "seeds 3-5, not 3-6"),
         ("--record", "all,events", "record events,tracer, not all,events,tracer"),
         ("--observables", "species_energy", "observables none, not species_energy"),
-        ("scene", "71.0", "another scene"),
-        ("source", "0" * 64, "another source"),
+        ("scene", "71.0", "scene "),
+        ("source", "0" * 64, "source "),
         ("numba", "0.0.1", f"numba {version('numba')}, not 0.0.1"),
     ],
 )

@@ -80,7 +80,7 @@ def test_one_run_says_all_about_itself(folder):
     assert "recorded     all, events, tracer\n" in text
     assert "health       no failed runs; worst energy drift" in text
     for name in ensemble.observables.keys() - {"failed"}:
-        values, units = ensemble.observables[name], described(name)["units"]
+        values, units = ensemble.observables[name], described("/", name)[1]["units"]
         (line,) = (line for line in text.splitlines() if line.startswith(f"{name} "))
         assert f" {units} " in line and (values.ndim > 1 or f" {values[1]:.6g} " in line)
     assert "recorded     none\n" in inspection.report(folder / "nothing.h5", 5)
@@ -224,11 +224,11 @@ def test_another_source_is_said_before_the_runs_begin(folder, said, monkeypatch)
 
 REFUSED = [  # options, what the message must contain
     (["RUNS", "--seed", "4"], "--seed 4: is not in the file; must be of 3,5-6"),
-    (["RUNS", "--variables"], "is a trajectory file; --variables works on datasets"),
+    (["RUNS", "--variables"], "is a trajectory file (of `brownpipe simulate`), not a dataset (of `brownpipe aggregate`)"),
     (["RUNS", "--scene", "--reproduce"], "--scene: must not be given with --reproduce"),
     (["RUNS", "--variables", "--seed", "3"], "--variables: must not be given with --seed"),
-    (["small.nc", "--scene"], "is a dataset; --scene works on trajectory files"),
-    (["runs.checkpoint"], "is the checkpoint of unfinished runs; repeat the command that wrote it"),
+    (["small.nc", "--scene"], "is a dataset (of `brownpipe aggregate`), not a trajectory file"),
+    (["runs.checkpoint"], "is the checkpoint of unfinished runs (repeat the command that wrote it"),
     (["absent.h5", "--reproduce"], "cannot be read: No such file or directory"),
 ]
 

@@ -7,9 +7,9 @@ from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
 from brownpipe.analysis.variables import Variable
 from brownpipe.cli import build_parser
 from brownpipe.engines import configured
-from brownpipe.observables import ARRAYS, OBSERVABLES
+from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
-from brownpipe.storage.layout import MEANING, described, dims_of, groups_of
+from brownpipe.storage.layout import VARIABLES, described, groups_of
 from brownpipe.storage.trajectories import Trajectories
 from brownpipe.tradeoff import dataset as tradeoff
 from brownpipe.verbs import VERBS
@@ -93,7 +93,7 @@ def files() -> str:
     runs = example_runs()
     groups = groups_of(runs.scene, runs.ensemble)
     found = {name for variables in groups.values() for name in variables}
-    others = [_row("/", name) for name in {**MEANING, **ARRAYS} if name not in found]
+    others = [_row("/", name) for name in VARIABLES if name not in found]
     head = ("variable", "dimensions", "unit", "meaning")
     return "\n".join(
         [
@@ -120,7 +120,8 @@ def example_runs() -> Trajectories:
 
 def _row(path: str, name: str) -> tuple[str, ...]:
     """Return the row of a variable: name, dimensions, unit and meaning."""
-    return code(name), *map(plain, (", ".join(dims_of(path, name)), *described(name).values()))
+    dims, attributes = described(path, name)
+    return code(name), *map(plain, (", ".join(dims), *attributes.values()))
 
 
 def _variables(variables: Mapping[str, Variable], coordinates: Mapping[str, Variable]) -> str:

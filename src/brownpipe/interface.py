@@ -30,7 +30,6 @@ from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import SHAPE, summary_table
-from brownpipe.inspection import read_contents
 from brownpipe.observables.own import named
 from brownpipe.processes import calculated
 from brownpipe.provenance import modules_of, source_digest
@@ -40,7 +39,7 @@ from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import AtLeastOne, NotNegative, Positive, did_you_mean, plain, validated
 from brownpipe.scene.seeds import read_seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
-from brownpipe.storage.datasets import read_dataset, write_dataset
+from brownpipe.storage.datasets import read_contents, read_dataset, write_dataset
 from brownpipe.storage.store import runs_digest, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, from_tree, refuse_foreign, to_tree, write_trajectories
 from brownpipe.study import forecast_of_runs, read_study

@@ -19,10 +19,10 @@ from brownpipe.analysis.varied import over_keys
 from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError, RequestError
-from brownpipe.observables import ARRAYS, AXES
+from brownpipe.observables import AXES
 from brownpipe.observables.own import Own, OwnArray
 from brownpipe.storage.datasets import origin_attributes
-from brownpipe.storage.layout import MEANING
+from brownpipe.storage.layout import VARIABLES
 from brownpipe.storage.trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def _own_of(groups: Sequence[Group]) -> Own:
 
 def refuse_taken(own: Own) -> None:
     """Raise RequestError for arrays of the user's own with names that variables of runs or datasets have."""
-    taken = {*ALL_VARIABLES, *ALL_COORDINATES, *MEANING, *ARRAYS}
+    taken = {*ALL_VARIABLES, *ALL_COORDINATES, *VARIABLES}
     for name, array in own.items():
         for new in (*names_of(name), *(dim for dim in array.dims if dim not in AXES)):
             if new in taken:

@@ -16,7 +16,7 @@ from brownpipe.errors import AnalysisError
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.store import StoredFile
-from brownpipe.storage.trajectories import Trajectories, read_outline, read_trajectories
+from brownpipe.storage.trajectories import Trajectories, read_trajectories
 
 Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with what it is to hold, or runs in memory
 LOADED = 2  # files kept in memory; enough to read each batch of consecutive seeds only once
@@ -27,7 +27,7 @@ class RunFile(NamedTuple):
 
     path: str
     seeds: np.ndarray  # (n,) int64 of the runs that are wanted
-    contents: Trajectories  # of a file without its runs, `read_outline`
+    contents: Trajectories  # of a file the outline, without its runs
     is_in_memory: bool
 
 
@@ -48,7 +48,7 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
     """Return trajectory files and runs in memory by scene, particle count and engine label, in order of appearance.
 
     Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
-    files) or hold other runs than are expected of them, and what `read_outline` raises.
+    files) or hold other runs than are expected of them, and what `read_trajectories` raises.
     """
     groups: dict[tuple[str, int, str], list[RunFile]] = {}
     for number, source in enumerate(tracked([*sources], "files verified")):
@@ -66,7 +66,7 @@ def _opened(number: int, source: Source) -> RunFile:
     if isinstance(source, Trajectories):
         return RunFile(f"runs[{number}]", source.ensemble.seeds, source, True)
     path = str(source.path if isinstance(source, StoredFile) else source)
-    contents = read_outline(path)
+    contents = read_trajectories(path, outline=True)
     seeds = contents.ensemble.seeds
     if isinstance(source, StoredFile):
         if contents.digest != source.digest or not np.array_equal(seeds, range(source.first, source.last + 1)):

@@ -4,6 +4,6 @@ The reports show numbers as figures and summary do, and runs are made by the eng
 not part of `figures` or `storage`, because a change of a report must not run any step of a study again.
 """
 
-from brownpipe.inspection.reports import describe_product, read_contents, report, scene_text, variables
+from brownpipe.inspection.reports import describe_product, report, scene_text, variables
 
-__all__ = ["describe_product", "read_contents", "report", "scene_text", "variables"]
+__all__ = ["describe_product", "report", "scene_text", "variables"]

@@ -18,10 +18,9 @@ from brownpipe.observables.displacement import displacement
 from brownpipe.provenance import made_with
 from brownpipe.scene import scene_yaml
 from brownpipe.scene.seeds import brief_seed_text, seed_text
-from brownpipe.storage.datasets import dataset_in
-from brownpipe.storage.files import naming, read_sealed
-from brownpipe.storage.layout import described, dims_of
-from brownpipe.storage.trajectories import Trajectories, trajectories_in
+from brownpipe.storage.datasets import read_contents, read_dataset
+from brownpipe.storage.layout import described
+from brownpipe.storage.trajectories import Trajectories, read_trajectories
 from brownpipe.text import counted, in_lines, shell_path
 from brownpipe.tradeoff import is_tradeoff
 
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 
 DIGITS = 12  # of a digest
 PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".gif", ".html")  # of `brownpipe figures` and `movie`
-OF_TRAJECTORIES, OF_DATASETS = "trajectory files (of `brownpipe simulate`)", "datasets (of `brownpipe aggregate`)"
 
 
 def report(path: str | Path, seed: int | None = None) -> str:
@@ -39,7 +37,7 @@ def report(path: str | Path, seed: int | None = None) -> str:
     Raises StorageError if the file is damaged, WrongFileError if it is of neither kind, FigureError for a dataset that
     is not as it was made, RequestError, which names the seeds of the file, if this one is not among them.
     """
-    contents = read_contents(path) if seed is None else trajectories_of(path, "--seed", seed)
+    contents = read_contents(path) if seed is None else runs_of(path, seed)
     if isinstance(contents, Trajectories):
         lines, table = lines_on_runs(contents), table_of_runs(contents.ensemble)
         lines.append(f"run again    brownpipe inspect {shell_path(path)} --reproduce")
@@ -60,9 +58,7 @@ def report(path: str | Path, seed: int | None = None) -> str:
 
 def variables(path: str | Path) -> str:
     """Return a table of all variables of a dataset: dimensions, units and meaning. Errors as of `report`."""
-    dataset = read_contents(path)
-    if isinstance(dataset, Trajectories):
-        raise WrongFileError(f"{path}: is a trajectory file; --variables works on {OF_DATASETS}")
+    dataset = read_dataset(path)
     rows: list[tuple[str, ...]] = [("variable", "dimensions", "units", "meaning")]
     for name, variable in dataset.variables.items():
         attributes = (str(variable.attrs.get(key, "-")) for key in ("units", "long_name"))
@@ -72,32 +68,17 @@ def variables(path: str | Path) -> str:
 
 def scene_text(path: str | Path) -> str:
     """Return the scene of a trajectory file as the text of a scene file (YAML). Errors as of `report`."""
-    scene = trajectories_of(path, "--scene").scene
+    scene = read_trajectories(path).scene
     return f"# Scene {scene.name} of a trajectory file, with all defaults. Digest: {scene.digest}\n{scene_yaml(scene)}"
 
 
-def trajectories_of(path: str | Path, option: str, seed: int | None = None) -> Trajectories:
-    """Return the contents of a trajectory file, or the run of one seed, for an `option` that works on no other file.
-
-    Errors as of `report`.
-    """
-    contents = read_contents(path)
-    if not isinstance(contents, Trajectories):
-        raise WrongFileError(f"{path}: is a dataset; {option} works on {OF_TRAJECTORIES}")
+def runs_of(path: str | Path, seed: int | None = None) -> Trajectories:
+    """Return the contents of a trajectory file, or the run of one seed. Errors as of `report`."""
+    contents = read_trajectories(path)
     seeds = contents.ensemble.seeds
     if seed is not None and seed not in seeds:
         raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(seeds)}")
     return contents if seed is None else contents._replace(ensemble=select(contents.ensemble, seeds == seed))
-
-
-def read_contents(path: str | Path) -> Trajectories | Dataset:
-    """Return the contents of a file of either kind; the file is read once."""
-    with naming(path, "aggregate" if Path(path).suffix == ".nc" else "simulate"):
-        image = read_sealed(path)
-        try:
-            return trajectories_in(image)
-        except WrongFileError:
-            return dataset_in(image)
 
 
 # -- runs -----------------------------------------------------------------------------------------------------------
@@ -157,9 +138,10 @@ def table_of_runs(ensemble: Ensemble) -> list[str]:
     rows: list[tuple[str, ...]] = [("observable", *(f"{name:>12}" for name in columns), "units", "meaning")]
     for name in sorted(ensemble.observables.keys() - {"failed"}):
         values, numbers = ensemble.observables[name], ["", "", ""]
-        units, meaning = [*described(name, ensemble.own).values()][:2]
+        dims, attributes = described("/", name, ensemble.own)
+        units, meaning = attributes["units"], attributes["long_name"]
         if values.ndim > 1:
-            sizes = zip(dims_of("/", name, ensemble.own), values.shape, strict=True)
+            sizes = zip(dims, values.shape, strict=True)
             meaning += f" ({', '.join(f'{dim} {size}' for dim, size in sizes)})"
         elif shown.any():
             numbers = [f"{of(values[shown]):12.6g}" for of in (np.mean, np.min, np.max)]

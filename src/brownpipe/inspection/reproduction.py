@@ -11,7 +11,7 @@ import numpy as np
 
 from brownpipe.engines import forecast
 from brownpipe.engines.ensemble import Ensemble, select
-from brownpipe.inspection.reports import DIGITS, trajectories_of
+from brownpipe.inspection.reports import DIGITS, runs_of
 from brownpipe.observables.own import identity
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene
@@ -29,7 +29,7 @@ def read_original(path: str | Path, seed: int | None = None) -> Trajectories:
     Raises RequestError for a seed that is not in the file, and for runs that this installation refuses or that do not
     fit into memory; WrongFileError for a dataset, StorageError for a damaged file.
     """
-    contents = trajectories_of(path, "--reproduce", seed)
+    contents = runs_of(path, seed)
     scene, engine, options = contents.scene, contents.engine, _options(contents)
     engine.refuse_unfit(scene, options[0])
     forecast.refuse_too_large(scene, len(contents.ensemble.seeds), engine.forecast(scene, *options))

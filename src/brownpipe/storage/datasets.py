@@ -5,7 +5,6 @@ and engine, with all that is needed to make its runs again. Nothing in it depend
 users.
 """
 
-import io
 import json
 import subprocess
 import sys
@@ -18,15 +17,12 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
-from brownpipe.errors import WrongFileError
-from brownpipe.provenance import NAME, PACKAGE, made_with
-from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.trajectories import SMALL, Trajectories, runs_record
+from brownpipe.provenance import PACKAGE, made_with
+from brownpipe.storage.files import DATASET, RUNS, reading, sealed, write_file
+from brownpipe.storage.trajectories import SMALL, Trajectories, runs_record, trajectories_in
 
 if TYPE_CHECKING:
     import xarray
-
-CHECKPOINT = "is the checkpoint of unfinished runs; repeat the command that wrote it, and they continue from there"
 
 
 def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
@@ -45,20 +41,22 @@ def read_dataset(path: str | Path) -> "xarray.Dataset":
 
     Raises StorageError, which says how to make the file again; WrongFileError if it does not exist or is no dataset.
     """
-    with naming(path, "aggregate"):
-        return dataset_in(read_sealed(path))
+    with reading(path, DATASET) as file:
+        return _dataset_in(file)
 
 
-def dataset_in(image: bytes) -> "xarray.Dataset":
-    """Return the dataset in the bytes of a file. Raises WrongFileError for another file of brownpipe."""
+def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
+    """Return the contents of a trajectory file or a dataset; errors as of `read_dataset`."""
+    with reading(path, RUNS, DATASET) as file:
+        return trajectories_in(file) if RUNS in file.attrs else _dataset_in(file)
+
+
+def _dataset_in(file: h5py.File) -> "xarray.Dataset":
+    import h5netcdf
     import xarray
 
-    with h5py.File.in_memory(image) as file:
-        if "checkpoint" in file.attrs:
-            raise WrongFileError(CHECKPOINT)
-        if "runs_digest" in file.attrs:
-            raise WrongFileError("is a file of brownpipe, but not a dataset (of `brownpipe aggregate`)")
-    with xarray.open_dataset(io.BytesIO(image), engine="h5netcdf") as dataset:
+    store = xarray.backends.H5NetCDFStore(h5netcdf.File(file, "r"))
+    with xarray.open_dataset(store) as dataset:
         return dataset.load().drop_encoding()
 
 
@@ -88,10 +86,9 @@ def made_by(step: str) -> dict[str, str]:
 
 def commit_of(package: Path) -> str | None:
     """Return the commit of the checkout that a package lies in; None if it is installed, or if git does not answer."""
-    checkout = package.parents[1]
-    if package != checkout / "src" / NAME or not (checkout / ".git").exists():
-        return None
-    command = ["git", "-C", str(checkout), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=, modified"]
+    folder = package.parents[1]
+    command = ["git", f"--git-dir={folder}/.git", f"--work-tree={folder}", "describe", "--always", "--abbrev=40"]
+    command += ["--exclude=*", "--dirty=, modified"]
     with suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     return None

@@ -18,11 +18,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from brownpipe.errors import BrownpipeError, RequestError, StorageError, WrongFileError
+from brownpipe.errors import RequestError, StorageError, WrongFileError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
 SEAL = re.compile(rb"# brownpipe-sha256:([0-9a-f]{64})\n")
 SEAL_LENGTH = len("# brownpipe-sha256:\n") + 64
+RUNS, CHECKPOINT, DATASET = "runs_digest", "checkpoint", "dataset"
+KINDS = {  # of HDF5 files, by an attribute that files of this kind alone have, datasets none
+    RUNS: "a trajectory file (of `brownpipe simulate`)",
+    CHECKPOINT: "the checkpoint of unfinished runs (repeat the command that wrote it, and they continue)",
+    DATASET: "a dataset (of `brownpipe aggregate`)",
+}
 MALFORMED = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError)
 
 
@@ -107,10 +113,9 @@ def read_sealed(path: str | Path) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a path that no system allows
         raise WrongFileError(f"cannot be read: {getattr(error, 'strerror', error)}") from error
     rest, seal = contents[:-SEAL_LENGTH], SEAL.fullmatch(contents[-SEAL_LENGTH:])
-    if seal is None and not HDF5.startswith(contents[: len(HDF5)]):
-        raise WrongFileError("is not a trajectory file or dataset of brownpipe")
     if seal is None:
-        raise StorageError("is cut short, damaged, or not a file of brownpipe; if brownpipe wrote it")
+        kind = StorageError if HDF5.startswith(contents[: len(HDF5)]) else WrongFileError
+        raise kind("is cut short or damaged, or not a file of brownpipe")
     if hashlib.sha256(rest).hexdigest() != seal[1].decode():
         raise StorageError("was damaged or edited after it was written")
     return rest
@@ -128,13 +133,41 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
     except WrongFileError as error:
         raise WrongFileError(f"{path}: {error}") from error
     except StorageError as error:
-        raise StorageError(f"{path}: {error}; {again}".replace("wrote it; ", "wrote it, ")) from error
-    except MemoryError:
-        raise WrongFileError(f"{path}: does not fit into memory") from None
+        raise StorageError(f"{path}: {error}; {again}") from error
     except MALFORMED as error:
-        if isinstance(error, BrownpipeError):
-            raise
-        raise StorageError(f"{path}: is intact, but not as this version of brownpipe writes it; {again}") from error
+        wrong = f"is intact, but not as this version of brownpipe writes it ({error})"
+        raise StorageError(f"{path}: {wrong}; {again}") from error
+
+
+# -- HDF5 --------------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def writing(path: str | Path) -> Iterator[h5py.File]:
+    """Yield an HDF5 file in memory, which is then written with its seal; raises StorageError as `write_file` does.
+
+    The same groups, datasets and attributes give the same bytes.
+    """
+    with h5py.File.in_memory(block_size=2**20) as file:
+        yield file
+        file.flush()
+        contents = file.id.get_file_image()
+    write_file(path, sealed(contents))
+
+
+@contextmanager
+def reading(path: str | Path, *kinds: str) -> Iterator[h5py.File]:
+    """Yield a file of these KINDS from memory, after its seal is verified.
+
+    Raises StorageError, which names the file and says how to make it again, if it is damaged or of another version;
+    WrongFileError if it does not exist or is of another kind.
+    """
+    verb = "aggregate" if Path(path).suffix == ".nc" else "simulate"
+    with naming(path, verb), h5py.File.in_memory(read_sealed(path)) as file:
+        kind = next((kind for kind in KINDS if kind in file.attrs), DATASET)
+        if kind not in kinds:
+            raise WrongFileError(f"is {KINDS[kind]}, not {' or '.join(KINDS[one] for one in kinds)}")
+        yield file
 
 
 # -- checkpoints -------------------------------------------------------------------------------------------------------
@@ -146,12 +179,10 @@ def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarr
     `made_by` says which command and source made them: a flat mapping of names to texts and numbers.
     Raises StorageError if the file cannot be written; the earlier file is then still intact.
     """
-    with h5py.File.in_memory(block_size=2**20) as file:
-        file.attrs["checkpoint"] = json.dumps(made_by)
+    with writing(path) as file:
+        file.attrs[CHECKPOINT] = json.dumps(made_by)
         for name, value in arrays.items():
             file[name] = value
-        file.flush()
-        write_file(path, sealed(file.id.get_file_image()))
 
 
 def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | None:
@@ -162,14 +193,13 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
     """
     if not Path(path).exists():
         return None
-    with naming(path, "simulate"), h5py.File.in_memory(read_sealed(path)) as file:
-        if "checkpoint" not in file.attrs:
-            raise WrongFileError("is a file of brownpipe, but not a checkpoint; choose another --output")
-        stored, arrays = json.loads(file.attrs["checkpoint"]), {name: item[()] for name, item in file.items()}
-    differing = [name for name in made_by if stored.get(name) != made_by[name]]
-    if differing:
-        cure = "repeat that command, delete this file to begin anew, or choose another --output"
-        raise RequestError(f"{path}: is of a run with {_difference(differing[0], stored, made_by)}; {cure}")
+    with reading(path, CHECKPOINT) as file:
+        stored, arrays = json.loads(file.attrs[CHECKPOINT]), {name: item[()] for name, item in file.items()}
+    for name, value in made_by.items():
+        if stored.get(name) != value:
+            which = f"{name} {stored.get(name)!s:.40}, not {value!s:.40}"
+            cure = "repeat that command, delete this file to begin anew, or choose another --output"
+            raise RequestError(f"{path}: is of a run with {which}; {cure}")
     return arrays
 
 
@@ -177,9 +207,3 @@ def remove_checkpoint(path: str | Path) -> None:
     """Remove a checkpoint file, and the part of one that a killed process has left."""
     for file in (path, f"{path}.brownpipe.part"):
         Path(file).unlink(missing_ok=True)
-
-
-def _difference(name: str, stored: dict, made_by: dict) -> str:
-    """Return the words for an entry that differs; of digests and long lists the name alone."""
-    values = [str(mapping.get(name)) for mapping in (stored, made_by)]
-    return f"another {name}" if max(map(len, values)) > 40 else f"{name} {values[0]}, not {values[1]}"

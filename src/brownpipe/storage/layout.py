@@ -2,27 +2,32 @@
 
 import numpy as np
 
+from brownpipe import observables
 from brownpipe.engines.ensemble import Ensemble, Events, Track, blank
-from brownpipe.observables import ARRAYS, AXES
+from brownpipe.observables.observable import Axis
 from brownpipe.observables.own import NO_OWN, Own
 from brownpipe.scene import Scene
 
-MEANING = {  # variable: units, long_name
+AXES = {
+    **observables.AXES,
+    "disk": Axis("1", "index of the disk; 0 is the tracer", lambda scene: np.arange(scene.particles)),
+    "component": Axis("1", "Cartesian component", lambda _: ["x", "y"]),
+}
+SAMPLED = ("time", "seed", "component")
+MEANING = {  # variable: units, long_name, and its dimensions unless it is a number for each run
     "seed": ("1", "seed of the run"),
-    "disk": ("1", "index of the disk; 0 is the tracer"),
-    "component": ("1", "Cartesian component"),
-    "position": ("length", "position of the disk's centre"),
-    "velocity": ("length/time", "velocity"),
-    "image": ("1", "periodic images crossed; unwrapped position = position + image * (width, height) of the box"),
-    "unwrapped": ("length", "position of the disk's centre, as if it had not been brought back into a periodic box"),
-    "box_size": ("length", "width and height of the box"),
-    "radius": ("length", "radius"),
-    "mass": ("mass", "mass"),
-    "event_seed": ("1", "seed of the run of the collision"),
-    "event_time": ("time", "time of the collision"),
-    "a": ("1", "colliding disk"),
-    "b": ("1", "its partner: a disk, or a wall: -1 left, -2 right, -3 bottom, -4 top"),
-    "impulse": ("mass*length/time", "momentum transferred to disk a"),
+    "position": ("length", "position of the disk's centre", *SAMPLED),
+    "velocity": ("length/time", "velocity", *SAMPLED),
+    "image": ("1", "periodic images crossed; unwrapped = position + image * (width, height) of the box", *SAMPLED),
+    "unwrapped": ("length", "position of the disk's centre, as if not brought back into a periodic box", *SAMPLED),
+    "box_size": ("length", "width and height of the box", "component"),
+    "radius": ("length", "radius", "disk"),
+    "mass": ("mass", "mass", "disk"),
+    "event_seed": ("1", "seed of the run of the collision", "event"),
+    "event_time": ("time", "time of the collision", "event"),
+    "a": ("1", "colliding disk", "event"),
+    "b": ("1", "its partner: a disk, or a wall: -1 left, -2 right, -3 bottom, -4 top", "event"),
+    "impulse": ("mass*length/time", "momentum transferred to disk a", "event", "component"),
     "pair_collisions": ("1", "collisions between disks"),
     "wall_collisions": ("1", "collisions of disks with walls"),
     "tracer_collisions": ("1", "collisions of the tracer with disks"),
@@ -42,45 +47,38 @@ MEANING = {  # variable: units, long_name
     ),
     "stopped": ("1", "why the run could not go on; empty for a run that came to its end"),
 }
-SCALES = {"seed", "disk", "component", *AXES}  # coordinates: each along the dimension of its name
-OF_POSITIONS = {"failed": ("seed",), "box_size": ("component",)}  # further coordinates of a tree, and their dimensions
-LOG = dict(zip(("event_time", "a", "b", "impulse"), Events._fields, strict=True))  # variable: field of Events
-NO_OBSERVABLES = {*SCALES, *Track._fields, "stopped"}  # variables of the root
+MEASURED = {name: (array.units, array.long_name, "seed", *array.dims) for name, array in observables.ARRAYS.items()}
+ALONG = {dim: (axis.units, axis.long_name, dim) for dim, axis in AXES.items()}
+SCALES = {"seed", *AXES}  # coordinates: each along the dimension of its name
+VARIABLES: dict[str, tuple[str, ...]] = MEANING | MEASURED | ALONG
+LOG = ("event_time", "a", "b", "impulse")  # the fields of Events
+PLACES = {  # the variables of each group; in the root those of the runs' observables, too
+    "/": {*SCALES, *Track._fields, "stopped"},
+    "/disks": {"disk", "radius", "mass", *Track._fields},
+    "/events": {"event_seed", *LOG},
+}
 
 Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the root first
 
 
-def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
-    """Return the units and the meaning of a variable, and the function that measured it if it is one's own."""
+def described(group: str, name: str, own: Own = NO_OWN) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the dimensions of a variable in a group, its units and meaning, and the function that measured it.
+
+    The function only if it is one's own.
+    """
     if name in own:
-        return {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
-    known = ARRAYS.get(name) or AXES.get(name)
-    other = MEANING.get(name, ("1", name.replace("_", " ")))
-    units, long_name = (known.units, known.long_name) if known else other
-    return {"units": units, "long_name": long_name}
-
-
-def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
-    """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
-    if name in SCALES:
-        return (name,)
-    if name in OF_POSITIONS:
-        return OF_POSITIONS[name]
-    if group == "/events":
-        return ("event", "component") if name == "impulse" else ("event",)
-    if name in (*Track._fields, "unwrapped"):
-        return ("time", "seed", "component") if group == "/" else ("time", "seed", "disk", "component")
-    if group == "/disks":
-        return ("disk",)
-    known = own.get(name) or ARRAYS.get(name)
-    return ("seed", *known.dims) if known else ("seed",)
+        return ("seed", *own[name].dims), {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
+    units, long_name, *dims = VARIABLES[name]
+    if group == "/disks" and "seed" in dims:
+        dims.insert(2, "disk")
+    return tuple(dims) or ("seed",), {"units": units, "long_name": long_name}
 
 
 def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     """Return runs as the variables of each group; tracks of several whole runs, and collisions, are copied."""
-    along = [dim for name in ensemble.observables for dim in dims_of("/", name, ensemble.own) if dim in AXES]
-    root = {dim: np.asarray(AXES[dim].coordinates(scene)) for dim in along}
-    root |= {"time": ensemble.times, "seed": ensemble.seeds, "component": np.array(["x", "y"])}
+    dims = {dim for name in ensemble.observables for dim in described("/", name, ensemble.own)[0]}
+    root = {dim: np.asarray(AXES[dim].coordinates(scene)) for dim in AXES if dim in {*dims, "component"}}
+    root |= {"time": ensemble.times, "seed": ensemble.seeds}
     root |= _recorded(ensemble.tracer) | ensemble.observables
     if ensemble.stopped:
         root["stopped"] = np.array([ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()])
@@ -89,9 +87,9 @@ def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
         sizes = {"disk": np.arange(scene.particles), "radius": scene.radius, "mass": scene.mass}
         groups["/disks"] = sizes | _recorded(_side_by_side(ensemble))
     if ensemble.events:
-        logs = ensemble.events.values()
-        columns = {name: np.concatenate([getattr(log, field) for log in logs]) for name, field in LOG.items()}
-        groups["/events"] = {"event_seed": np.repeat([*ensemble.events], [len(log.time) for log in logs])} | columns
+        logs = zip(*ensemble.events.values(), strict=True)
+        seeds = np.repeat([*ensemble.events], [len(log.time) for log in ensemble.events.values()])
+        groups["/events"] = {"event_seed": seeds, **dict(zip(LOG, map(np.concatenate, logs), strict=True))}
     return groups
 
 
@@ -121,7 +119,7 @@ def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
         seeds=root["seed"],
         times=root["time"],
         tracer=_track(root) if "position" in root else None,
-        observables={name: values for name, values in root.items() if name not in NO_OBSERVABLES},
+        observables={name: values for name, values in root.items() if name not in PLACES["/"]},
         whole={seed: disks.of(column) for seed, column in columns.items()} if disks else {},
         events=_events(groups["/events"], [*columns]) if "/events" in groups else {},
         average=average,

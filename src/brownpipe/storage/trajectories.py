@@ -6,32 +6,30 @@ Both have the same groups, names and attributes, which are drawn in `brownpipe.s
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, recorded
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
-from brownpipe.errors import RequestError, StorageError, WrongFileError
-from brownpipe.observables import AXES, observables_making
+from brownpipe.errors import RequestError
+from brownpipe.observables import observables_making
 from brownpipe.observables.own import Own, own_arrays
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
-from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.layout import LOG, OF_POSITIONS, SCALES, Groups, described, dims_of, ensemble_of, groups_of
+from brownpipe.storage.files import MALFORMED, RUNS, reading, writing
+from brownpipe.storage.layout import AXES, PLACES, SCALES, Groups, described, ensemble_of, groups_of
 
 if TYPE_CHECKING:
     from xarray import DataTree
 
-GROUPS = ("/", "/disks", "/events")
 CHUNK_BYTES = 2**18
 SMALL = 4096  # bytes of a variable that is not compressed: it would grow
 NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable."  # as netCDF4 marks such a scale
 WITHOUT_RESULTS = {"failed"}  # all that is known of runs that could not go on
 MOST_SCENE_TEXT = 100_000  # characters; a longer scene, of thousands of listed disks, is in the trajectory files only
-NO_TRAJECTORIES = "is a file of brownpipe, but not a trajectory file (of `brownpipe simulate`)"
 DEFAULTS = ("", "tracer", "runs")  # of the options --observables, --record and --average of `brownpipe simulate`
 
 
@@ -123,29 +121,22 @@ def write_trajectories(
     Raises StorageError if the file cannot be written.
     """
     source = source or source_digest(*modules_of("simulate", engine.name))
-    attributes = Trajectories(scene, engine, ensemble, source).attributes | {"runs_digest": digest}
-    write_file(path, sealed(_to_bytes(groups_of(scene, ensemble), attributes, ensemble.own)))
-
-
-def _to_bytes(groups: Groups, attributes: dict, own: Own) -> bytes:
-    """Return the bytes of an HDF5 file of these groups, which are emptied. The same groups give the same bytes."""
-    with h5py.File.in_memory(block_size=2**20) as file:
-        file.attrs.update(attributes)
-        for path, variables in groups.items():
-            group = file.require_group(path)
+    attributes, own = Trajectories(scene, engine, ensemble, source).attributes, ensemble.own
+    with writing(path) as file:
+        file.attrs.update(attributes | {RUNS: digest})
+        for place, variables in groups_of(scene, ensemble).items():
+            group = file.require_group(place)
             for name in sorted(variables, key=lambda name: (name not in SCALES, name)):
                 _write_variable(group, name, variables.pop(name), own)  # whole runs are copies: one variable at a time
-        file.flush()
-        return file.id.get_file_image()
 
 
 def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) -> None:
     """Write a variable with units, meaning and the scales of its dimensions, which are in the group or in the root."""
+    dims, attributes = described(group.name, name, own)
     kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
-    dims = dims_of(group.name, name, own)
     filters = _filters(dims, values) if values.nbytes > SMALL and values.dtype.kind in "iuf" else {}
     dataset = group.create_dataset(name, data=values.astype(kind, copy=False), **filters)
-    dataset.attrs.update(described(name, own))
+    dataset.attrs.update(attributes)
     if name in SCALES:
         dataset.make_scale(name)
         return
@@ -164,64 +155,39 @@ def _filters(dims: tuple[str, ...], values: np.ndarray) -> dict:
     return {"chunks": tuple(chunks.values()), "compression": "gzip", "compression_opts": 4, "shuffle": True}
 
 
-def read_trajectories(path: str | Path) -> Trajectories:
+def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:
     """Return the contents of a trajectory file after verifying its seal.
+
+    outline: nothing but seeds, times and what there is: tracks and observables are empty, and not decompressed; whole
+    runs and collisions are left out.
 
     Raises StorageError, which names the file and says how to make it again; WrongFileError if the file does not exist
     or is no trajectory file.
     """
-    with naming(path, "simulate"):
-        return trajectories_in(read_sealed(path))
+    with reading(path, RUNS) as file:
+        return trajectories_in(file, outline)
 
 
-def trajectories_in(image: bytes) -> Trajectories:
-    """Return the contents of a trajectory file, given its bytes; errors as of `read_trajectories`."""
-    with h5py.File.in_memory(image) as file:
-        scene, engine, header = _setting(file)
-        groups = {path: _variables(file[path]) for path in GROUPS if path in file}
+def trajectories_in(file: h5py.File, outline: bool = False) -> Trajectories:
+    """Return the contents of an open trajectory file. Raises RequestError if this version refuses scene or engine."""
+    header = {name: value for name, value in file.attrs.items() if isinstance(value, str)}
+    places = ["/"] if outline else [place for place in PLACES if place in file]
+    groups = {
+        place: {
+            name: _values(item, slice(0) if outline and not item.is_scale else ())
+            for name, item in file[place].items()
+            if "units" in item.attrs  # but for groups, and dimensions without coordinates
+        }
+        for place in places
+    }
+    scene, engine = setting_of(header)
     ensemble = ensemble_of(groups, header["average"], own_arrays(header))
     return Trajectories(scene, engine, ensemble, header["source_digest"], header)
 
 
-def read_outline(path: str | Path) -> Trajectories:
-    """Return the contents of a trajectory file after verifying its seal, with empty tracks and observables.
-
-    Nothing of these is decompressed, and whole runs and collisions are left out. Raises StorageError and WrongFileError
-    like `read_trajectories`.
-    """
-    with naming(path, "simulate"), h5py.File.in_memory(read_sealed(path)) as file:
-        scene, engine, header = _setting(file)
-        times, observables = file["time"][()], dict.fromkeys(json.loads(header["variables"]), np.zeros(0))
-        none = np.zeros((len(times), 0, 2))
-        tracer = Track(none, none if "velocity" in file else None) if "position" in file else None
-        ensemble = Ensemble(
-            file["seed"][()], times, tracer, observables, {}, {}, header["average"], own=own_arrays(header)
-        )
-        return Trajectories(scene, engine, ensemble, header["source_digest"], header)
-
-
-def _variables(group: h5py.Group) -> dict[str, np.ndarray]:
-    """Return the variables of a group, without dimensions that have no coordinates."""
-    return {name: values_of(item) for name, item in group.items() if "units" in item.attrs}
-
-
-def values_of(dataset: h5py.Dataset) -> Any:
-    """Return the values of a dataset of HDF5: an array or a scalar, with texts as `str`."""
-    return dataset.asstr()[()] if h5py.check_string_dtype(dataset.dtype) else dataset[()]
-
-
-def _setting(file: h5py.File) -> tuple[Scene, Engine, dict[str, str]]:
-    """Return scene, engine and the texts in the attributes of a trajectory file.
-
-    Raises WrongFileError for another file of brownpipe, StorageError if this version refuses the scene or the engine.
-    """
-    if "runs_digest" not in file.attrs:
-        raise WrongFileError(NO_TRAJECTORIES)
-    header = {name: value for name, value in file.attrs.items() if isinstance(value, str) and name[0] != "_"}
-    try:
-        return *setting_of(header), header
-    except RequestError as error:
-        raise StorageError(f"is of brownpipe {header['brownpipe_version']}, not of this one: {error}") from error
+def _values(dataset: h5py.Dataset, rows: tuple | slice) -> np.ndarray:
+    """Return rows of a dataset of HDF5, with texts as `str`."""
+    return dataset.asstr()[rows] if h5py.check_string_dtype(dataset.dtype) else dataset[rows]
 
 
 def setting_of(attributes: Mapping) -> tuple[Scene, Engine]:
@@ -237,20 +203,17 @@ def chosen_seed(
 
     Raises RequestError if there are no tracks, none of this seed, or no disks.
     """
-    ensemble = trajectories.ensemble
+    ensemble, scene = trajectories.ensemble, trajectories.scene
     tracks = ensemble.whole if tracks is None else tracks
-    if seed in ensemble.stopped:
-        wrong = f"seed {seed}: its run could not go on: {ensemble.stopped[seed]}"
-    elif not trajectories.scene.particles:
-        wrong = "its scene has no disks"
-    elif len(ensemble.stopped) == len(ensemble.seeds):
-        wrong = stopped_in_words(ensemble.stopped)
-    elif not tracks:
-        wrong = "holds no whole runs; make it again: brownpipe simulate SCENE --record all"
-    elif seed is None or seed in tracks:
+    if scene.particles and tracks and (seed is None or seed in tracks):
         return min(tracks) if seed is None else seed
-    else:
+    stopped = {seed: ensemble.stopped[seed]} if seed in ensemble.stopped else ensemble.stopped
+    if seed in stopped or len(stopped) == len(ensemble.seeds):
+        wrong = stopped_in_words(stopped)
+    elif scene.particles and tracks:
         wrong = f"seed {seed} is not in it; must be of {seed_text(sorted(tracks))}"
+    else:
+        wrong = "holds no whole runs of disks; make it again: brownpipe simulate SCENE --record all"
     raise RequestError(f"{path}: {wrong}")
 
 
@@ -266,16 +229,17 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     import xarray
 
     scene, _, ensemble, *_ = trajectories
-    size = np.array([scene.box.width, scene.box.height])
-    nodes = {}
-    for path, group in groups_of(scene, ensemble).items():
+    size, nodes = np.array([scene.box.width, scene.box.height]), {}
+    for place, group in groups_of(scene, ensemble).items():
         if "position" in group:
             group |= {"box_size": size, "failed": ensemble.observables["failed"], "unwrapped": group["position"]}
         if "image" in group:
             group["unwrapped"] = group["position"] + group["image"] * size
-        said = {name: (dims_of(path, name, ensemble.own), described(name, ensemble.own)) for name in group}
-        variables = {name: (dims, group[name], meaning) for name, (dims, meaning) in said.items()}
-        nodes[path] = xarray.Dataset(variables).set_coords(OF_POSITIONS.keys() & variables.keys())
+        variables = {}
+        for name, values in group.items():
+            dims, attributes = described(place, name, ensemble.own)
+            variables[name] = (dims, values, attributes)
+        nodes[place] = xarray.Dataset(variables).set_coords({"box_size", "failed"} & variables.keys())
     nodes["/"].attrs = trajectories.attributes
     return xarray.DataTree.from_dict(nodes, name=scene.name)
 
@@ -285,63 +249,45 @@ def from_tree(tree: "DataTree") -> Trajectories:
 
     Variables that others have added are left out. Raises RequestError for any other tree.
     """
-    import xarray
-
-    if not isinstance(tree, xarray.DataTree):
-        raise RequestError(f"runs: must be what simulate or open returns, not a {type(tree).__name__}")
     try:
         scene, engine = setting_of(tree.attrs)
-        own, arrays = _own_names(tree), own_arrays(tree.attrs)
-        _refuse_part(scene, tree)
-        groups = {
-            node.path: {
-                name: node[name].transpose(*dims_of(node.path, name, arrays)).values
-                for name in sorted(own[node.path] & node.variables.keys())
+        own, groups = own_arrays(tree.attrs), {}
+        for node in tree.subtree:
+            groups[node.path] = {
+                name: node[name].transpose(*described(node.path, name, own)[0]).values
+                for name in sorted(_stored(tree, node.path) & node.variables.keys())
             }
-            for node in tree.subtree
-            if node.path in own
-        }
-        ensemble = ensemble_of(groups, tree.attrs["average"], arrays)
-        return Trajectories(scene, engine, ensemble, tree.attrs["source_digest"])
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError, RequestError) as error:
-        wrong = "runs: must be what simulate or open returns, or a selection of its seeds"
+        _refuse_part(scene, groups)
+        ensemble = ensemble_of(groups, tree.attrs["average"], own)
+    except MALFORMED as error:
+        wrong = "runs: must be what simulate or open returns, or a selection of its seeds, as in sel(seed=[3])"
         raise RequestError(f"{wrong} ({error})") from error
+    return Trajectories(scene, engine, ensemble, tree.attrs["source_digest"])
 
 
 def refuse_foreign(tree: "DataTree") -> None:
     """Raise RequestError for a variable that a trajectory file has no place for."""
-    own = _own_names(tree)
     for node in tree.subtree:
-        for name in node.data_vars.keys() - {"unwrapped", *own.get(node.path, ())}:
+        for name in node.data_vars.keys() - {"unwrapped", *_stored(tree, node.path)}:
             wrong = f"a trajectory file has no place for {f'{node.path}/{name}'.lstrip('/')}"
             raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
 
 
-def _own_names(tree: "DataTree") -> dict[str, set[str]]:
-    """Return the names that runs have in each group."""
-    return {
-        "/": {*json.loads(tree.attrs["variables"]), *Track._fields, "stopped", "time", "seed"},
-        "/disks": {*Track._fields, "radius", "mass"},
-        "/events": {"event_seed", *LOG},
-    }
+def _stored(tree: "DataTree", place: str) -> set[str]:
+    """Return the names of the variables that a trajectory file has in a group."""
+    return PLACES.get(place, set()) | ({*json.loads(tree.attrs["variables"])} if place == "/" else set())
 
 
-def _refuse_part(scene: Scene, tree: "DataTree") -> None:
-    """Raise ValueError for a selection of other things than seeds."""
-    if "seed" not in tree.dims:
-        raise ValueError("without the dimension seed; select seeds by a list, as in sel(seed=[3])")
-    seeds = tree.seed.values
-    if seeds.dtype != np.int64 or not seeds.size or seeds.min() < 0 or len(np.unique(seeds)) < len(seeds):
+def _refuse_part(scene: Scene, groups: Groups) -> None:
+    """Raise ValueError for a selection of other things than seeds, and for positions that are no displacements."""
+    for dim, values in (item for group in groups.values() for item in group.items() if item[0] in AXES):
+        complete = AXES[dim].coordinates(scene)
+        if not np.array_equal(values, complete):
+            raise ValueError(f"of {dim} it must hold all {len(complete)} in order; select from the analysis instead")
+    root = groups["/"]
+    if root["seed"].dtype != np.int64 or not 0 < len(root["seed"]) == len(np.unique(root["seed"])):
         raise ValueError("its seeds must be one or several different integers")
-    complete = {"component": np.array(["x", "y"]), "disk": np.arange(scene.particles)}
-    complete |= {dim: np.asarray(AXES[dim].coordinates(scene)) for dim in AXES if dim in tree.dims}
-    for node in tree.subtree:
-        for dim, values in complete.items():
-            is_other = dim in node.coords and not np.array_equal(node.coords[dim].values, values)
-            if is_other or node.sizes.get(dim, len(values)) != len(values):
-                raise ValueError(f"of {dim} it must hold all {len(values)} in order; select from the analysis instead")
-    if "position" in tree:
-        if not np.isfinite(tree.position.transpose("seed", ...).values[tree.failed.values == 0]).all():
-            raise ValueError("holds positions that are not finite in a run that did not fail")
-        if scene.box.periodic and "image" not in tree:
-            raise ValueError("lacks image, which a periodic box needs")
+    if "position" in root and not np.isfinite(root["position"][:, root["failed"] == 0]).all():
+        raise ValueError("holds positions that are not finite in a run that did not fail")
+    if "position" in root and scene.box.periodic and "image" not in root:
+        raise ValueError("lacks image, which a periodic box needs")

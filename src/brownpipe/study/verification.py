@@ -8,9 +8,9 @@ import numpy as np
 
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.figures.origin import RECORD
-from brownpipe.inspection import read_contents
 from brownpipe.progress import tracked
 from brownpipe.scene.seeds import brief_seed_text, read_seeds
+from brownpipe.storage.datasets import read_contents
 from brownpipe.storage.store import DIGITS, stored_batches, without
 from brownpipe.storage.trajectories import Trajectories
 

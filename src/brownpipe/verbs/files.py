@@ -7,10 +7,11 @@ from pathlib import Path
 from brownpipe import inspection, progress
 from brownpipe.analysis.varied import failed_runs
 from brownpipe.errors import DONE, FAILED, RequestError, StorageError
-from brownpipe.inspection import read_contents, reproduction
+from brownpipe.inspection import reproduction
 from brownpipe.inspection.reports import PRODUCTS
 from brownpipe.scene.reading import AtLeastOne, Count, Positive
 from brownpipe.scene.seeds import seed_text
+from brownpipe.storage.datasets import read_contents
 from brownpipe.storage.export import FORMATS
 from brownpipe.storage.export import export as exported
 from brownpipe.storage.files import write_file
