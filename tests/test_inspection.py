@@ -224,7 +224,7 @@ def test_another_source_is_said_before_the_runs_begin(folder, said, monkeypatch)
 
 REFUSED = [  # options, what the message must contain
     (["RUNS", "--seed", "4"], "--seed 4: is not in the file; must be of 3,5-6"),
-    (["RUNS", "--variables"], "is a trajectory file (of `brownpipe simulate`), not a dataset (of `brownpipe aggregate`)"),
+    (["RUNS", "--variables"], "is a trajectory file (of `brownpipe simulate`), not a dataset"),
     (["RUNS", "--scene", "--reproduce"], "--scene: must not be given with --reproduce"),
     (["RUNS", "--variables", "--seed", "3"], "--variables: must not be given with --seed"),
     (["small.nc", "--scene"], "is a dataset (of `brownpipe aggregate`), not a trajectory file"),
