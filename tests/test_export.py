@@ -241,11 +241,11 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
     bp.save(bp.simulate(make_scene("bare", 0, disks=bath), [2], record="all", quiet=True), bare)
     monkeypatch.chdir(tmp_path)
     asked = {
-        "tracer.h5: holds no whole runs of disks; make it again: brownpipe simulate SCENE": (tracer, "gsd"),
-        "walled.h5: seed 17 is not in it; must be of 3,8": (walled, "csv", "--seed", 17),
-        "tracer.h5: seed 17 is not in it; must be of 1": (tracer, "csv", "--seed", 17),
-        "empty.h5: holds no whole runs of disks; make it again: brownpipe simulate SCENE --record all": (empty, "csv"),
-        "bare.h5: holds no whole runs of disks": (bare, "csv"),
+        "tracer.h5: holds no whole runs; brownpipe simulate SCENE --record all makes some": (tracer, "gsd"),
+        "walled.h5: holds no run of seed 17; must be of 3,8": (walled, "csv", "--seed", 17),
+        "tracer.h5: holds no run of seed 17; must be of 1": (tracer, "csv", "--seed", 17),
+        "empty.h5: holds no whole runs; brownpipe simulate SCENE --record all makes some": (empty, "csv"),
+        "bare.h5: holds no whole runs": (bare, "csv"),
         "run.xyz: the output must end in .gsd, not '.xyz'": (walled, "gsd", "--output", "run.xyz"),
         "is an input": (walled, "gsd", "--output", walled),
     }

@@ -237,7 +237,9 @@ def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(said, crowd, 
     assert "could not go on: 1 of 1 runs: 2 (seed 2: disks: only" in out and "nan" not in out
     for words in (["movie"], ["export", "--to", "xyz"], ["export", "--to", "csv"]):
         status, _, err = said(words[0], "a.h5", *words[1:], "--seed", 2)
-        assert status == WRONG_REQUEST and err.startswith("brownpipe: a.h5: 1 could not go on, seed 2: disks: ")
+        assert status == WRONG_REQUEST and err.startswith(
+            "brownpipe: a.h5: holds no run of seed 2; must be of 1,3; 2 could"
+        )
     _, _, err = said("export", "a.h5", "--to", "csv")
     assert "could not go on: 2 of 4 runs: 0,2" in err and "nan" not in Path("a.csv").read_text()
 

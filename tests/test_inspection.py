@@ -80,7 +80,7 @@ def test_one_run_says_all_about_itself(folder):
     assert "recorded     all, events, tracer\n" in text
     assert "health       no failed runs; worst energy drift" in text
     for name in ensemble.observables.keys() - {"failed"}:
-        values, units = ensemble.observables[name], described("/", name)[1]["units"]
+        values, units = ensemble.observables[name], described(name)["units"]
         (line,) = (line for line in text.splitlines() if line.startswith(f"{name} "))
         assert f" {units} " in line and (values.ndim > 1 or f" {values[1]:.6g} " in line)
     assert "recorded     none\n" in inspection.report(folder / "nothing.h5", 5)

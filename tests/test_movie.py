@@ -96,8 +96,8 @@ def test_video_is_what_ffmpeg_makes_of_raw_frames(path, frames, tmp_path, monkey
 def test_refusals(path, tmp_path, capsys):
     write_trajectories(tmp_path / "tracer.h5", make_scene(), Engine("exact"), make_runs(make_scene(), [1]).ensemble)
     asked = {
-        "holds no whole runs of disks; make it again: brownpipe simulate SCENE --record all": [tmp_path / "tracer.h5"],
-        "seed 17 is not in it; must be of 3,8": [path, "--seed", "17"],
+        "holds no whole runs; brownpipe simulate SCENE --record all makes some": [tmp_path / "tracer.h5"],
+        "holds no run of seed 17; must be of 3,8": [path, "--seed", "17"],
         "the output must end in .gif, .mp4, .png or .html, not '.avi'": [path, "--output", tmp_path / "run.avi"],
         "is an input": [path, "--output", path],
     }

@@ -9,7 +9,7 @@ from brownpipe.cli import build_parser
 from brownpipe.engines import configured
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
-from brownpipe.storage.layout import VARIABLES, described, groups_of
+from brownpipe.storage.layout import VARIABLES, described, dims_of, groups_of
 from brownpipe.storage.trajectories import Trajectories
 from brownpipe.tradeoff import dataset as tradeoff
 from brownpipe.verbs import VERBS
@@ -120,8 +120,7 @@ def example_runs() -> Trajectories:
 
 def _row(path: str, name: str) -> tuple[str, ...]:
     """Return the row of a variable: name, dimensions, unit and meaning."""
-    dims, attributes = described(path, name)
-    return code(name), *map(plain, (", ".join(dims), *attributes.values()))
+    return code(name), *map(plain, (", ".join(dims_of(path, name)), *described(name).values()))
 
 
 def _variables(variables: Mapping[str, Variable], coordinates: Mapping[str, Variable]) -> str:

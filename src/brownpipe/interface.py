@@ -41,7 +41,7 @@ from brownpipe.scene.seeds import read_seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
 from brownpipe.storage.datasets import read_contents, read_dataset, write_dataset
 from brownpipe.storage.store import runs_digest, stored_runs, without
-from brownpipe.storage.trajectories import Trajectories, from_tree, refuse_foreign, to_tree, write_trajectories
+from brownpipe.storage.trajectories import Trajectories, from_tree, to_tree, write_trajectories
 from brownpipe.study import forecast_of_runs, read_study
 from brownpipe.study.study import Rings
 
@@ -338,9 +338,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
     if isinstance(data, DataTree):
         _refuse_suffix(path, "runs", (".h5", ".hdf5"))
         with progress.shown("save"):
-            trajectories = from_tree(data)
-            refuse_foreign(data)
-            write_trajectories(path, *trajectories[:4])
+            write_trajectories(path, *from_tree(data, strict=True)[:4])
     elif _is_analysis(data):
         _refuse_suffix(path, "datasets", (".nc",))
         write_dataset(path, data)

@@ -59,7 +59,7 @@ def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) ->
 
     Raise RequestError if the file holds no whole runs, none of this seed, or no disks.
     """
-    seed = chosen_seed(trajectories, path, seed)
+    seed = chosen_seed(trajectories, path, seed, trajectories.ensemble.whole)
     track = trajectories.ensemble.whole[seed]
     image = None if track.image is None else track.image[:, 0]
     return WholeRun(trajectories.scene, seed, trajectories.ensemble.times, track.position, image)

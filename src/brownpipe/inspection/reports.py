@@ -19,7 +19,7 @@ from brownpipe.provenance import made_with
 from brownpipe.scene import scene_yaml
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage.datasets import read_contents, read_dataset
-from brownpipe.storage.layout import described
+from brownpipe.storage.layout import described, dims_of
 from brownpipe.storage.trajectories import Trajectories, read_trajectories
 from brownpipe.text import counted, in_lines, shell_path
 from brownpipe.tradeoff import is_tradeoff
@@ -138,10 +138,9 @@ def table_of_runs(ensemble: Ensemble) -> list[str]:
     rows: list[tuple[str, ...]] = [("observable", *(f"{name:>12}" for name in columns), "units", "meaning")]
     for name in sorted(ensemble.observables.keys() - {"failed"}):
         values, numbers = ensemble.observables[name], ["", "", ""]
-        dims, attributes = described("/", name, ensemble.own)
-        units, meaning = attributes["units"], attributes["long_name"]
+        units, meaning = [*described(name, ensemble.own).values()][:2]
         if values.ndim > 1:
-            sizes = zip(dims, values.shape, strict=True)
+            sizes = zip(dims_of("/", name, ensemble.own), values.shape, strict=True)
             meaning += f" ({', '.join(f'{dim} {size}' for dim, size in sizes)})"
         elif shown.any():
             numbers = [f"{of(values[shown]):12.6g}" for of in (np.mean, np.min, np.max)]

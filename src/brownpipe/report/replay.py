@@ -54,7 +54,7 @@ def replay_of(trajectories: "Trajectories", path: str, seed: int | None = None) 
         trajectories.engine.refuse_unfit(scene, RECORD.split(","))
         command = runs_record(trajectories, [first], RECORD)["command"]
         raise RequestError(f"{path}: holds no collisions of all disks; record them: {command}")
-    seed = chosen_seed(trajectories, path, seed)
+    seed = chosen_seed(trajectories, path, seed, trajectories.ensemble.whole)
     if scene.particles > MOST_DISKS:
         raise RequestError(f"{path}: a replay must have at most {MOST_DISKS:,} disks, not {scene.particles:,}")
     track, events = ensemble.whole[seed], ensemble.events[seed]

@@ -21,7 +21,7 @@ from brownpipe.engines.ensemble import Track, failures
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
-from brownpipe.storage.files import replacing, sync
+from brownpipe.storage.files import replacing
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, runs_record
 
 GSD_SCHEMA = (1, 4)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
@@ -49,9 +49,7 @@ def export(
     record = runs_record(trajectories, sorted(tracks), "all" if ensemble.whole else "")
     with replacing(output) as part:
         FORMATS[form](part, scene, ensemble.times, tracks, record)
-        sync(part)
-    lacking = ensemble.failed_seeds if seed is None else ensemble.failed_seeds[ensemble.failed_seeds == seed]
-    remarks = [failures(ensemble)] if lacking.size else []
+    remarks = [failures(ensemble)] if len(ensemble.failed_seeds) else []
     if form == "gsd" and not scene.box.periodic:
         remarks.append("GSD has no walls, so programs take the box for periodic: switch that off, or enlarge the box")
     return tracks, remarks

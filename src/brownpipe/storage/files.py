@@ -6,13 +6,12 @@ The seal is a last line of text, `# brownpipe-sha256:` and the digest of all byt
 or YAML do not notice it.
 """
 
-import errno
 import hashlib
 import json
 import os
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import h5py
@@ -29,13 +28,13 @@ KINDS = {  # of HDF5 files, by an attribute that files of this kind alone have, 
     CHECKPOINT: "the checkpoint of unfinished runs (repeat the command that wrote it, and they continue)",
     DATASET: "a dataset (of `brownpipe aggregate`)",
 }
-MALFORMED = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError)
+MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, StorageError, TypeError, ValueError)
 
 
 def write_file(path: str | Path, contents: bytes) -> None:
     """Write a file such that any reader sees the old file or the complete new one, never a part of it.
 
-    The bytes go to a part beside it (`replacing`) and are flushed to the disk; only then is the part renamed.
+    The bytes go to a part beside it and are flushed to the disk; only then is the part renamed (`replacing`).
 
     Raises StorageError if the disk is full or the folder cannot be written to; the part is removed.
     """
@@ -43,12 +42,10 @@ def write_file(path: str | Path, contents: bytes) -> None:
 
 
 def write_files(files: Mapping[str | Path, bytes]) -> None:
-    """Write files that belong together, as `write_file`; none is replaced before all of them are on the disk."""
+    """Write files that belong together, as `write_file`; none is replaced before all of them are written."""
     with ExitStack() as parts:
         for path, contents in files.items():
-            part = parts.enter_context(replacing(path))
-            part.write_bytes(contents)
-            sync(part)
+            parts.enter_context(replacing(path)).write_bytes(contents)
 
 
 @contextmanager
@@ -64,27 +61,22 @@ def replacing(path: str | Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield part
+            sync(part)
             os.replace(part, path)
         finally:
             part.unlink(missing_ok=True)
-        sync(path.parent)
     except OSError as error:
-        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        cure = "free some space" if is_full else "choose a place that can be written"
+        cure = "free some space, or choose a place that can be written"
         raise StorageError(f"{path}: not written: {error.strerror or error}; {cure}") from error
+    with suppress(OSError):  # some file systems cannot wait for folders
+        sync(path.parent)
 
 
 def sync(path: Path) -> None:
-    """Wait until a file is on the disk or, for a folder, the names of its files.
-
-    Nothing is waited for where the file system cannot do this, as some of networks cannot for folders.
-    """
+    """Wait until a file is on the disk or, for a folder, the names of its files."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
-            raise
     finally:
         os.close(handle)
 
@@ -95,23 +87,17 @@ def sealed(contents: bytes) -> bytes:
 
 
 def seal_of(path: str | Path) -> str:
-    """Return the SHA-256 that the seal of a file states, without verifying it; "" without a seal."""
-    with open(path, "rb") as file:
-        file.seek(max(0, os.fstat(file.fileno()).st_size - SEAL_LENGTH))
-        found = SEAL.fullmatch(file.read())
-    return found[1].decode() if found else ""
+    """Return the SHA-256 that the seal of a file states, without verifying it."""
+    return Path(path).read_bytes()[-65:-1].decode()
 
 
 def read_sealed(path: str | Path) -> bytes:
     """Return the contents of a file without its seal, which is verified.
 
-    Raises StorageError, without the name of the file, if it is damaged; WrongFileError if it cannot be read or has
-    neither a seal nor the first bytes of HDF5.
+    Raises OSError if it cannot be read and, without the name of the file, StorageError if it is damaged, WrongFileError
+    if it has neither a seal nor the first bytes of HDF5.
     """
-    try:
-        contents = Path(path).read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a path that no system allows
-        raise WrongFileError(f"cannot be read: {getattr(error, 'strerror', error)}") from error
+    contents = Path(path).read_bytes()
     rest, seal = contents[:-SEAL_LENGTH], SEAL.fullmatch(contents[-SEAL_LENGTH:])
     if seal is None:
         kind = StorageError if HDF5.startswith(contents[: len(HDF5)]) else WrongFileError
@@ -127,16 +113,13 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
 
     verb: of brownpipe, which makes such files. What is intact but cannot be understood is of another version.
     """
-    again = f"delete it and run the study, or brownpipe {verb}, again"
     try:
         yield
-    except WrongFileError as error:
-        raise WrongFileError(f"{path}: {error}") from error
-    except StorageError as error:
-        raise StorageError(f"{path}: {error}; {again}") from error
+    except (WrongFileError, OSError) as error:
+        raise WrongFileError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
     except MALFORMED as error:
-        wrong = f"is intact, but not as this version of brownpipe writes it ({error})"
-        raise StorageError(f"{path}: {wrong}; {again}") from error
+        again = f"delete it and run the study, or brownpipe {verb}, again"
+        raise StorageError(f"{path}: is not as this version of brownpipe writes it: {error}; {again}") from error
 
 
 # -- HDF5 --------------------------------------------------------------------------------------------------------------

@@ -40,11 +40,7 @@ MEANING = {  # variable: units, long_name, and its dimensions unless it is a num
     "missed_collisions": ("1", "collisions missed because the pair met and separated within one time step"),
     "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
     "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
-    "failed": (
-        "1",
-        "1 if overlap, energy drift or momentum residual exceeds its bound, a number is not finite or the run could "
-        "not go on: exclude from averages",
-    ),
+    "failed": ("1", "1 if beyond a bound of the health check, not finite, or stopped: exclude from averages"),
     "stopped": ("1", "why the run could not go on; empty for a run that came to its end"),
 }
 MEASURED = {name: (array.units, array.long_name, "seed", *array.dims) for name, array in observables.ARRAYS.items()}
@@ -61,22 +57,22 @@ PLACES = {  # the variables of each group; in the root those of the runs' observ
 Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the root first
 
 
-def described(group: str, name: str, own: Own = NO_OWN) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the dimensions of a variable in a group, its units and meaning, and the function that measured it.
+def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
+    """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
+    dims = ("seed", *own[name].dims) if name in own else VARIABLES[name][2:] or ("seed",)
+    return (*dims[:2], "disk", *dims[2:]) if group == "/disks" and "time" in dims else dims
 
-    The function only if it is one's own.
-    """
+
+def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
+    """Return the units and the meaning of a variable, and the function that measured it if it is one's own."""
     if name in own:
-        return ("seed", *own[name].dims), {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
-    units, long_name, *dims = VARIABLES[name]
-    if group == "/disks" and "seed" in dims:
-        dims.insert(2, "disk")
-    return tuple(dims) or ("seed",), {"units": units, "long_name": long_name}
+        return {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
+    return dict(zip(("units", "long_name"), VARIABLES[name][:2], strict=True))
 
 
 def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     """Return runs as the variables of each group; tracks of several whole runs, and collisions, are copied."""
-    dims = {dim for name in ensemble.observables for dim in described("/", name, ensemble.own)[0]}
+    dims = {dim for name in ensemble.observables for dim in dims_of("/", name, ensemble.own)}
     root = {dim: np.asarray(AXES[dim].coordinates(scene)) for dim in AXES if dim in {*dims, "component"}}
     root |= {"time": ensemble.times, "seed": ensemble.seeds}
     root |= _recorded(ensemble.tracer) | ensemble.observables
@@ -115,17 +111,11 @@ def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
     stopped = {seed: str(reason) for seed, reason in zip(seeds, root.get("stopped", ()), strict=False) if reason}
     columns = {seed: column for column, seed in enumerate(seeds) if seed not in stopped}
     disks = _track(groups["/disks"]) if "/disks" in groups else None
-    return Ensemble(
-        seeds=root["seed"],
-        times=root["time"],
-        tracer=_track(root) if "position" in root else None,
-        observables={name: values for name, values in root.items() if name not in PLACES["/"]},
-        whole={seed: disks.of(column) for seed, column in columns.items()} if disks else {},
-        events=_events(groups["/events"], [*columns]) if "/events" in groups else {},
-        average=average,
-        stopped=stopped,
-        own=own,
-    )
+    tracer = _track(root) if "position" in root else None
+    observables = {name: values for name, values in root.items() if name not in PLACES["/"]}
+    whole = {seed: disks.of(column) for seed, column in columns.items()} if disks else {}
+    events = _events(groups["/events"], [*columns]) if "/events" in groups else {}
+    return Ensemble(root["seed"], root["time"], tracer, observables, whole, events, average, stopped, own)
 
 
 def _track(variables: dict[str, np.ndarray]) -> Track:

@@ -20,7 +20,7 @@ from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import MALFORMED, RUNS, reading, writing
-from brownpipe.storage.layout import AXES, PLACES, SCALES, Groups, described, ensemble_of, groups_of
+from brownpipe.storage.layout import AXES, PLACES, SCALES, Groups, described, dims_of, ensemble_of, groups_of
 
 if TYPE_CHECKING:
     from xarray import DataTree
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 2**18
 SMALL = 4096  # bytes of a variable that is not compressed: it would grow
 NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable."  # as netCDF4 marks such a scale
-WITHOUT_RESULTS = {"failed"}  # all that is known of runs that could not go on
-MOST_SCENE_TEXT = 100_000  # characters; a longer scene, of thousands of listed disks, is in the trajectory files only
 DEFAULTS = ("", "tracer", "runs")  # of the options --observables, --record and --average of `brownpipe simulate`
 
 
@@ -55,7 +53,7 @@ class Trajectories(NamedTuple):
         """The observables that were measured in the runs; None if none of them came to its end."""
         names = self.ensemble.observables.keys()
         own = dict.fromkeys(array.observable for array in self.ensemble.own.values())
-        return None if WITHOUT_RESULTS.issuperset(names) else (*observables_making(names), *own)
+        return None if names <= {"failed"} else (*observables_making(names), *own)
 
     @property
     def digest(self) -> str:
@@ -105,7 +103,7 @@ def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: s
     return {
         "command": simulate_command(runs, seeds, record),
         "scene_digest": scene.digest,
-        "scene": json.loads(scene.text) if len(scene.text) <= MOST_SCENE_TEXT else None,
+        "scene": json.loads(scene.text),
         "source_digest": runs.source,
     }
 
@@ -132,11 +130,11 @@ def write_trajectories(
 
 def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) -> None:
     """Write a variable with units, meaning and the scales of its dimensions, which are in the group or in the root."""
-    dims, attributes = described(group.name, name, own)
-    kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
+    dims = dims_of(group.name, name, own)
+    values = values.astype(object) if values.dtype.kind == "U" else values  # text, as h5py takes it
     filters = _filters(dims, values) if values.nbytes > SMALL and values.dtype.kind in "iuf" else {}
-    dataset = group.create_dataset(name, data=values.astype(kind, copy=False), **filters)
-    dataset.attrs.update(attributes)
+    dataset = group.create_dataset(name, data=values, **filters)
+    dataset.attrs.update(described(name, own))
     if name in SCALES:
         dataset.make_scale(name)
         return
@@ -169,52 +167,45 @@ def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:
 
 
 def trajectories_in(file: h5py.File, outline: bool = False) -> Trajectories:
-    """Return the contents of an open trajectory file. Raises RequestError if this version refuses scene or engine."""
+    """Return the contents of an open trajectory file."""
     header = {name: value for name, value in file.attrs.items() if isinstance(value, str)}
     places = ["/"] if outline else [place for place in PLACES if place in file]
-    groups = {
-        place: {
-            name: _values(item, slice(0) if outline and not item.is_scale else ())
-            for name, item in file[place].items()
-            if "units" in item.attrs  # but for groups, and dimensions without coordinates
-        }
-        for place in places
-    }
-    scene, engine = setting_of(header)
-    ensemble = ensemble_of(groups, header["average"], own_arrays(header))
-    return Trajectories(scene, engine, ensemble, header["source_digest"], header)
+    groups = {place: _variables(file[place], outline) for place in places}
+    return _runs_of(header, groups)._replace(header=header)
 
 
-def _values(dataset: h5py.Dataset, rows: tuple | slice) -> np.ndarray:
-    """Return rows of a dataset of HDF5, with texts as `str`."""
-    return dataset.asstr()[rows] if h5py.check_string_dtype(dataset.dtype) else dataset[rows]
+def _variables(group: h5py.Group, outline: bool) -> dict[str, np.ndarray]:
+    """Return the values of all variables of a group, with texts as `str`; of an `outline` those of coordinates only."""
+    found = {}
+    for name, item in group.items():
+        if "units" in item.attrs:  # no group, and no dimension without coordinates
+            texts = item.asstr() if h5py.check_string_dtype(item.dtype) else item
+            found[name] = texts[:0] if outline and not item.is_scale else texts[()]
+    return found
 
 
-def setting_of(attributes: Mapping) -> tuple[Scene, Engine]:
-    """Return the scene and the engine that the attributes of runs name. Raises RequestError if they are none."""
+def _runs_of(attributes: Mapping, groups: Groups) -> Trajectories:
+    """Return the runs that the attributes of the root and the variables of each group tell.
+
+    Raises RequestError for a scene or an engine that this version refuses.
+    """
     scene = parse_scene(json.loads(attributes["scene"]), f"{attributes['scene_name']}.yaml")
-    return scene, recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
+    engine = recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
+    ensemble = ensemble_of(groups, attributes["average"], own_arrays(attributes))
+    return Trajectories(scene, engine, ensemble, attributes["source_digest"])
 
 
-def chosen_seed(
-    trajectories: Trajectories, path: str, seed: int | None, tracks: Mapping[int, Track] | None = None
-) -> int:
-    """Return the seed of a run in the file at `path`, by default the smallest, of `tracks`, by default all whole runs.
+def chosen_seed(runs: Trajectories, path: str, seed: int | None, tracks: Mapping[int, Track]) -> int:
+    """Return the seed of a run in the file at `path`, by default the smallest of `tracks`.
 
     Raises RequestError if there are no tracks, none of this seed, or no disks.
     """
-    ensemble, scene = trajectories.ensemble, trajectories.scene
-    tracks = ensemble.whole if tracks is None else tracks
-    if scene.particles and tracks and (seed is None or seed in tracks):
+    if runs.scene.particles and tracks and seed in {None, *tracks}:
         return min(tracks) if seed is None else seed
-    stopped = {seed: ensemble.stopped[seed]} if seed in ensemble.stopped else ensemble.stopped
-    if seed in stopped or len(stopped) == len(ensemble.seeds):
-        wrong = stopped_in_words(stopped)
-    elif scene.particles and tracks:
-        wrong = f"seed {seed} is not in it; must be of {seed_text(sorted(tracks))}"
-    else:
-        wrong = "holds no whole runs of disks; make it again: brownpipe simulate SCENE --record all"
-    raise RequestError(f"{path}: {wrong}")
+    which = "whole runs" if seed is None else f"run of seed {seed}"
+    cure = f"must be of {seed_text(sorted(tracks))}" if tracks else "brownpipe simulate SCENE --record all makes some"
+    stopped = f"; {stopped_in_words(runs.ensemble.stopped)}" if runs.ensemble.stopped else ""
+    raise RequestError(f"{path}: holds no {which}; {cure}{stopped}")
 
 
 # -- as xarray.DataTree ---------------------------------------------------------------------------------------------
@@ -229,57 +220,43 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     import xarray
 
     scene, _, ensemble, *_ = trajectories
+    own = ensemble.own
     size, nodes = np.array([scene.box.width, scene.box.height]), {}
     for place, group in groups_of(scene, ensemble).items():
         if "position" in group:
             group |= {"box_size": size, "failed": ensemble.observables["failed"], "unwrapped": group["position"]}
         if "image" in group:
             group["unwrapped"] = group["position"] + group["image"] * size
-        variables = {}
-        for name, values in group.items():
-            dims, attributes = described(place, name, ensemble.own)
-            variables[name] = (dims, values, attributes)
+        variables = {name: (dims_of(place, name, own), values, described(name, own)) for name, values in group.items()}
         nodes[place] = xarray.Dataset(variables).set_coords({"box_size", "failed"} & variables.keys())
     nodes["/"].attrs = trajectories.attributes
     return xarray.DataTree.from_dict(nodes, name=scene.name)
 
 
-def from_tree(tree: "DataTree") -> Trajectories:
+def from_tree(tree: "DataTree", strict: bool = False) -> Trajectories:
     """Return the runs of a tree that `to_tree` made, or of a selection of its seeds.
 
-    Variables that others have added are left out. Raises RequestError for any other tree.
+    Variables that others have added are left out or, if `strict`, refused. Raises RequestError for any other tree.
     """
+    groups: Groups = {}
     try:
-        scene, engine = setting_of(tree.attrs)
-        own, groups = own_arrays(tree.attrs), {}
+        own, measured = own_arrays(tree.attrs), json.loads(tree.attrs["variables"])
         for node in tree.subtree:
-            groups[node.path] = {
-                name: node[name].transpose(*described(node.path, name, own)[0]).values
-                for name in sorted(_stored(tree, node.path) & node.variables.keys())
-            }
-        _refuse_part(scene, groups)
-        ensemble = ensemble_of(groups, tree.attrs["average"], own)
+            names = {*PLACES.get(node.path, ()), *measured}
+            if strict and (added := sorted(map(str, node.data_vars.keys() - {*names, "unwrapped"}))):
+                raise ValueError(f"a file has no place for {added[0]}; remove this variable, or save it apart")
+            stored = sorted(names & node.variables.keys())
+            groups[node.path] = {name: node[name].transpose(*dims_of(node.path, name, own)).values for name in stored}
+        runs = _runs_of(tree.attrs, groups)
+        _refuse_part(runs.scene, groups)
     except MALFORMED as error:
         wrong = "runs: must be what simulate or open returns, or a selection of its seeds, as in sel(seed=[3])"
         raise RequestError(f"{wrong} ({error})") from error
-    return Trajectories(scene, engine, ensemble, tree.attrs["source_digest"])
-
-
-def refuse_foreign(tree: "DataTree") -> None:
-    """Raise RequestError for a variable that a trajectory file has no place for."""
-    for node in tree.subtree:
-        for name in node.data_vars.keys() - {"unwrapped", *_stored(tree, node.path)}:
-            wrong = f"a trajectory file has no place for {f'{node.path}/{name}'.lstrip('/')}"
-            raise RequestError(f"data: {wrong}; remove this variable, or save it apart")
-
-
-def _stored(tree: "DataTree", place: str) -> set[str]:
-    """Return the names of the variables that a trajectory file has in a group."""
-    return PLACES.get(place, set()) | ({*json.loads(tree.attrs["variables"])} if place == "/" else set())
+    return runs
 
 
 def _refuse_part(scene: Scene, groups: Groups) -> None:
-    """Raise ValueError for a selection of other things than seeds, and for positions that are no displacements."""
+    """Raise ValueError for a selection of other things than seeds, and for positions without the images they need."""
     for dim, values in (item for group in groups.values() for item in group.items() if item[0] in AXES):
         complete = AXES[dim].coordinates(scene)
         if not np.array_equal(values, complete):
@@ -287,7 +264,5 @@ def _refuse_part(scene: Scene, groups: Groups) -> None:
     root = groups["/"]
     if root["seed"].dtype != np.int64 or not 0 < len(root["seed"]) == len(np.unique(root["seed"])):
         raise ValueError("its seeds must be one or several different integers")
-    if "position" in root and not np.isfinite(root["position"][:, root["failed"] == 0]).all():
-        raise ValueError("holds positions that are not finite in a run that did not fail")
     if "position" in root and scene.box.periodic and "image" not in root:
         raise ValueError("lacks image, which a periodic box needs")
