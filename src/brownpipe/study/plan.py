@@ -28,7 +28,6 @@ from brownpipe.analysis import drift
 from brownpipe.analysis.dataset import refuse_taken
 from brownpipe.engines import Engine, forecast
 from brownpipe.engines.ensemble import joined, select
-from brownpipe.engines.placement import never_placed
 from brownpipe.errors import RequestError
 from brownpipe.observables.own import is_own
 from brownpipe.progress import tracked
@@ -39,7 +38,7 @@ from brownpipe.storage.files import naming, read_sealed, sealed, write_file
 from brownpipe.storage.store import stored_runs, without
 from brownpipe.storage.trajectories import write_trajectories
 from brownpipe.study.run_sets import batches, pilot_runs, run_set, seconds_of_jobs
-from brownpipe.study.study import MOST_JOBS, REFERENCE, Study
+from brownpipe.study.study import REFERENCE, Study
 from brownpipe.text import counted, in_lines, in_time
 
 SQUARES, DISTRIBUTION = "square_displacement", "displacement_distribution"  # an observable; a target
@@ -69,7 +68,6 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     squares = SQUARES if SQUARES in observables and target != DISTRIBUTION else None
     if squares is None and "tracer" not in record:
         raise RequestError(f"{study.name}: the target {target} needs record: tracer, or {SQUARES} for msd and d")
-    _refuse_unplaceable(scene)
     cost, first = engine.forecast(scene, *study.recording), _first_seed(study)
     wanted = run_set(study, scene, engine, range(first, first + pilot_runs(cost)))
     seeds = np.asarray(wanted.seeds)
@@ -109,13 +107,6 @@ def case_title(scene: Scene) -> str:
     return f"{scene.name}, N = {scene.particles}"
 
 
-def _refuse_unplaceable(scene: Scene) -> None:
-    """Raise RequestError if hardly any run finds places for all disks."""
-    if never_placed(scene):
-        cure = "must be fewer or smaller disks, or `placement: lattice`"
-        raise RequestError(f"{case_title(scene)}: the runs are expected to fail at placement; {cure}")
-
-
 # -- the runs of a study with a tolerance
 
 
@@ -129,13 +120,10 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
         raise RequestError(f"{study.name}: --count is for a study with a tolerance; this one says its seeds")
     needed, pilots = dict[str, int](), list[Pilot]()
     for case in tracked(study.cases, "cases"):
-        _refuse_unplaceable(case)
-        scatter, sound = tradeoff.bias.spread_of_shares(), 1.0
-        if study.target != DISTRIBUTION:  # which is known without pilot runs
-            pilots.append(pilot_of(study, case, REFERENCE, study.target))
-            runs = pilots[-1].runs
-            scatter, sound = tradeoff.spread_of(runs, study.target, study.fit_windows[0]), runs.share_sound
-        needed[case_title(case)] = tradeoff.runs_for(study.tolerance, 0.0, scatter, sound)
+        pilots.append(pilot_of(study, case, REFERENCE, study.target))
+        runs = pilots[-1].runs
+        scatter = tradeoff.spread_of(runs, study.target, study.fit_windows[0])
+        needed[case_title(case)] = tradeoff.runs_for(study.tolerance, 0.0, scatter, runs.share_sound)
     title, most = max(needed.items(), key=lambda item: item[1])
     if most > MOST_SEEDS:
         raise RequestError(f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}")
@@ -147,8 +135,7 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
 def settled(study: Study, path: str | Path | None) -> Study:
     """Return the study with as many seeds as the file that `write_plan` wrote says; one that has seeds is unchanged.
 
-    A `batch` too small for so many runs is replaced by batches of their cost. Raises RequestError if there is no such
-    file, StorageError if it is not as it was written.
+    Raises RequestError if there is no such file, StorageError if it is not as it was written.
     """
     if study.tolerance is None:
         return study
@@ -156,9 +143,7 @@ def settled(study: Study, path: str | Path | None) -> Study:
         raise RequestError("--plan: missing; the number of runs for a tolerance is in results/STUDY/plan/*.yaml")
     with naming(path, "plan"):
         read_sealed(path)
-    runs = read_yaml(path)["runs"]
-    too_many = study.batch is not None and runs * len(study.cases) > MOST_JOBS * study.batch
-    return study.model_copy(update={"seeds": range(runs)} | ({"batch": None} if too_many else {}))
+    return study.model_copy(update={"seeds": range(read_yaml(path)["runs"])})
 
 
 # -- engines for a tolerance

@@ -92,11 +92,7 @@ def _power_of_two(number: float) -> int:
 
 def run_sets(study: Study) -> list[RunSet]:
     """Return the runs of a study, case by case; their seeds must be known, or there are none yet."""
-    sets = []
-    for case in study.cases:
-        for engine, _, seeds in (use for use in study.uses if use.case is case):
-            sets.append(run_set(study, case, engine, seeds or study.seeds))
-    return sets
+    return [run_set(study, use.case, use.engine, use.seeds or study.seeds) for use in study.uses]
 
 
 def run_set(study: Study, case: Scene, engine: Engine, seeds: Sequence[int]) -> RunSet:
