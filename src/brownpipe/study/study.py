@@ -55,6 +55,10 @@ def _engine_kind(name: str) -> Any:
     return create_model(name, __base__=settings_of(name), **keys)
 
 
+def _ascending(window: tuple[float, float]) -> tuple[float, float]:
+    return window if window[0] < window[1] else refuse(f"must be [t0, t1] with t0 < t1, not {list(window)}")
+
+
 def _own_name(name: str) -> str:
     return name if is_own(name) else refuse("must be my_module:my_function")
 
@@ -77,7 +81,8 @@ Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, least=0))]
 Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
-Windows = Annotated[tuple[tuple[float, float], ...], As(reading.distinct(tuple[NotNegative, NotNegative], 1))]
+Window = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ascending)]
+Windows = Annotated[tuple[tuple[float, float], ...], As(reading.distinct(Window, 1))]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
 
 
@@ -236,7 +241,7 @@ class Study(Record):
                 refuse(f"{case.name}, N = {case.particles}: {refusal[1]}", refusal[0])
             for k, (t0, t1) in enumerate(self.fit_windows or ()):
                 inside = np.count_nonzero((case.times >= t0) & (case.times <= t1))
-                if not t0 < t1 <= case.duration or inside < 3:
+                if t1 > case.duration or inside < 3:
                     allowed = f"t0 < t1 <= {case.duration!r} and three samples or more of {case.name}"
                     refuse(f"must be [t0, t1] with {allowed}, not {[t0, t1]}", "fit_windows", k)
         self._resolve(fit_windows=self.fit_windows or default_windows(self.cases))
