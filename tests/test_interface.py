@@ -305,7 +305,7 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, cores=0), "cores: must be >= 1, not 0"),
         (lambda: bp.mean(np.zeros(3)), "array: must be an array with the dimension seed"),
         (lambda: bp.mean(xarray.DataArray([1.0, 2.0], {"seed": [4, 4]})), "array: must have every seed once"),
-        (lambda: bp.simulate(KEYS), "scene: must be a scene or the path of a scene file, not {"),
+        (lambda: bp.simulate(KEYS), "scene: must be the path of a file, not {"),
         (lambda: bp.simulate(SCENE, record=None), "record: must be a name or a list of names, not None"),
         (lambda: bp.simulate(SCENE, engine="timestep"), "time_step: missing; must be given with engine timestep"),
         (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.nan), "time_step: must be a finite number"),
@@ -313,13 +313,14 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(bp.read_scene(SCENE), particles=3), "particles: must not be given with a scene"),
         (lambda: bp.analyse(bp.read_scene(SCENE)), "runs: must be what simulate or open returns"),
         (lambda: bp.analyse([xarray.DataTree()]), "runs: must be what simulate or open returns"),
-        (lambda: bp.analyse("a.h5", fit_windows=[(1, 0.5)]), "fit_windows: must be two times"),
+        (lambda: bp.analyse("a.h5", fit_windows=[(1, 0.5)]), r"fit_windows\[0\]: must be \[t0, t1\] with t0 < t1"),
+        (lambda: bp.scan(SCENE, {"duration": [1]}, fit_windows=[(1, 0.5)], observables="no"), "fit_windows"),
         (lambda: bp.analyse("a.h5", fit_windows=(0.1, 1)), r"fit_windows\[0\]: must be a list"),
         (lambda: bp.analyse("a.h5", rings={"dr": 0.1}), "rings.count: missing"),
         (lambda: bp.plot(xarray.Dataset()), "result: must be a dataset of brownpipe.analyse"),
         (lambda: bp.save("runs", "a.h5"), "data: must be"),
-        (lambda: bp.save(xarray.DataTree(), "a.nc"), "path: a.nc: files of runs must end in .h5 or .hdf5"),
-        (lambda: bp.save(xarray.Dataset({"failed_runs": 0}), "a.h5"), "path: a.h5: files of datasets must end in .nc"),
+        (lambda: bp.save(xarray.DataTree(), "a.nc"), "path: a.nc: must end in .h5 or .hdf5"),
+        (lambda: bp.save(xarray.Dataset({"failed_runs": 0}), "a.h5"), "path: a.h5: must end in .nc"),
     ],
 )
 def test_an_error_names_the_argument(call, message):
@@ -339,9 +340,9 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
         bp.plot(result, "mds")
     with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):
         bp.plot(result, "velocity_autocorrelation")
-    with pytest.raises(FigureError, match="result: has no dimension scene; plot it before squeeze or sel"):
+    with pytest.raises(FigureError, match="result: has no dimension scene, or nothing along it; plot"):
         bp.plot(result.squeeze())
-    with pytest.raises(FigureError, match="result: the dimension scene is empty"):
+    with pytest.raises(FigureError, match="result: has no dimension scene"):
         bp.plot(result.isel(scene=[]))
     with pytest.raises(FigureError, match="particles: 7 is not in the dataset"):
         bp.plot(result, particles=7)

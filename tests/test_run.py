@@ -132,7 +132,7 @@ def test_a_profile_says_where_jobs_run_and_how_many(said, study, started, plugin
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("slrum", "--profile slrum: must be a folder with config.yaml, or one of slurm"),
+        ("slrum", "profiles/slrum/config.yaml: cannot be read: No such file or directory"),
         ("other", "--profile other: there is no snakemake-executor-plugin-my-queue here; install it by pip"),
         ("empty", "empty/config.yaml: empty; must be a mapping of keys to values"),
     ],

@@ -107,7 +107,6 @@ STUDIES = [
     ("seeds: 60", "seeds: 0-99999999", 8, "seeds", "at most 10000000, not"),
     ("seeds: 60", "seeds: 3\ntolerance: 2%", 8, "seeds", "or a tolerance in their place; not both"),
     ("seeds: 60", "tolerance: 2%\ntarget: mds", 9, "target", "did you mean msd?"),
-    ("seeds: 60\nbatch: 30", "seeds: 10000\nbatch: 1", 9, "batch", "at most 10000 jobs (80000 with this one)"),
     ("particles: [50, 150]", "particles: [50, 50]", 4, "particles", "differ"),
     (
         "particles: [50, 150]",

@@ -7,7 +7,6 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 """
 
 import json
-import reprlib
 import sys
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -36,14 +35,14 @@ from brownpipe.provenance import modules_of, source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene
 from brownpipe.scene import read_scene as scene_of_file
-from brownpipe.scene.reading import AtLeastOne, NotNegative, Positive, did_you_mean, plain, validated
+from brownpipe.scene.reading import AtLeastOne, Positive, did_you_mean, plain, validated
 from brownpipe.scene.seeds import read_seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
 from brownpipe.storage.datasets import read_contents, read_dataset, write_dataset
 from brownpipe.storage.store import runs_digest, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, from_tree, to_tree, write_trajectories
 from brownpipe.study import forecast_of_runs, read_study
-from brownpipe.study.study import Rings
+from brownpipe.study.study import Rings, Windows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -137,17 +136,13 @@ def simulate(
     for name in settings.keys() - {*SETTINGS}:
         hint = did_you_mean(name, [*signature(simulate).parameters, *SETTINGS])
         raise RequestError(f"{name}: unknown; {hint.strip() or 'see help(brownpipe.simulate)'}")
-    if not isinstance(scene, SceneRecord | str | Path):
-        raise RequestError(f"scene: must be a scene or the path of a scene file, not {reprlib.repr(scene)}")
     if not isinstance(scene, SceneRecord):
-        scene = read_scene(scene, particles)
+        scene = scene_of_file(validated(Path, scene, key="scene"), plain(particles))
     elif particles is not None:
         raise RequestError("particles: must not be given with a scene, which has its number of disks")
     chosen = requested(engine, {key: plain(value) for key, value in settings.items()}, str)
     recorded = read_record(_words("record", record), "record")
-    several = isinstance(observables, Iterable) and not isinstance(observables, str)
-    given = [*map(named, observables)] if several else observables
-    names = tuple(filter(None, _words("observables", given).split(",")))
+    names = tuple(filter(None, _words("observables", observables).split(",")))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
         seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
     numbers = read_seeds(plain(seeds))
@@ -189,7 +184,7 @@ def analyse(
     a variable means. Raises AnalysisError for runs that do not belong together, or for times outside them.
     """
     several = list(runs) if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord) else [runs]
-    windows = _windows(fit_windows)
+    windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
     given = validated(Rings | None, plain(rings), key="rings")
     width, count = (given.dr, given.count) if given else (None, None)
     times = validated(tuple[Positive, ...], plain(displacement_times), key="displacement_times")
@@ -219,10 +214,12 @@ def scan(
     """
     base = scene if isinstance(scene, SceneRecord) else read_scene(scene)
     values = validated(Vary, plain(vary), key="vary")
+    windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
     keys = base.model_dump(exclude_unset=True)
     scenes = [scene_with(keys, "scene", one, name=base.name) for one in combinations(values, together)]
-    runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in scenes]
-    return aggregate(runs, _windows(fit_windows), vary=[*values], vary_together=together)
+    with progress.shown("scan", silent=quiet):
+        runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in progress.tracked(scenes, "scenes")]
+        return aggregate(runs, windows, vary=[*values], vary_together=together)
 
 
 def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] | None = None) -> Dataset:
@@ -305,11 +302,9 @@ def plot(
     validated(Literal[tuple(FIGURES)], figure, key="figure")
     if not _is_analysis(result):
         raise FigureError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
-    for dim in ("scene", "particles", "engine", "window"):
-        if dim not in result.dims and (dim in result.coords or dim != "window"):
-            raise FigureError(f"result: has no dimension {dim}; plot it before squeeze or sel, which remove it")
-        if result.sizes.get(dim) == 0:
-            raise FigureError(f"result: the dimension {dim} is empty; there is nothing to plot")
+    for dim in ("scene", "particles", "engine", *({"window"} & {*result.coords})):
+        if not result.sizes.get(dim):
+            raise FigureError(f"result: has no dimension {dim}, or nothing along it; plot it before squeeze or sel")
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
     if ax is not None:
@@ -335,15 +330,16 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
     the file cannot be written.
     """
     path = validated(Path, path, key="path")
+    if not (isinstance(data, DataTree) or _is_analysis(data)):
+        raise RequestError("data: must be what simulate, analyse or open returns")
+    suffixes = (".h5", ".hdf5") if isinstance(data, DataTree) else (".nc",)
+    if Path(path).suffix not in suffixes:
+        raise RequestError(f"path: {path}: must end in {' or '.join(suffixes)}")
     if isinstance(data, DataTree):
-        _refuse_suffix(path, "runs", (".h5", ".hdf5"))
         with progress.shown("save"):
             write_trajectories(path, *from_tree(data, strict=True)[:4])
-    elif _is_analysis(data):
-        _refuse_suffix(path, "datasets", (".nc",))
-        write_dataset(path, data)
     else:
-        raise RequestError("data: must be what simulate, analyse or open returns")
+        write_dataset(path, data)
 
 
 # -- runs -----------------------------------------------------------------------------------------------------------
@@ -365,21 +361,7 @@ def _words(name: str, value: Any) -> str:
     """Return names as one text with commas."""
     if not isinstance(value, Iterable):
         raise RequestError(f"{name}: must be a name or a list of names, not {value!r}")
-    return ",".join(str(word).strip() for word in (value.split(",") if isinstance(value, str) else value))
-
-
-def _windows(value: Any) -> tuple[tuple[float, float], ...] | None:
-    """Return fit windows, None for those by default."""
-    windows = validated(tuple[tuple[NotNegative, NotNegative], ...] | None, plain(value), key="fit_windows")
-    for window in windows or ():
-        if not window[0] < window[1]:
-            raise RequestError(f"fit_windows: must be two times [t0, t1] with t0 < t1, not {list(window)}")
-    return windows
-
-
-def _refuse_suffix(path: str | Path, what: str, suffixes: tuple[str, ...]) -> None:
-    if Path(path).suffix not in suffixes:
-        raise RequestError(f"path: {path}: files of {what} must end in {' or '.join(suffixes)}")
+    return ",".join(map(named, value.split(",") if isinstance(value, str) else value))
 
 
 def _is_analysis(data: object) -> bool:

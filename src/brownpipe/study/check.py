@@ -111,9 +111,10 @@ def _study(study: Study) -> list[str]:
 
 def _too_large(runs: RunSet) -> str | None:
     """Return one line of caution if a job needs more memory than this machine has."""
-    needed, available = forecast.memory(runs.cost, runs.most_seeds), forecast.machine_memory()
+    most = max(runs.jobs)
+    needed, available = forecast.memory(runs.cost, most), forecast.machine_memory()
     case = f"{runs.case.name}, N = {runs.case.particles}, {runs.engine.label}"
-    memory = f"a job of {runs.most_seeds:,} runs needs some {in_bytes(needed)} of memory"
+    memory = f"a job of {most:,} runs needs some {in_bytes(needed)} of memory"
     cure = f"must be at most `batch: {forecast.most_runs(runs.cost, available)}`, fewer samples or fewer disks"
     return f"{case}: {memory}, and this machine has {in_bytes(available)}; {cure}" if needed > available else None
 

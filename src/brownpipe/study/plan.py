@@ -24,12 +24,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import tradeoff
-from brownpipe.analysis import drift
 from brownpipe.analysis.dataset import refuse_taken
 from brownpipe.engines import Engine, forecast
 from brownpipe.engines.ensemble import joined, select
-from brownpipe.engines.placement import never_placed
 from brownpipe.errors import RequestError
+from brownpipe.inspection.reports import equilibrium
 from brownpipe.observables.own import is_own
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
@@ -37,9 +36,9 @@ from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS, ranges
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
 from brownpipe.storage.store import stored_runs, without
-from brownpipe.storage.trajectories import write_trajectories
-from brownpipe.study.run_sets import batches, pilot_runs, run_set, seconds_of_jobs
-from brownpipe.study.study import MOST_JOBS, REFERENCE, Study
+from brownpipe.storage.trajectories import Trajectories, write_trajectories
+from brownpipe.study.run_sets import pilot_runs, run_set, seconds_of_jobs
+from brownpipe.study.study import REFERENCE, Study
 from brownpipe.text import counted, in_lines, in_time
 
 SQUARES, DISTRIBUTION = "square_displacement", "displacement_distribution"  # an observable; a target
@@ -57,6 +56,7 @@ class Pilot(NamedTuple):
     folder: Path
     made: int  # runs that were not there before
     seconds: float  # of CPU, to make them
+    settled: list[str]  # a line that says whether the runs drift, if that is tested
 
 
 def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
@@ -69,8 +69,7 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     squares = SQUARES if SQUARES in observables and target != DISTRIBUTION else None
     if squares is None and "tracer" not in record:
         raise RequestError(f"{study.name}: the target {target} needs record: tracer, or {SQUARES} for msd and d")
-    _refuse_unplaceable(scene)
-    cost, first = engine.forecast(scene, *study.recording), _first_seed(study)
+    cost, first = engine.forecast(scene, *study.recording), next(iter(study.seeds), 0)
     wanted = run_set(study, scene, engine, range(first, first + pilot_runs(cost)))
     seeds = np.asarray(wanted.seeds)
     parts = stored_runs(scene, engine, wanted.digest, seeds)
@@ -89,12 +88,10 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     if made := sum(last - first + 1 for first, last in missing):
         cost = cost._replace(seconds=max(seconds / made, 1e-9))
     every = joined(parts)
-    runs = tradeoff.runs_of(scene, engine, select(every, np.isin(every.seeds, seeds)), squares)
-    return Pilot(runs, cost, wanted.folder, made, time.process_time() - began)
-
-
-def _first_seed(study: Study) -> int:
-    return study.seeds[0] if study.seeds else 0
+    ensemble = select(every, np.isin(every.seeds, seeds))
+    runs = tradeoff.runs_of(scene, engine, ensemble, squares)
+    settled = equilibrium(Trajectories(scene, engine, ensemble))
+    return Pilot(runs, cost, wanted.folder, made, time.process_time() - began, settled)
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
@@ -107,13 +104,6 @@ def spent_on(pilots: Sequence[Pilot]) -> str:
 def case_title(scene: Scene) -> str:
     """Return scene and number of disks, as messages name a case."""
     return f"{scene.name}, N = {scene.particles}"
-
-
-def _refuse_unplaceable(scene: Scene) -> None:
-    """Raise RequestError if hardly any run finds places for all disks."""
-    if never_placed(scene):
-        cure = "must be fewer or smaller disks, or `placement: lattice`"
-        raise RequestError(f"{case_title(scene)}: the runs are expected to fail at placement; {cure}")
 
 
 # -- the runs of a study with a tolerance
@@ -129,13 +119,10 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
         raise RequestError(f"{study.name}: --count is for a study with a tolerance; this one says its seeds")
     needed, pilots = dict[str, int](), list[Pilot]()
     for case in tracked(study.cases, "cases"):
-        _refuse_unplaceable(case)
-        scatter, sound = tradeoff.bias.spread_of_shares(), 1.0
-        if study.target != DISTRIBUTION:  # which is known without pilot runs
-            pilots.append(pilot_of(study, case, REFERENCE, study.target))
-            runs = pilots[-1].runs
-            scatter, sound = tradeoff.spread_of(runs, study.target, study.fit_windows[0]), runs.share_sound
-        needed[case_title(case)] = tradeoff.runs_for(study.tolerance, 0.0, scatter, sound)
+        pilots.append(pilot_of(study, case, REFERENCE, study.target))
+        runs = pilots[-1].runs
+        scatter = tradeoff.spread_of(runs, study.target, study.fit_windows[0])
+        needed[case_title(case)] = tradeoff.runs_for(study.tolerance, 0.0, scatter, runs.share_sound)
     title, most = max(needed.items(), key=lambda item: item[1])
     if most > MOST_SEEDS:
         raise RequestError(f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}")
@@ -147,8 +134,7 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
 def settled(study: Study, path: str | Path | None) -> Study:
     """Return the study with as many seeds as the file that `write_plan` wrote says; one that has seeds is unchanged.
 
-    A `batch` too small for so many runs is replaced by batches of their cost. Raises RequestError if there is no such
-    file, StorageError if it is not as it was written.
+    Raises RequestError if there is no such file, StorageError if it is not as it was written.
     """
     if study.tolerance is None:
         return study
@@ -156,33 +142,21 @@ def settled(study: Study, path: str | Path | None) -> Study:
         raise RequestError("--plan: missing; the number of runs for a tolerance is in results/STUDY/plan/*.yaml")
     with naming(path, "plan"):
         read_sealed(path)
-    runs = read_yaml(path)["runs"]
-    too_many = study.batch is not None and runs * len(study.cases) > MOST_JOBS * study.batch
-    return study.model_copy(update={"seeds": range(runs)} | ({"batch": None} if too_many else {}))
+    return study.model_copy(update={"seeds": range(read_yaml(path)["runs"])})
 
 
 # -- engines for a tolerance
 
 
 class Performance(NamedTuple):
-    """Errors of the target by an engine in a case, relative to the exact mean, and the cost of a run."""
+    """Errors of the target by an engine in a case, relative to the exact mean; number and cost of runs it takes."""
 
     scene: Scene
     engine: Engine
     bias: float  # 0 for the exact engine
     bias_error: float  # standard error of the bias
-    spread: float  # standard deviation over runs
+    runs: int | None  # that the tolerance needs, failing ones included; None for a bias too large
     cost: forecast.Cost  # of one run
-    share_sound: float = 1.0  # of runs that do not fail
-    settled: str = ""  # whether the pilot runs drift, in words; "" if that was not tested
-
-    def runs_for(self, tolerance: float) -> int | None:
-        """Return the runs, failing ones included, that a tolerance needs; None for a bias too large."""
-        return tradeoff.runs_for(tolerance, self.bias**2 + self.bias_error**2, self.spread, self.share_sound)
-
-    def seconds_of(self, runs: int) -> float:
-        """Return the CPU seconds of the jobs of so many runs."""
-        return seconds_of_jobs(self.cost, runs, len(batches(range(runs), self.cost)))
 
 
 class Offer(NamedTuple):
@@ -193,54 +167,41 @@ class Offer(NamedTuple):
     seconds: float  # of CPU, of the jobs of all cases
 
 
-def performance_of(study: Study, target: str) -> tuple[list[list[Performance]], list[Pilot]]:
+def performance_of(study: Study, target: str, tolerance: float) -> tuple[list[Performance], list[Pilot]]:
     """Return the performance of the study's engines in each case, in their order, and the pilot runs.
 
     Approximate engines are compared with pilot runs of the exact engine, also if the study does without it.
     """
     quantity = "displacement" if target == DISTRIBUTION else target
     names = [f"{quantity}_{part}" for part in ("bias", "bias_standard_error", "spread")]  # of `tradeoff.compare`
-    cases, pilots = list[list[Performance]](), list[Pilot]()
-    for scene in tracked(study.cases, "cases"):
-        engines = [use.engine for use in study.uses if use.case is scene]
+    found, pilots = list[Performance](), list[Pilot]()
+    for case in tracked(study.cases, "cases"):
+        engines = [use.engine for use in study.uses if use.case is case]
         every = [*dict.fromkeys([REFERENCE, *engines])]
-        found = {engine: pilot_of(study, scene, engine, target) for engine in tracked(every, "engines")}
-        exact = found[REFERENCE].runs
-        cases.append([])
+        of_engine = {engine: pilot_of(study, case, engine, target) for engine in tracked(every, "engines")}
         for engine in engines:
-            runs, cost, *_ = found[engine]
-            values = tradeoff.compare(runs, exact, study.fit_windows[0], cost.seconds)
+            runs, cost, *_ = of_engine[engine]
+            values = tradeoff.compare(runs, of_engine[REFERENCE].runs, study.fit_windows[0], cost.seconds)
             bias, error, spread = (float(values[name]) for name in names)
-            cases[-1].append(Performance(scene, engine, bias, error, spread, cost, runs.share_sound, _settled(runs)))
-        pilots += found.values()
-    return cases, pilots
+            needed = tradeoff.runs_for(tolerance, bias**2 + error**2, spread, runs.share_sound)
+            found.append(Performance(case, engine, bias, error, needed, cost))
+        pilots += of_engine.values()
+    return found, pilots
 
 
-def _settled(runs: tradeoff.EngineRuns) -> str:
-    """Return what drifts within runs, and the time to equilibrate to try; or the drift that would have been found."""
-    if not drift.is_tested(runs.scene, runs.engine):
-        return ""
-    found = drift.drift_of(runs.quarters)
-    if not np.isfinite(found.p).any():
-        return drift.TOO_FEW
-    least = drift.found_with_power(found.error, len(runs.seeds), len(found.quantity))
-    none = f"no drift within the runs; 90 % of the pressure's drifts by {_percent(least)} are found"
-    return drift.in_words(found, drift.time_to_try(runs.scene)) or none
-
-
-def offers(cases: Sequence[Sequence[Performance]], tolerance: float) -> list[Offer]:
+def offers(performances: Sequence[Performance]) -> list[Offer]:
     """Return the offers of engines that meet the tolerance in all cases, the cheapest first."""
-    made = []
-    for engine in [performance.engine for performance in cases[0]]:
-        of_engine = [each for case in cases for each in case if each.engine == engine]
-        needed = [each.runs_for(tolerance) for each in of_engine]
-        if None not in needed and len(needed) == len(cases) and max(needed) <= MOST_SEEDS:
-            made.append(Offer(engine, max(needed), sum(each.seconds_of(max(needed)) for each in of_engine)))
+    made, cases = list[Offer](), {case_title(each.scene) for each in performances}
+    for engine in dict.fromkeys(each.engine for each in performances):
+        of_engine = [each for each in performances if each.engine == engine]
+        runs = max(each.runs or MOST_SEEDS + 1 for each in of_engine)
+        if len(of_engine) == len(cases) and runs <= MOST_SEEDS:
+            made.append(Offer(engine, runs, sum(seconds_of_jobs(each.cost, runs) for each in of_engine)))
     return sorted(made, key=lambda offer: offer.seconds)
 
 
-def recommendation(cases: Sequence[Sequence[Performance]], target: str, tolerance: float) -> str:
-    """Return a table of the engines in each case, and the best two offers for all cases."""
+def recommendation(performances: Sequence[Performance], pilots: Sequence[Pilot], target: str, tolerance: float) -> str:
+    """Return a table of the engines in each case, whether runs drift, and the best two offers for all cases."""
     import pandas as pd  # takes 0.3 s
 
     rows = [
@@ -249,14 +210,13 @@ def recommendation(cases: Sequence[Sequence[Performance]], target: str, toleranc
             "engine": each.engine.label,
             "CPU of a run": in_time(each.cost.seconds),
             f"bias of {target}": f"{_percent(each.bias)} +- {_percent(each.bias_error)}",
-            "runs": each.runs_for(tolerance) or "bias too large",
+            "runs": each.runs or "bias too large",
         }
-        for case in cases
-        for each in case
+        for each in performances
     ]
-    settled = [f"{case_title(case[0].scene)}: {case[0].settled}" for case in cases if case[0].settled]
+    settled = [f"{case_title(pilot.runs.scene)}: {line}" for pilot in pilots for line in pilot.settled]
     lines = [*pd.DataFrame(rows).to_string(index=False).splitlines(), *settled, f"{target} to {_percent(tolerance)}:"]
-    made = offers(cases, tolerance)
+    made = offers(performances)
     for word, offer in zip(("use", "or"), made, strict=False):
         runs = f"{offer.engine.label}: {offer.runs:,} runs in each case"
         lines.append(f"{word:<4}{runs}; {in_time(offer.seconds)} of CPU")
@@ -270,7 +230,7 @@ def _percent(share: float) -> str:
 def write_study(study: Study, study_file: str | Path, path: str | Path, offer: Offer, comment: str) -> None:
     """Write a study below a line of comment, all or nothing: what another study runs, with the runs of an offer."""
     mapping: dict[str, Any] = {key: value for key, value in read_yaml(study_file).items() if key not in NOT_INHERITED}
-    folder, first = Path(path).resolve().parent, _first_seed(study)
+    folder, first = Path(path).resolve().parent, next(iter(study.seeds), 0)
     mapping["scenes"] = [os.path.relpath(scene, folder) for scene in study.scenes]
     mapping["observables"] = [os.path.relpath(name, folder) if is_own(name) else name for name in study.observables]
     mapping["engines"] = [{"name": offer.engine.name, **dict(offer.engine.settings)}]

@@ -57,14 +57,10 @@ class RunSet(NamedTuple):
         """The digits at the end of the folder."""
         return self.digest[:DIGITS]
 
-    def jobs(self, seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
-        """Return first and last seed of each job that makes these seeds."""
-        return batches(seeds, self.cost, self.batch)
-
     @property
-    def most_seeds(self) -> int:
-        """The largest number of seeds of a job."""
-        return max(last - first + 1 for first, last in self.jobs(self.seeds))
+    def jobs(self) -> list[int]:
+        """The number of seeds of each job."""
+        return [last - first + 1 for first, last in batches(self.seeds, self.cost, self.batch)]
 
 
 def batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int | None = None) -> list[tuple[int, int]]:
@@ -92,11 +88,7 @@ def _power_of_two(number: float) -> int:
 
 def run_sets(study: Study) -> list[RunSet]:
     """Return the runs of a study, case by case; their seeds must be known, or there are none yet."""
-    sets = []
-    for case in study.cases:
-        for engine, _, seeds in (use for use in study.uses if use.case is case):
-            sets.append(run_set(study, case, engine, seeds or study.seeds))
-    return sets
+    return [run_set(study, use.case, use.engine, use.seeds or study.seeds) for use in study.uses]
 
 
 def run_set(study: Study, case: Scene, engine: Engine, seeds: Sequence[int]) -> RunSet:
@@ -109,7 +101,7 @@ def batches_of(runs: RunSet) -> list[tuple[int, int]]:
     """Return first and last seed of each file: those that are there, and those to be made of the seeds that are not."""
     seeds = np.asarray(runs.seeds, np.int64)
     stored = stored_batches(runs.folder, seeds)
-    return sorted([*stored, *runs.jobs(without(seeds, stored))])
+    return sorted([*stored, *batches(without(seeds, stored), runs.cost, runs.batch)])
 
 
 def files_of(study: Study) -> list[StoredFile]:
@@ -198,17 +190,17 @@ def describe_workload(study: Study) -> str:
     """Return the workload of the whole study in one line. Its seeds must be known."""
     sets = run_sets(study)
     total = counted(sum(len(runs.seeds) for runs in sets), "run")
-    jobs = [len(runs.jobs(runs.seeds)) for runs in sets]
-    cpu = sum(seconds_of_jobs(runs.cost, len(runs.seeds), number) for runs, number in zip(sets, jobs, strict=True))
+    jobs = counted(sum(len(runs.jobs) for runs in sets), "job")
+    cpu = sum(seconds_of_jobs(runs.cost, len(runs.seeds), len(runs.jobs)) for runs in sets)
     size = in_bytes(sum(len(runs.seeds) * runs.cost.recorded for runs in sets))
-    return f"{total} in {counted(sum(jobs), 'job')}: some {in_time(cpu)} of CPU, {size} of runs"
+    return f"{total} in {jobs}: some {in_time(cpu)} of CPU, {size} of runs"
 
 
 def requests(study: Study) -> dict[str, dict[str, object]]:
     """Return the `resources` of each rule: functions of wildcards and attempt, each twice as large."""
     sets = run_sets(with_assumed_runs(study))
     costs, data = {runs.key: runs.cost for runs in sets}, sum(len(runs.seeds) * runs.cost.kept for runs in sets)
-    files = [runs.most_seeds * runs.cost.kept for runs in sets]
+    files = [max(runs.jobs) * runs.cost.kept for runs in sets]
     memory = ANALYSIS + REPLICATES * max(cost.kept for cost in costs.values()) + COPIES * max(files)
     seconds = SECONDS_PER_CASE * len(sets) + SECONDS_PER_BYTE * data
     exact = [REFERENCE.forecast(case, *study.recording) for case in study.cases]

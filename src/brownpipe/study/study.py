@@ -31,7 +31,6 @@ from brownpipe.text import shell_path
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
 MOST_RINGS = 100_000
-MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
 REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of these keys
@@ -56,6 +55,10 @@ def _engine_kind(name: str) -> Any:
     return create_model(name, __base__=settings_of(name), **keys)
 
 
+def _ascending(window: tuple[float, float]) -> tuple[float, float]:
+    return window if window[0] < window[1] else refuse(f"must be [t0, t1] with t0 < t1, not {list(window)}")
+
+
 def _own_name(name: str) -> str:
     return name if is_own(name) else refuse("must be my_module:my_function")
 
@@ -78,7 +81,8 @@ Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, least=0))]
 Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
-Windows = Annotated[tuple[tuple[float, float], ...], As(reading.distinct(tuple[NotNegative, NotNegative], 1))]
+Window = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ascending)]
+Windows = Annotated[tuple[tuple[float, float], ...], As(reading.distinct(Window, 1))]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
 
 
@@ -128,7 +132,7 @@ class Study(Record):
         name: str  # the stem of the study file
         cases: tuple[Scene, ...]  # each scene with each combination of varied keys and each particle count
         varied: dict[str, tuple[Path, dict[str, Any]]]  # scene file and values of varied keys, by the scene's name
-        uses: tuple[EngineUse, ...]  # the engines in their cases, in the order of the study file
+        uses: tuple[EngineUse, ...]  # the engines, case by case
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
@@ -180,7 +184,8 @@ class Study(Record):
                 if any(use.engine == engine and use.case is case for use in uses):
                     refuse("must be engines or settings that differ", "engines")
                 uses.append(EngineUse(engine, case, seeds))
-        self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)), uses=tuple(uses))
+        by_case = [use for case in self.cases for use in uses if use.case is case]
+        self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)), uses=tuple(by_case))
 
     def _refuse_unknown(self, scenes: Sequence[str], *path: str | int) -> None:
         """Refuse names that are not of the study's scenes."""
@@ -200,9 +205,6 @@ class Study(Record):
         listed = [case.name for case in self.cases if case.listed]
         if listed and max(sizes) > 1:
             refuse(_repetition(listed[0], max(sizes)), "seeds")
-        jobs = sum(-(-size // self.batch) for size in sizes) if self.batch else 0
-        if jobs > MOST_JOBS:
-            refuse(f"must be large enough for at most {MOST_JOBS} jobs ({jobs} with this one)", "batch")
 
     def _check_figures(self) -> None:
         """Refuse figures without data; by default there are all whose needs are met."""
@@ -239,7 +241,7 @@ class Study(Record):
                 refuse(f"{case.name}, N = {case.particles}: {refusal[1]}", refusal[0])
             for k, (t0, t1) in enumerate(self.fit_windows or ()):
                 inside = np.count_nonzero((case.times >= t0) & (case.times <= t1))
-                if not t0 < t1 <= case.duration or inside < 3:
+                if t1 > case.duration or inside < 3:
                     allowed = f"t0 < t1 <= {case.duration!r} and three samples or more of {case.name}"
                     refuse(f"must be [t0, t1] with {allowed}, not {[t0, t1]}", "fit_windows", k)
         self._resolve(fit_windows=self.fit_windows or default_windows(self.cases))

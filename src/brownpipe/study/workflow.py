@@ -117,15 +117,10 @@ def run_study(study_file: str, cores: int | None, profile: str | None, further: 
 def profile_folder(profile: str) -> Path:
     """Return the folder of a profile of Snakemake, which says where jobs run: `profile` itself, or one of brownpipe's.
 
-    Raises RequestError if there is none, or if Snakemake's plugin for its executor is not installed.
+    Raises RequestError if it has no config.yaml, or if Snakemake's plugin for its executor is not installed.
     """
-    own = pipeline_folder() / "profiles"
-    folder = next(
-        (path for path in (Path(profile).absolute(), own / profile) if (path / "config.yaml").is_file()), None
-    )
-    if folder is None:
-        names = sorted(path.parent.name for path in own.glob("*/config.yaml") if path.parent.name != "default")
-        raise RequestError(f"--profile {profile}: must be a folder with config.yaml, or one of {', '.join(names)}")
+    given = Path(profile).absolute()
+    folder = given if given.is_dir() else pipeline_folder() / "profiles" / profile
     executor = str(dict(read_yaml(folder / "config.yaml")).get("executor", "local"))
     if executor != "local" and not find_spec(f"snakemake_executor_plugin_{executor.replace('-', '_')}"):
         raise RequestError(

@@ -117,9 +117,9 @@ def plan(arguments: Namespace) -> int:
     inputs = (arguments.study, *map(str, study.scenes))
     output = None if arguments.write is None else writable(arguments.write, *inputs, suffixes=YAML)
     with progress.shown("plan"):
-        cases, pilots = performance_of(study, target)
-    show(*recommendation(cases, target, tolerance).split("\n"))
-    best = next(iter(offers(cases, tolerance)), None)
+        found, pilots = performance_of(study, target, tolerance)
+    show(*recommendation(found, pilots, target, tolerance).split("\n"))
+    best = next(iter(offers(found)), None)
     if output is not None and best is not None:
         write_study(study, arguments.study, output, best, f"brownpipe plan {shlex.join(arguments.argv[1:])}")
         show(f"{output}: a study with this engine and number of runs")
