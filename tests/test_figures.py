@@ -155,12 +155,6 @@ def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path)
         render(without, tmp_path, [name])
 
 
-@pytest.mark.parametrize("variable", ["msd_high", "msd_standard_error"])
-def test_a_variable_that_was_dropped_is_named(dataset, variable):
-    with pytest.raises(FigureError, match=f"^msd: cannot be drawn: the dataset has no variable {variable}$"):
-        made("msd", dataset.drop_vars(variable))
-
-
 @pytest.mark.slow
 def test_figures_and_particle_count_asked_for(plain, dataset, tmp_path, no_pictures):
     def shown(data, particles=None):

@@ -17,7 +17,6 @@ MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the
 MOST_DOTS = 60  # samples shown as dots
 LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
 FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
-HEIGHTS = (4.4, 3.2)  # of the two panels of a column [inch]
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:

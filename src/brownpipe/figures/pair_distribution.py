@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from pandas import DataFrame
 from xarray import DataArray, Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.pairs import NORMAL
 from brownpipe.figures import style
-from brownpipe.figures.cases import defined, estimate_of, frame_of, has
+from brownpipe.figures.cases import defined, estimate_of, has
 
 NAME = "pair_distribution"
 LABELS = ("pair distribution function $g(r)$",)
-HEIGHTS = (3.6,)
+TABLE = (("species_pair", "distance"), (NAME,))
 CONTACTS = {
     "contact_value": ("at contact, by extrapolation", style.FIT, "o"),
     "contact_value_rate": ("at contact, from the collision rate", style.MODEL, "s"),
@@ -98,8 +97,3 @@ def _pooled(pair: Dataset, number: int) -> Dataset:
     mean = total(ring * pair[NAME]) / total(ring)
     reach = NORMAL * np.sqrt(total((ring * pair[f"{NAME}_standard_error"]) ** 2)) / total(ring)
     return Dataset({NAME: mean, f"{NAME}_low": mean - reach, f"{NAME}_high": mean + reach})
-
-
-def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case, pair of species and distance."""
-    return frame_of(cases, ("species_pair", "distance"), [NAME])

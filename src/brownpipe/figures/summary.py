@@ -106,8 +106,8 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     """Return the results of each scene, particle count and engine; `chosen` are the figures that the study names.
 
     The columns are what an observable, an option of the analysis or a figure asks for, or without any all that the
-    dataset has, with standard errors over runs. If rings or displacement times were asked for, there is the verdict on eq. (18) with
-    either D. All tests of the table are one family: a model is rejected at the family-wise level (Holm).
+    dataset has, with standard errors over runs. If rings or displacement times were asked for, there is the verdict on
+    eq. (18) with either D. All tests of the table are one family: a model is rejected at the family-wise level (Holm).
     """
     cases = _cases(dataset)
     options = json.loads(dataset.attrs.get("options", "{}"))

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.figures import style
-from brownpipe.figures.cases import frame_of, has, over_time, plus_minus
+from brownpipe.figures.cases import has, over_time, plus_minus
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
@@ -23,7 +22,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 }
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 LABELS = (f"velocity autocorrelation\n{LABEL}", LABEL)
-HEIGHTS = (3.85, 3.35)  # of the two panels of a column [inch]
+TABLE = (("time",), LOOKS)
 TAIL = 10  # the logarithmic axis extends at most by this factor below a curve to show its band
 
 
@@ -109,8 +108,3 @@ def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> list[list[float]]:
         extents.append([*sorted(height / ends)])
         upper.plot([], [], color=style.INK, linewidth=1, label="decay as $1/t$ (lower panel)")
     return extents
-
-
-def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and time."""
-    return frame_of(cases, ("time",), LOOKS)
