@@ -23,7 +23,6 @@ LOOKS: dict[str, dict[str, Any]] = {
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 LABELS = (f"velocity autocorrelation\n{LABEL}", LABEL)
 TABLE = (("time",), LOOKS)
-TAIL = 10  # the logarithmic axis extends at most by this factor below a curve to show its band
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
@@ -70,41 +69,34 @@ def _rate_in_words(case: Dataset) -> str:
 
 def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     """Draw the decays on logarithmic axes as far as they are resolved."""
-    limits = [[0.5, 1.2]]
+    least = 0.5
     for (upper, lower), group in zip(axes.T, groups, strict=True):
         cases = [over_time(case, TRACER) for case in group]
-        limits += _tails(upper, lower, cases)
+        least = min(least, *_tails(upper, lower, cases))
         times = np.concatenate([case.time.values for case in cases])
         style.log_axis(lower, "x", times[times > 0].min(), times.max())
         lower.set_xlabel("time $t$")
-    low, high = zip(*limits, strict=True)
-    style.log_axis(axes[1, 0], "y", min(low) / 1.2, max(high) * 1.2)
+    style.log_axis(axes[1, 0], "y", least / 3, 1.5)
 
 
-def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> list[list[float]]:
-    """Draw the decays on logarithmic axes as far as they are resolved, and the slope of the 1/t tail; return extents.
+def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> list[float]:
+    """Draw the decays on logarithmic axes as far as they are resolved, with a slope of 1/t; return their least values.
 
-    A curve ends where its 95 % band, or without one the curve, first reaches zero: the rest is noise. Bands that come
-    close to 0 are cut off (TAIL).
+    A curve ends where its 95 % band, or without one the curve, first reaches zero: the rest is noise.
     """
-    tails, extents = [], []
+    tails = []
     for curve, line in _curves(cases, {}):
         later = curve.isel(time=curve.time.values > 0)
         low = later.get(f"{TRACER}_low", later[TRACER]).values
         tail = later.isel(time=np.logical_and.accumulate(low > 0))
         if tail.sizes["time"]:
             style.band(axes, tail, TRACER, **line)
-            least = max(float(tail.to_dataarray().min()), float(tail[TRACER].min()) / TAIL)
-            extents.append([least, float(tail.to_dataarray().max())])
             tails.append(tail)
     if not tails:
         axes.text(0.5, 0.5, "not resolved from 0", ha="center", color=style.GREY, transform=axes.transAxes)
     for tail in [tail for tail in tails if tail.sizes["time"] > 2][:1]:  # a guide above its end
-        t = tail.time.values
-        late = t >= t[-1] / 3
-        height = 2.5 * np.exp(np.mean(np.log(tail[TRACER].values[late] * t[late])))
-        ends = np.array([max(t[-1] / 3, t[0]), t[-1]])
-        axes.plot(ends, height / ends, color=style.INK, linewidth=1)
-        extents.append([*sorted(height / ends)])
+        t = tail.time.values[tail.time.values >= tail.time.values[-1] / 3]
+        guide = 2.5 * float((tail[TRACER] * tail.time).sel(time=t).mean()) / t
+        axes.plot(t, guide, color=style.INK, linewidth=1)
         upper.plot([], [], color=style.INK, linewidth=1, label="decay as $1/t$ (lower panel)")
-    return extents
+    return [1.0, *(float(tail[TRACER].min()) for tail in tails)]
