@@ -36,16 +36,14 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
     axes.axhline(1, color=style.GREY, linewidth=0.8)
     for contact in {*contacts}:
         axes.axvline(contact, color=style.GREY, linestyle=style.DOTTED, linewidth=1)
-    if len(pairs) == 1 and not looks:
-        _curve(axes, pairs[0], color=style.DATA, label=f"{int(pairs[0].runs):,} runs, 95 % band")
-        for name in (name for name in CONTACTS if has(pairs[0], name)):
-            label, colour, marker = CONTACTS[name]
-            label += f": {estimate_of(pairs[0], name)}"
-            style.points(axes, contacts, pairs, name, fmt=marker, color=colour, label=label)
-    else:
-        for pair, line in style.told_apart(pairs, _contact_in_words, looks):
-            _curve(axes, pair, **line)
-            style.points(axes, [float(pair.contact_distance)], [pair], "contact_value", fmt="o", color=line["color"])
+    single = len(pairs) == 1 and not looks
+    for pair, line in style.told_apart(pairs, _runs_in_words if single else _contact_in_words, looks):
+        _curve(axes, pair, **line)
+        for name in (name for name in CONTACTS if has(pair, name)):
+            words, colour, marker = CONTACTS[name]
+            label = f"{words}: {estimate_of(pair, name)}" if single else "_"
+            look = {"color": colour if single else line["color"], "fmt": marker, "label": label}
+            style.points(axes, [float(pair.contact_distance)], [pair], name, **look)
     _theory(axes, pairs, named=not looks)
     end = max(float(pair.distance[-1]) for pair in pairs)
     axes.set_xlim(min(contacts) - 0.04 * (end - min(contacts)), end)
@@ -55,6 +53,10 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
 def _beyond_contact(pair: Dataset) -> Dataset:
     pair = defined(pair, NAME, "distance")
     return pair.isel(distance=pair.distance.values > float(pair.contact_distance))
+
+
+def _runs_in_words(pair: Dataset) -> str:
+    return f"{int(pair.runs):,} runs, 95 % band"
 
 
 def _contact_in_words(pair: Dataset) -> str:

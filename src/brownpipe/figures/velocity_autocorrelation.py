@@ -4,7 +4,7 @@ The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md
 two dimensions.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,17 +12,14 @@ from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures import style
-from brownpipe.figures.cases import has, over_time, plus_minus
+from brownpipe.figures.cases import PARTS, has, over_time, plus_minus
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
-LOOKS: dict[str, dict[str, Any]] = {
-    TRACER: {"color": style.DATA, "linestyle": "-"},
-    BATH: {"color": style.FIT, "linestyle": style.DASHED},
-}
+SLOPE = "vacf_initial_slope"
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 LABELS = (f"velocity autocorrelation\n{LABEL}", LABEL)
-TABLE = (("time",), LOOKS)
+TABLE = (("time",), (TRACER, BATH))
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
@@ -43,28 +40,27 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     style.time_axis(axes, cases)
 
 
-def _curves(cases: list[Dataset], looks: Mapping[str, Any]) -> list[tuple[Dataset, dict[str, Any]]]:
+def _curves(cases: list[Dataset], looks: Mapping[str, Any]) -> Iterator[tuple[Dataset, dict[str, Any]]]:
     """The correlations divided by their values at t = 0, under the tracer's name, and their looks."""
-    if len(cases) > 1 or looks:
-        return [(_normalised(case, TRACER), line) for case, line in style.told_apart(cases, _rate_in_words, looks)]
-    (case,) = cases
-    names = [name for name in LOOKS if has(case, name)]
-    rate = _rate_in_words(case)
-    tracer = ("tracer" if BATH in names else "disks") + (f": {rate}" if rate else "")
-    return [(_normalised(case, name), LOOKS[name] | {"label": tracer if name == TRACER else "bath"}) for name in names]
+    names = [TRACER, BATH] if len(cases) == 1 and not looks else [TRACER]
+    curves = [_normalised(case, name) for case in cases for name in names if has(case, name)]
+    return style.told_apart(curves, _rate_in_words, looks)
 
 
 def _normalised(case: Dataset, name: str) -> Dataset:
-    parts = [part for part in ("", "_low", "_high") if f"{name}{part}" in case]
-    return Dataset({f"{TRACER}{part}": case[f"{name}{part}"] / float(case[name][0]) for part in parts})
+    """The case with the correlation of this name and its initial slope, if it is the tracer's, over its first value."""
+    scaled = {TRACER: name, SLOPE: SLOPE if name == TRACER else ""}
+    parts = {f"{new}{part}": f"{old}{part}" for new, old in scaled.items() for part in PARTS}
+    curve = case.drop_dims("species", errors="ignore").drop_vars([new for new in parts if new in case])
+    curve = curve.assign({new: case[old] / float(case[name][0]) for new, old in parts.items() if old in case})
+    return curve.assign_coords(species="bath" if name == BATH else "tracer")
 
 
-def _rate_in_words(case: Dataset) -> str:
+def _rate_in_words(curve: Dataset) -> str:
     """The measured initial decay rate of the tracer's correlation, for the legend; empty where it is not known."""
-    if not has(case, "vacf_initial_slope"):
+    if not has(curve, SLOPE):
         return ""
-    rate, error = (float(case[f"vacf_initial_slope{part}"] / case[TRACER][0]) for part in ("", "_standard_error"))
-    return f"initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
+    return f"initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-curve[SLOPE], curve[f'{SLOPE}_standard_error'])}"
 
 
 def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
