@@ -155,12 +155,6 @@ def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path)
         render(without, tmp_path, [name])
 
 
-@pytest.mark.parametrize("variable", ["msd_high", "msd_standard_error"])
-def test_a_variable_that_was_dropped_is_named(dataset, variable):
-    with pytest.raises(FigureError, match=f"^msd: cannot be drawn: the dataset has no variable {variable}$"):
-        made("msd", dataset.drop_vars(variable))
-
-
 @pytest.mark.slow
 def test_figures_and_particle_count_asked_for(plain, dataset, tmp_path, no_pictures):
     def shown(data, particles=None):
@@ -591,13 +585,13 @@ def test_the_answer_begins_with_what_the_study_measured(dataset):
 
 
 def test_msd_and_d_are_in_the_answer_if_they_were_asked_for(plain, dataset):
-    """By an option of the analysis, by a figure, or as there is nothing else."""
+    """By an option of the analysis or a figure; and beside all else that was measured if nothing is asked for."""
     by_default = dataset.assign_attrs(options="{}").drop_vars(
         [name for name in dataset.data_vars if name.startswith(("diffusion_running", "species_energy"))]
     )
     assert "D" not in columns(by_default) and "Z" in columns(by_default)
     assert "D" in columns(by_default, "msd") and "D" in columns(by_default.assign_attrs(options=plain.options))
-    assert [*columns(plain.assign_attrs(options="{}"))][3:] == ["MSD(t = 1)", "D"]
+    assert [*columns(plain.assign_attrs(options="{}"))][3:] == ["collision rate", "MSD(t = 1)", "D"]
     assert [*columns(plain.assign_attrs(options="{}"), "thermodynamics", "health")][3:] == ["collision rate"]
 
 
@@ -704,5 +698,5 @@ def test_the_summary_of_averages_has_no_distribution(tmp_path):
     ensemble = runs.ensemble._replace(tracer=None, observables=measured, average="disks")
     write_trajectories(tmp_path / "a.h5", scene, Engine("exact"), ensemble)
     text = summary(aggregate([tmp_path / "a.h5"])).splitlines()
-    assert text[0].split() == ["scene", "N", "runs", "MSD(t", "=", "1)", "D"]
+    assert text[0].split() == ["scene", "N", "runs", "collision", "rate", "MSD(t", "=", "1)", "D"]
     assert not any("rejected" in line for line in text)

@@ -86,7 +86,9 @@ def test_video_is_what_ffmpeg_makes_of_raw_frames(path, frames, tmp_path, monkey
     height, width, _ = frames[-1].shape
     assert width % 2 == height % 2 == 0  # or H.264 refuses
     of_video = np.frombuffer(raw, np.uint8).reshape(3, height, width, 4)[..., :3]
-    assert abs(of_video[-1] - frames[-1].astype(int)).mean() < 1  # the GIF has fewer colours
+    assert (
+        abs(of_video[-1] - frames[-1].astype(int)).max() < 16
+    )  # the width of the cells in which the GIF has one colour
     stand_in.write_text(f"#!{sys.executable}\nraise SystemExit(7)\n")
     assert main(["movie", str(path), "--output", str(tmp_path / "b.mp4"), "--frames", "1"]) == FAILED
     assert "ffmpeg failed with exit status 7" in capsys.readouterr().err
@@ -109,21 +111,20 @@ def test_refusals(path, tmp_path, capsys):
 
 def test_images_of_disks_that_reach_over_an_edge():
     scene = make_scene(particles=2, boundary="periodic")
-    centres, which = movie._with_images(scene, np.array([[-2.9, 2.8], [0.0, -2.95]]))
+    centres, which = movie.with_images(scene, np.array([[-2.9, 2.8], [0.0, -2.95]]))
     found = sorted((int(k), *map(float, centre.round(9))) for k, centre in zip(which, centres, strict=True))
     corner = [(0, x, y) for x in (-2.9, 3.1) for y in (-3.2, 2.8)]
     assert found == [*corner, (1, 0.0, -2.95), (1, 0.0, 3.05)]
     assert list(which) == sorted(which, reverse=True)  # the disk that is followed lies on top
     walled = make_scene(particles=2)
-    assert len(movie._with_images(walled, np.array([[-2.7, 2.7], [0.0, -2.9]]))[1]) == 2
+    assert len(movie.with_images(walled, np.array([[-2.7, 2.7], [0.0, -2.9]]))[1]) == 2
 
 
 def test_path_goes_on_at_the_other_edge(path):
     """The pieces, each a straight line, make up the whole way: their length is that of free flight."""
     scene = make_scene("walk", 12, boundary="periodic")
     track = whole(scene, 3)
-    run = movie.WholeRun(scene, 3, scene.times, track.position, track.image[:, 0])
-    points, ends = movie._path(run)
+    points, ends = movie.path_of(scene, track)
     assert np.abs(np.diff(track.image[:, 0], axis=0)).max() == 1
     for k in range(len(scene.times)):
         np.testing.assert_array_equal(points[ends[k] - 1], track.position[k, 0])

@@ -1,9 +1,10 @@
 """The list of figures. To add one, write `figures/NAME.py` and its caption `figures/NAME.rst`, and add a line here.
 
-The module has `table(cases)`, its numbers, and `draw(cases)`, which returns a matplotlib figure; or, if several cases
-may share a panel, `curves(axes, cases, **looks)`, which draws them into one, `LABELS` and `HEIGHTS` (`render`). The
-`needs` of a figure must guarantee that some case has its `variables`. Studies, the command line and the workflow take
-the names from here, so that this module imports nothing heavy.
+The module has `draw(cases)`, which returns a matplotlib figure; or, if several cases may share a panel,
+`curves(axes, cases, **looks)`, which draws them into one, and the `LABELS` of the vertical axes (`render`). Its numbers
+are `TABLE`, the dimensions and variables of `cases.frame_of`, or `table(cases)`. The `needs` of a figure must guarantee
+that some case has its `variables`. Studies, the command line and the workflow take the names from here, so that this
+module imports nothing heavy.
 """
 
 from typing import NamedTuple

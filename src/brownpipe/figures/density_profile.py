@@ -3,15 +3,14 @@
 from typing import Any
 
 from matplotlib.axes import Axes
-from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import defined, estimate_of, frame_of, has
+from brownpipe.figures.cases import defined, estimate_of, has
 from brownpipe.figures.style import DOTTED, band, points, told_apart
 
 NAME = "density_profile"
 LABELS = ("number density $n(z)$ of centres",)
-HEIGHTS = (4.2,)
+TABLE = (("species", "wall_distance"), (NAME,))
 BULK = 0.75  # share of the largest distance from which on the density is that of the bulk
 
 
@@ -32,8 +31,3 @@ def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
 
 def _contact_in_words(part: Dataset) -> str:
     return f"n(wall) = {estimate_of(part, 'contact_density')}" if has(part, "contact_density") else ""
-
-
-def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case, species and distance."""
-    return frame_of(cases, ("species", "wall_distance"), [NAME])

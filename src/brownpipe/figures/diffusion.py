@@ -7,19 +7,18 @@ D(t) has no limit, as the velocity autocorrelation decays as 1/t.
 from typing import Any
 
 from matplotlib.axes import Axes
-from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import estimate_of, fits_of, frame_of, has, over_time
+from brownpipe.figures.cases import estimate_of, fits_of, has, over_time
 from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, time_axis, told_apart
 
 LABELS = ("diffusion coefficient $D(t)$, 95 % bands",)
-HEIGHTS = (4.6,)
 ROUTES = {
     "diffusion_running": "d$\\langle r^2 \\rangle$/d$t$ / 4",
     "msd_over_4t": "$\\langle r^2 \\rangle$ / 4$t$",
     "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
 }  # variable: label
+TABLE = (("time",), ROUTES)
 FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
 OTHERS = ("green_kubo", "enskog_diffusion")  # shown in equilibrium, up to REACH times the largest value from the MSD
 HEADROOM, REACH = 1.25, 2.0
@@ -75,8 +74,3 @@ def _bar(axes: Axes, case: Dataset, **looks: Any) -> None:
 def _slope_in_words(case: Dataset) -> str:
     fits = fits_of(case)[:1]
     return "".join(f"slope/4 over {fit.window.item()}: {estimate_of(fit, 'diffusion_coefficient')}" for fit in fits)
-
-
-def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and time with D by each route."""
-    return frame_of(cases, ("time",), ROUTES)

@@ -6,15 +6,14 @@ In equilibrium all species have the same, kT in two dimensions (equipartition); 
 from typing import Any
 
 from matplotlib.axes import Axes
-from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import estimate_of, frame_of, has, over_time
+from brownpipe.figures.cases import estimate_of, has, over_time
 from brownpipe.figures.style import DOTTED, INK, band, highest, time_axis, told_apart
 
 NAME = "species_energy"
 LABELS = ("kinetic energy per disk",)
-HEIGHTS = (4.2,)
+TABLE = (("species", "time"), (NAME,))
 
 
 def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
@@ -27,8 +26,3 @@ def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
     highest_mean = max(float(part[NAME].max()) for part in parts)
     axes.set_ylim(0, min(1.05 * highest(parts, NAME), 1.5 * highest_mean) or 1.0)  # above the bands, unless very wide
     time_axis(axes, parts)
-
-
-def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case, species and time."""
-    return frame_of(cases, ("species", "time"), [NAME])

@@ -4,21 +4,18 @@ A picture shows the end of the run; an animation or a video its samples.
 """
 
 import io
-import itertools
 import json
 import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from subprocess import CalledProcessError
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
@@ -26,71 +23,51 @@ from PIL import Image
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.origin import Record, metadata
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
+from brownpipe.observables.tracks import Track
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
-from brownpipe.storage.trajectories import Trajectories, chosen_seed
+from brownpipe.storage.trajectories import Trajectories
 
 SUFFIXES = (".gif", ".mp4", ".png")
 DOTS = 100  # per inch, of an animation
 GIF_RATES = (100 / 65535, 50.0)  # frames a second: a pause is two bytes [0.01 s], and viewers slow down shorter ones
 LONGER_SIDE = 5.6  # of the box [inch]
 LEAST_WIDTH = 3.6  # of the panel [inch]
-SIDE = 0.18  # margins of the panel [inch]
-BELOW = 0.4
-ABOVE = 0.46
+BESIDE, ABOVE = 0.36, 0.9  # margins of the panel, without the legend [inch]
 LINE = 0.19  # height of a line of the legend [inch]
 FACES = np.array(["#B5DAF0", "#DADADA", "#A9A9A9", "#F1E2B8", "#8FB8A8"])  # of disk 0 and of the others, by species
 RIM = "#858585"  # of the other disks
-COLOURS = ("#FFFFFF", INK, DATA, RIM, *FACES)
 
 
-class WholeRun(NamedTuple):
-    """One run with the tracks of all disks."""
-
-    scene: Scene
-    seed: int
-    times: np.ndarray  # (T,) [time]
-    position: np.ndarray  # (T, N, 2) inside the box [length]
-    image: np.ndarray | None  # (T, 2) periodic images that disk 0 has crossed
-
-
-def whole_run(trajectories: Trajectories, path: str, seed: int | None = None) -> WholeRun:
-    """Return the whole run of a seed, by default of the smallest, of the trajectories in the file at `path`.
-
-    Raise RequestError if the file holds no whole runs, none of this seed, or no disks.
-    """
-    seed = chosen_seed(trajectories, path, seed, trajectories.ensemble.whole)
-    track = trajectories.ensemble.whole[seed]
-    image = None if track.image is None else track.image[:, 0]
-    return WholeRun(trajectories.scene, seed, trajectories.ensemble.times, track.position, image)
-
-
-def scenery_of(run: WholeRun) -> tuple[Figure, Callable[[int], None]]:
+def scenery_of(scene: Scene, seed: int, track: Track) -> tuple[Figure, Callable[[int], None]]:
     """Return the figure of a run with box, disks and path, and the function that sets them to sample k.
 
     The function is to be called within the context `style.drawing`, as this one.
     """
-    shades = shades_of(run.scene)
-    figure, axes = _box(run.scene, f"{run.scene.name}, N = {run.scene.particles}, seed {run.seed}", shades)
+    shades = shades_of(scene)
+    figure, axes = _box(scene, f"{scene.name}, N = {scene.particles}, seed {seed}", shades)
     disks = EllipseCollection([], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5)
     axes.add_collection(disks)
     (path,) = axes.plot([], [], color=DATA, linewidth=1.2)
     (centre,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
-    axes.plot(*run.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3)
+    axes.plot(*track.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3)
     time = axes.set_title("", loc="right", fontweight="normal", fontsize=10)
-    track, ends = _path(run)
+    points, ends = path_of(scene, track)
 
     def show(k: int) -> None:
-        centres, which = _with_images(run.scene, run.position[k])
+        centres, which = with_images(scene, track.position[k])
         disks.set_offsets(centres)
-        disks.set_widths(2 * run.scene.radius[which])
-        disks.set_heights(2 * run.scene.radius[which])
+        disks.set_widths(2 * scene.radius[which])
+        disks.set_heights(2 * scene.radius[which])
         disks.set_facecolor(FACES[shades[which]])
         disks.set_edgecolor(np.where(which == 0, DATA, RIM).tolist())
-        path.set_data(*track[: ends[k]].T)
-        centre.set_data(*run.position[k, :1].T)
-        time.set_text(f"$t$ = {run.times[k]:#.4g}")
+        path.set_data(*points[: ends[k]].T)
+        centre.set_data(*track.position[k, :1].T)
+        time.set_text(f"$t$ = {scene.times[k]:#.4g}")
 
+    show(len(scene.times) - 1)
+    figure.draw_without_rendering()  # computes the layout, which all frames share
+    figure.set_layout_engine(None)
     return figure, show
 
 
@@ -110,20 +87,16 @@ def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
     sides = np.array([scene.box.width, scene.box.height])
     width, height = LONGER_SIDE * sides / sides.max()
     entries = legend_entries(scene, shades)
-    size = np.array([max(width, LEAST_WIDTH) + 2 * SIDE, height + BELOW + ABOVE + LINE * len(entries)])
-    size = np.ceil(50 * size) / 50  # an even number of pixels at 100 per inch, as videos need
-    figure = Figure(size)
-    axes = figure.add_axes((0.5 - width / size[0] / 2, BELOW / size[1], width / size[0], height / size[1]))
-    axes.set(xlim=scene.box.x, ylim=scene.box.y, xticks=[], yticks=[])
-    axes.grid(False)
+    size = np.array([max(width, LEAST_WIDTH) + BESIDE, height + ABOVE + LINE * len(entries)])
+    figure = Figure(np.ceil(50 * size) / 50, layout="constrained")  # an even number of pixels, as videos need
+    axes = figure.add_subplot(aspect="equal", xlim=scene.box.x, ylim=scene.box.y, xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set(visible=True, color=INK, linewidth=1.2 if scene.box.periodic else 2.5)
         spine.set_linestyle((0, (4, 3)) if scene.box.periodic else "-")
-    figure.text(SIDE / size[0], 1 - 0.12 / size[1], title, fontsize=11, fontweight="bold", va="top")
     mark = partial(Line2D, [], [], linestyle="", marker="o", markersize=8)
     marks = [mark(mfc=FACES[shade], mec=RIM if shade else DATA, label=text) for shade, text in entries]
-    corner = {"bbox_to_anchor": (SIDE / size[0], 1 - 0.32 / size[1]), "borderpad": 0, "borderaxespad": 0}
-    figure.legend(handles=marks, loc="upper left", handlelength=1, **corner)
+    head = {"title": title, "title_fontproperties": {"size": 11, "weight": "bold"}, "alignment": "left"}
+    figure.legend(handles=marks, loc="outside upper left", handlelength=1, borderpad=0, borderaxespad=0.9, **head)
     sides_in_words = f"{scene.box.width:g} x {scene.box.height:g} (reduced units)"
     axes.set_xlabel(f"{sides_in_words}, {'periodic' if scene.box.periodic else 'hard walls'}", loc="left", fontsize=8.8)
     return figure, axes
@@ -149,7 +122,7 @@ def _range(values: np.ndarray) -> str:
 # --- disks and path
 
 
-def _with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Centres (M, 2) and indices (M,) of all disks and of the images that reach into a periodic box; disk 0 is last."""
     which, sides = np.arange(scene.particles)[::-1], np.array([scene.box.width, scene.box.height])
     if not scene.box.periodic:
@@ -162,26 +135,28 @@ def _with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.nda
     return centres[seen], which[seen]
 
 
-def _path(run: WholeRun) -> tuple[np.ndarray, np.ndarray]:
+def path_of(scene: Scene, track: Track) -> tuple[np.ndarray, np.ndarray]:
     """The path of disk 0 as points (P, 2), and the number of points up to each sample (T,).
 
     Where the disk leaves a periodic box, the path continues past the edge and, after a gap, enters at the opposite one.
     """
-    track = run.position[:, 0]
-    ends = np.arange(1, len(run.times) + 1)
-    if run.image is None:
-        return track, ends
-    crossed = np.flatnonzero(np.diff(run.image, axis=0).any(axis=1))
-    shift = np.diff(run.image, axis=0)[crossed] * (run.scene.box.width, run.scene.box.height)
-    between = np.stack([track[crossed + 1] + shift, np.full_like(shift, np.nan), track[crossed] - shift], axis=1)
-    points = np.insert(track, np.repeat(crossed + 1, 3), between.reshape(-1, 2), axis=0)
-    return points, ends + 3 * np.searchsorted(crossed, np.arange(len(run.times)))
+    points, ends = track.position[:, 0], np.arange(1, len(track.position) + 1)
+    if track.image is None:
+        return points, ends
+    crossings = np.diff(track.image[:, 0], axis=0)
+    crossed = np.flatnonzero(crossings.any(axis=1))
+    shift = crossings[crossed] * (scene.box.width, scene.box.height)
+    between = np.stack([points[crossed + 1] + shift, np.full_like(shift, np.nan), points[crossed] - shift], axis=1)
+    with_crossings = np.insert(points, np.repeat(crossed + 1, 3), between.reshape(-1, 2), axis=0)
+    return with_crossings, ends + 3 * np.searchsorted(crossed, ends - 1)
 
 
 # --- pictures, animations, videos
 
 
-def movie(run: WholeRun, suffix: str, record: Record, frames: int | None = None, fps: float = 25.0) -> bytes:
+def movie(
+    trajectories: Trajectories, seed: int, suffix: str, record: Record, frames: int | None = None, fps: float = 25.0
+) -> bytes:
     """Return the bytes of a picture (`.png`), an animation (`.gif`) or else a video (`.mp4`) of one whole run.
 
     A picture shows the run at its end. An animation shows
@@ -195,12 +170,12 @@ def movie(run: WholeRun, suffix: str, record: Record, frames: int | None = None,
     if suffix == ".gif" and not GIF_RATES[0] <= fps <= GIF_RATES[1]:
         allowed = f"from {GIF_RATES[0]:.3g} to {GIF_RATES[1]:g} frames a second for a .gif"
         raise RequestError(f"--fps: must be {allowed}, not {fps:.10g}; a .mp4 can have any rate")
+    scene, track = trajectories.scene, trajectories.ensemble.whole[seed]
     with drawing():
-        figure, show = scenery_of(run)
+        figure, show = scenery_of(scene, seed, track)
         if suffix == ".png":
-            show(len(run.times) - 1)
             return image_bytes(figure, "png", metadata(record))
-        shown = samples_shown(len(run.times), frames)
+        shown = samples_shown(len(scene.times), frames)
         return (_gif if suffix == ".gif" else _video)(figure, show, shown, fps, json.dumps(record))
 
 
@@ -210,30 +185,20 @@ def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
 
 
 def _gif(figure: Figure, show: Callable[[int], None], shown: np.ndarray, fps: float, comment: str) -> bytes:
-    """Return the bytes of an animation that repeats forever."""
+    """Return the bytes of an animation that repeats forever, in the colours of its last picture."""
     figure.set_dpi(DOTS)
-    canvas, palette, buffer = FigureCanvasAgg(figure), _palette(), io.BytesIO()
+    canvas, buffer = FigureCanvasAgg(figure), io.BytesIO()
 
     def picture(k: int) -> Image.Image:
         show(k)
         canvas.draw()
-        frame = Image.fromarray(np.array(canvas.buffer_rgba())[..., :3])
-        return frame.quantize(palette=palette, dither=Image.Dither.NONE)
+        return Image.fromarray(np.array(canvas.buffer_rgba())[..., :3])
 
-    pictures = map(picture, tracked(shown, "frames"))
+    colours = picture(shown[-1]).quantize(method=Image.Quantize.FASTOCTREE)
+    pictures = (picture(k).quantize(palette=colours, dither=Image.Dither.NONE) for k in tracked(shown, "frames"))
     how = {"duration": 10 * round(100 / fps), "loop": 0, "comment": comment}
     next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, **how)
     return buffer.getvalue()
-
-
-def _palette() -> Image.Image:
-    """An image with the colours of the pictures as its palette and, for smooth edges, mixtures of any two of them."""
-    colours = np.array([to_rgb(colour) for colour in COLOURS])
-    pairs = np.array(list(itertools.combinations(colours, 2)))
-    mixtures = [(1 - x) * pairs[:, 0] + x * pairs[:, 1] for x in (0.25, 0.5, 0.75)]
-    palette = Image.new("P", (1, 1))
-    palette.putpalette((255 * np.concatenate([colours, *mixtures])).round().astype(np.uint8).tobytes())
-    return palette
 
 
 def _video(figure: Figure, show: Callable[[int], None], shown: np.ndarray, fps: float, comment: str) -> bytes:

@@ -14,25 +14,26 @@ from brownpipe.figures.cases import early_mark, estimate_of, fits_of, frame_of, 
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
-MOST_DOTS = 60  # samples shown as dots
 LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
 FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
-HEIGHTS = (4.4, 3.2)  # of the two panels of a column [inch]
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise with models."""
     cases = [over_time(case) for case in cases]
-    if len(cases) == 1 and not looks:
-        _linear(axes, cases[0])
-    else:
-        for case, line in style.told_apart(cases, _fitted_diffusion, looks):
-            style.band(axes, case, "msd", **line)
-        for k, fit in enumerate(fit for case in cases for fit in fits_of(case)[:1]):
-            ends = fit.window_start.item(), fit.window_end.item()
-            values = [fit.intercept.item() + fit.slope.item() * t for t in ends]
-            label = "_" if looks or k else f"least squares over {fit.window.item()}"
-            axes.plot(ends, values, color=style.INK, linewidth=0.8, label=label)
+    single = len(cases) == 1 and not looks
+    for case, line in style.told_apart(cases, _last_in_words if single else _fitted_diffusion, looks):
+        style.band(axes, case, "msd", **line)
+    for k, fit in enumerate(fit for case in cases for fit in fits_of(case)[:1]):
+        t = np.array([fit.window_start.item(), fit.window_end.item()])
+        slope = f": slope {estimate_of(fit, 'slope')}{early_mark(fit)}" if single else ""
+        label = "_" if looks or k else f"least squares over {fit.window.item()}{slope}"
+        axes.plot(t, _fitted(fit, t), color=style.FIT if single else style.INK, linewidth=1.2, label=label)
+        if single:
+            axes.axline(*zip(t, _fitted(fit, t), strict=True), color=style.FIT, linewidth=0.7)
+    if single:
+        _models(axes, cases[0], np.linspace(0, cases[0].time.values[-1], 201))
+        axes.set_ylim(0, _top(cases))
     axes.set_xlim(0, 1.01 * max(axes.dataLim.x1, *(case.time.values[-1] for case in cases)))
     axes.set_xlabel("time $t$")
 
@@ -43,17 +44,10 @@ def _fitted_diffusion(case: Dataset) -> str:
     return "".join(f"D = {estimate_of(fit, 'diffusion_coefficient')}{early_mark(fit)}" for fit in fits)
 
 
-def _linear(axes: Axes, case: Dataset) -> None:
-    """Draw MSD(t) with its band, the fitted line extended to the axes, diffusion and ballistic flight."""
-    t = case.time.values
+def _last_in_words(case: Dataset) -> str:
+    """The number of runs and the MSD at their end, for the legend."""
     with_band = ", 95 % band" if case.msd_low.notnull().any() else ""
-    label = f"{int(case.runs):,} runs{with_band}: MSD({t[-1]:g}) = {estimate_of(case.isel(time=-1), 'msd')}"
-    every = -(-t.size // MOST_DOTS)
-    style.band(axes, case, "msd", style.DATA, linestyle="", marker="o", markersize=3, markevery=every, label=label)
-    for fit in fits_of(case)[:1]:
-        _line(axes, fit)
-    _models(axes, case, np.linspace(0, t[-1], 201))
-    axes.set_ylim(0, _top([case]))
+    return f"{int(case.runs):,} runs{with_band}: MSD({case.time[-1]:g}) = {estimate_of(case.isel(time=-1), 'msd')}"
 
 
 def _top(cases: list[Dataset]) -> float:
@@ -70,15 +64,6 @@ def _models(axes: Axes, case: Dataset, t: np.ndarray) -> None:
     if np.isfinite(square_speed):  # known before the runs
         label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
         axes.plot(t, theory.ballistic_msd(t, square_speed), color=style.GREY, linestyle=style.DOTTED, label=label)
-
-
-def _line(axes: Axes, fit: Dataset) -> None:
-    """Draw the least-squares line, strong in its window and thin outside."""
-    slope, intercept = float(fit.slope), float(fit.intercept)
-    window = np.array([float(fit.window_start), float(fit.window_end)])
-    label = f"least squares over {fit.window.item()}: slope {estimate_of(fit, 'slope')}{early_mark(fit)}"
-    axes.axline((0, intercept), slope=slope, color=style.FIT, linewidth=0.7)
-    axes.plot(window, intercept + slope * window, color=style.FIT, linewidth=1.5, label=label)
 
 
 def _diffusing(case: Dataset) -> Iterator[tuple[float, str]]:

@@ -4,15 +4,14 @@ from itertools import cycle
 from typing import Any
 
 from matplotlib.axes import Axes
-from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import axis_label, axis_of, frame_of, series_of
+from brownpipe.figures.cases import axis_label, axis_of, series_of
 from brownpipe.figures.style import SERIES, points
 
 NAME = "orientational_order"
 LABELS = ("bond-orientational order $|\\psi_6|$",)
-HEIGHTS = (4.2,)
+TABLE = ((), ("packing_fraction", NAME, f"{NAME}_squared"))
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
@@ -25,8 +24,3 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
         points(axes, x, of_series, NAME, **{"color": colour, "fmt": marker, "label": label} | looks)
     axes.set_ylim(bottom=0)
     axes.set_xlabel(axis_label(cases[0], axis))
-
-
-def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case."""
-    return frame_of(cases, (), ["packing_fraction", NAME, f"{NAME}_squared"])

@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from pandas import DataFrame
 from xarray import DataArray, Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.pairs import NORMAL
 from brownpipe.figures import style
-from brownpipe.figures.cases import defined, estimate_of, frame_of, has
+from brownpipe.figures.cases import defined, estimate_of, has
 
 NAME = "pair_distribution"
 LABELS = ("pair distribution function $g(r)$",)
-HEIGHTS = (3.6,)
+TABLE = (("species_pair", "distance"), (NAME,))
 CONTACTS = {
     "contact_value": ("at contact, by extrapolation", style.FIT, "o"),
     "contact_value_rate": ("at contact, from the collision rate", style.MODEL, "s"),
@@ -37,16 +36,14 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
     axes.axhline(1, color=style.GREY, linewidth=0.8)
     for contact in {*contacts}:
         axes.axvline(contact, color=style.GREY, linestyle=style.DOTTED, linewidth=1)
-    if len(pairs) == 1 and not looks:
-        _curve(axes, pairs[0], color=style.DATA, label=f"{int(pairs[0].runs):,} runs, 95 % band")
-        for name in (name for name in CONTACTS if has(pairs[0], name)):
-            label, colour, marker = CONTACTS[name]
-            label += f": {estimate_of(pairs[0], name)}"
-            style.points(axes, contacts, pairs, name, fmt=marker, color=colour, label=label)
-    else:
-        for pair, line in style.told_apart(pairs, _contact_in_words, looks):
-            _curve(axes, pair, **line)
-            style.points(axes, [float(pair.contact_distance)], [pair], "contact_value", fmt="o", color=line["color"])
+    single = len(pairs) == 1 and not looks
+    for pair, line in style.told_apart(pairs, _runs_in_words if single else _contact_in_words, looks):
+        _curve(axes, pair, **line)
+        for name in (name for name in CONTACTS if has(pair, name)):
+            words, colour, marker = CONTACTS[name]
+            label = f"{words}: {estimate_of(pair, name)}" if single else "_"
+            look = {"color": colour if single else line["color"], "fmt": marker, "label": label}
+            style.points(axes, [float(pair.contact_distance)], [pair], name, **look)
     _theory(axes, pairs, named=not looks)
     end = max(float(pair.distance[-1]) for pair in pairs)
     axes.set_xlim(min(contacts) - 0.04 * (end - min(contacts)), end)
@@ -56,6 +53,10 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
 def _beyond_contact(pair: Dataset) -> Dataset:
     pair = defined(pair, NAME, "distance")
     return pair.isel(distance=pair.distance.values > float(pair.contact_distance))
+
+
+def _runs_in_words(pair: Dataset) -> str:
+    return f"{int(pair.runs):,} runs, 95 % band"
 
 
 def _contact_in_words(pair: Dataset) -> str:
@@ -98,8 +99,3 @@ def _pooled(pair: Dataset, number: int) -> Dataset:
     mean = total(ring * pair[NAME]) / total(ring)
     reach = NORMAL * np.sqrt(total((ring * pair[f"{NAME}_standard_error"]) ** 2)) / total(ring)
     return Dataset({NAME: mean, f"{NAME}_low": mean - reach, f"{NAME}_high": mean + reach})
-
-
-def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case, pair of species and distance."""
-    return frame_of(cases, ("species_pair", "distance"), [NAME])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,6 +10,7 @@ from brownpipe.figures.cases import (
     axis_of,
     cases_of,
     differing,
+    frame_of,
     has,
     one_count,
     own_names,
@@ -23,14 +22,16 @@ from brownpipe.figures.catalogue import FIGURES, OWN, SCAN
 from brownpipe.figures.style import columns, drawing, heads, image_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from contextlib import AbstractContextManager
+    from collections.abc import Mapping, Sequence
     from types import ModuleType
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
     from xarray import Dataset
+
+
+HEIGHTS = (4.4, 3.2)  # of the panels of a column [inch]
 
 
 class Drawing(NamedTuple):
@@ -46,23 +47,31 @@ def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel
 
     shown: the cases of each figure (`cases_shown`). panel: labels, as of `cases.panels_of`.
     """
-    with _module(name) as module:
-        return drawing_of(name, _figure(module, name, shown[name], panel), module.table(shown[name]), metadata)
+    module, cases = _module(name), shown[name]
+    with drawing():
+        table = module.table(cases) if hasattr(module, "table") else frame_of(cases, *module.TABLE)
+        return drawing_of(name, _figure(name, cases, panel), table, metadata)
 
 
-def _figure(module: ModuleType, name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
+def _module(name: str) -> ModuleType:
+    return import_module(f"brownpipe.figures.{name}")
+
+
+def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
     """Draw the cases: with `curves` several in a panel, where each of them, or each of its parts, is a curve.
 
     A figure that shows every particle count has one panel. Further rows of panels are drawn by `below`.
     """
+    module = _module(name)
     if not hasattr(module, "curves"):
         return module.draw(cases)
     _, _, variables, every_count, part = FIGURES[name]
     groups = [cases] if every_count else panels_of(cases, panel, part, variables[0])
-    figure, axes = columns(module.LABELS, len(groups), module.HEIGHTS, sharey=len(module.HEIGHTS) > 1)
+    rows = len(module.LABELS)
+    figure, axes = columns(module.LABELS, len(groups), HEIGHTS[:rows], sharey=rows > 1)
     for upper, group in zip(axes[0], groups, strict=True):
         module.curves(upper, group)
-    if len(axes) > 1:
+    if rows > 1:
         module.below(axes, groups)
     heads(axes[0], [title_of(*group) for group in groups])
     return figure
@@ -76,8 +85,8 @@ def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[st
 def draw(dataset: Dataset, name: str, particles: int | None = None, panel: Sequence[str] = ()) -> Figure:
     """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
     cases = cases_shown(dataset, particles, [name])[name]
-    with _module(name) as module:
-        return _figure(module, name, cases, panel)
+    with drawing():
+        return _figure(name, cases, panel)
 
 
 def draw_into(axes: Axes, dataset: Dataset, name: str, particles: int | None = None, **looks: Any) -> Axes:
@@ -85,29 +94,13 @@ def draw_into(axes: Axes, dataset: Dataset, name: str, particles: int | None = N
 
     looks: of its lines, as of `axes.plot`, such as color and label. Raises FigureError for a figure of several panels.
     """
-    cases, (_, _, variables, _, part) = cases_shown(dataset, particles, [name])[name], FIGURES[name]
-    with _module(name, nullcontext()) as module:
-        if not hasattr(module, "curves"):
-            raise FigureError(f"ax: must not be given for {name}, which has several panels")
-        module.curves(axes, [one for case in cases for one in parts_of(case, part, variables[0])], **looks)
-        axes.set_ylabel(axes.get_ylabel() or module.LABELS[0])
-        return axes
-
-
-@contextmanager
-def _module(name: str, style: AbstractContextManager | None = None) -> Iterator[ModuleType]:
-    """Yield the module of a figure in a style, by default that of all figures.
-
-    Raise FigureError for a variable that the dataset lacks, in words of xarray: KeyError or AttributeError.
-    """
-    try:
-        with style or drawing():
-            yield import_module(f"brownpipe.figures.{name}")
-    except (AttributeError, KeyError) as error:
-        found = re.search(r"(?:'Dataset' object has no attribute|No variable named) '(\w+)'", str(error))
-        if found is None:
-            raise
-        raise FigureError(f"{name}: cannot be drawn: the dataset has no variable {found[1]}") from error
+    module, (_, _, variables, _, part) = _module(name), FIGURES[name]
+    if not hasattr(module, "curves"):
+        raise FigureError(f"ax: must not be given for {name}, which has several panels")
+    cases = cases_shown(dataset, particles, [name])[name]
+    module.curves(axes, [one for case in cases for one in parts_of(case, part, variables[0])], **looks)
+    axes.set_ylabel(axes.get_ylabel() or module.LABELS[0])
+    return axes
 
 
 def cases_shown(

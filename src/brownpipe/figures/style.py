@@ -38,7 +38,10 @@ SERIES = (
 )
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
-MOST_TICKS = 7  # labels of a logarithmic axis
+MOST_TICKS = 7  # labels of a logarithmic axis of many decades
+SHORT = 0.4  # decades below which a logarithmic axis has the labels of a linear one
+# Digits of the labels of a logarithmic axis of fewer decades than that: two labels at least
+LABELLED = {0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 KEY_SIZE = 8.8  # of the words of a legend [point]
 KEY = 3.5  # width of these words that fits above a panel [inch]; longer ones are set smaller
@@ -187,29 +190,24 @@ def time_axis(axes: Axes, cases: Sequence[Dataset]) -> None:
 
 
 def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
-    """Make the axis `name`, x or y, logarithmic from `low` to `high`, with few enough labels to be legible."""
-    from matplotlib.ticker import FixedLocator, LogFormatterSciNotation, LogLocator, NullFormatter
+    """Make the axis `name`, x or y, logarithmic from `low` to `high`, with few enough labels to be legible.
+
+    On a short axis these are not only at powers of ten, but at 1.5, 2, 3, 5, ... times them.
+    """
+    from matplotlib.ticker import LogFormatterSciNotation, LogLocator, MaxNLocator, NullFormatter
 
     if low == high:
         low, high = low / 2, high * 2
     axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
-    axis, places = getattr(axes, f"{name}axis"), log_ticks(low, high)
-    plain = all(1e-3 <= place < 1e4 for place in places)
-    axis.set_major_locator(FixedLocator(places))
+    axis = getattr(axes, f"{name}axis")
+    decades = np.log10(high / low)
+    labelled = next(digits for fewer, digits in LABELLED.items() if decades < fewer)
+    short = decades < SHORT
+    axis.set_major_locator(MaxNLocator(2) if short else LogLocator(subs=labelled, numticks=MOST_TICKS))
+    plain = low >= 1e-4 and high <= 1e4
     axis.set_major_formatter("{x:.4g}" if plain else LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
     axis.set_minor_locator(LogLocator(subs=range(1, 10), numticks=99))
     axis.set_minor_formatter(NullFormatter())
-
-
-def log_ticks(low: float, high: float) -> list[float]:
-    """Return where a logarithmic axis is labelled: at powers of ten, or on a short axis at 2 to 7 round numbers."""
-    ten = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-    for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
-        places = np.outer(ten, digits).ravel()
-        inside = [place for place in places if low * (1 - 1e-9) <= place <= high * (1 + 1e-9)]
-        if len(inside) > 1:
-            return inside[:: -(-len(inside) // MOST_TICKS)]
-    return [low, high]
 
 
 def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:

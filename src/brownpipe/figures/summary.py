@@ -11,7 +11,7 @@ import numpy as np
 
 from brownpipe.analysis import drift
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
-from brownpipe.analysis.variables import FAILED, MISSING
+from brownpipe.analysis.variables import FAILED, FOLLOWED, MISSING
 from brownpipe.analysis.varied import labels_of_cases
 from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.engines.friction import window_caution
@@ -53,7 +53,6 @@ class Quantity(NamedTuple):
 
     heading: str
     variable: str
-    meaning: str  # a line of the legend
     asked_by: tuple[str, ...]  # variables of observables, options of the analysis, figures: any of them shows it
     theory: str = ""  # variable with its value in theory, shown beside it in parentheses
 
@@ -61,32 +60,19 @@ class Quantity(NamedTuple):
 OF_RINGS = ("rings", "displacement_times")  # options that ask for the tests of eq. (18)
 OF_SPREADING = (
     *("diffusion_running", "fit_windows", *OF_RINGS),
-    *(f"figure {name}" for name in ("msd", "diffusion", "displacement_distribution", "scan")),
+    *("figure msd", "figure diffusion", "figure displacement_distribution", "figure scan"),
 )
-OF_FLUID = ("figure thermodynamics",)
 QUANTITIES = (
-    Quantity("energy", "species_energy", "kinetic energy per disk at the end, kT in equilibrium", ("species_energy",)),
-    Quantity(
-        *("Z", "compressibility", "compressibility factor from the pair virial, P/(n kT) in a periodic box"),
-        *(("pair_distribution", *OF_FLUID), "enskog_compressibility"),
-    ),
-    Quantity("g(contact)", "contact_value", "g(r) extrapolated to contact", ("contact_value",), "contact_theory"),
-    Quantity(
-        *("collision rate", "collision_rate", "collisions of a disk with others per unit time"),
-        *(OF_FLUID, "enskog_collision_rate"),
-    ),
-    Quantity("|psi_6|", "orientational_order", "bond-orientational order of all disks", ("orientational_order",)),
-    Quantity("n(wall)", "contact_density", "number density of centres at contact with the walls", ("contact_density",)),
-    Quantity("alpha_2", "non_gaussian_parameter", "non-Gaussian parameter at the end", ("non_gaussian_parameter",)),
-    Quantity(
-        *("D (Green-Kubo)", "green_kubo", "half the integral of the velocity autocorrelation"),
-        *(("green_kubo",), "enskog_diffusion"),
-    ),
+    Quantity("energy", "species_energy", ("species_energy",)),
+    Quantity("Z", "compressibility", ("pair_distribution", "figure thermodynamics"), "enskog_compressibility"),
+    Quantity("g(contact)", "contact_value", ("contact_value",), "contact_theory"),
+    Quantity("collision rate", "collision_rate", ("figure thermodynamics",), "enskog_collision_rate"),
+    Quantity("|psi_6|", "orientational_order", ("orientational_order",)),
+    Quantity("n(wall)", "contact_density", ("contact_density",)),
+    Quantity("alpha_2", "non_gaussian_parameter", ("non_gaussian_parameter",)),
+    Quantity("D (Green-Kubo)", "green_kubo", ("green_kubo",), "enskog_diffusion"),
 )
-DISPLACED = (
-    Quantity("MSD", "msd", "mean squared displacement of {msd_of}", OF_SPREADING),
-    Quantity("D", "diffusion_coefficient", "a quarter of its slope over t in {window}", OF_SPREADING),
-)
+DISPLACED = (Quantity("MSD", "msd", OF_SPREADING), Quantity("D", "diffusion_coefficient", OF_SPREADING))
 
 
 class Answer(NamedTuple):
@@ -119,16 +105,16 @@ def summary(dataset: Dataset, chosen: Collection[str] = (), title: str = "") -> 
 def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     """Return the results of each scene, particle count and engine; `chosen` are the figures that the study names.
 
-    The columns are what an observable, an option of the analysis or a figure asks for, or without any MSD and D, with
-    standard errors over runs. If rings or displacement times were asked for, there is the verdict on eq. (18) with
-    either D. All tests of the table are one family: a model is rejected at the family-wise level (Holm).
+    The columns are what an observable, an option of the analysis or a figure asks for, or without any all that the
+    dataset has, with standard errors over runs. If rings or displacement times were asked for, there is the verdict on
+    eq. (18) with either D. All tests of the table are one family: a model is rejected at the family-wise level (Holm).
     """
     cases = _cases(dataset)
     options = json.loads(dataset.attrs.get("options", "{}"))
     given = {name for name, value in options.items() if value} | {f"figure {name}" for name in chosen}
     known = [one for one in quantities(dataset) if [*columns_of(cases, one)]]
     asked = [one for one in known if any(name in given or _any_has(cases, name) for name in one.asked_by)]
-    shown = asked or [one for one in known if one in DISPLACED] or known
+    shown = asked or known
     p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
     p = p if given & {*OF_RINGS} else np.full_like(p, np.nan)
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
@@ -160,12 +146,9 @@ def quantities(dataset: Dataset) -> list[Quantity]:
 
     An observable of the user's own is every variable with this attribute that is one number in each case.
     """
-    own = [
-        Quantity(str(name), str(name), f"{one.attrs.get('long_name', 'of')} ({one.attrs['observable']})", (str(name),))
-        for name, one in dataset.data_vars.items()
-        if "observable" in one.attrs and f"{name}_standard_error" in dataset and one.dims == dataset.runs.dims
-    ]
-    return [*QUANTITIES, *own, *DISPLACED]
+    own = [str(name) for name in dataset.data_vars if "observable" in dataset[name].attrs]
+    numbers = [name for name in own if f"{name}_standard_error" in dataset and dataset[name].dims == dataset.runs.dims]
+    return [*QUANTITIES, *(Quantity(name, name, (name,)) for name in numbers), *DISPLACED]
 
 
 def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[Dataset | None]]]:
@@ -215,9 +198,14 @@ def _verdict(p: float, rejected: bool) -> str:
 
 def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], tests: int) -> Iterator[str]:
     """Lines that explain the columns, and the tests for equilibrium."""
-    words = {"msd_of": dataset.attrs.get("msd_of", "the tracer"), "window": dataset.window.values[0]}
     yield "N: number of disks. ±: one standard error over runs. All in the scene's reduced units."
-    yield from (f"{one.heading}: {one.meaning.format(**words)}." for one in shown)
+    followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
+    where = {"time": " at the end", "window": f" {dataset.window.values[0]}"}
+    for one in shown:
+        variable = dataset[one.variable]
+        meaning = variable.attrs.get("long_name", one.variable).replace(FOLLOWED, followed)
+        source = f" ({variable.observable})" if "observable" in variable.attrs else ""
+        yield f"{one.heading}: {meaning}{''.join(where.get(str(dim), '') for dim in variable.dims)}{source}."
     if any(one.theory and _any_has(cases, one.theory) for one in shown):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
     starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}

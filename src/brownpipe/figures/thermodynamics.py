@@ -8,12 +8,11 @@ from itertools import cycle
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
-from brownpipe.figures.cases import frame_of, has, scene_of, series_of
+from brownpipe.figures.cases import has, scene_of, series_of
 from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, grid, heads, points
 
 Z = "compressibility"
@@ -24,6 +23,10 @@ PANELS = {
     RATE: ("collisions per disk and unit time", "collision rate of all disks"),
     TRACER: ("collisions per unit time", "collision rate of the tracer"),
 }
+RATES = (RATE, f"{RATE}_at_temperature", TRACER, f"{TRACER}_at_temperature")
+THEORY = tuple(f"enskog_{name}" for name in PANELS)
+MEASURED = (Z, f"{Z}_rate", f"wall_{Z}", *RATES, "wall_pressure", "kinetic_temperature")
+TABLE = ((), ("packing_fraction", *MEASURED, *THEORY))
 # Of the markers of the first, second, ... scene: 16 pairs of colour and shape
 LOOKS = [{"color": SERIES[k % 4][0], "fmt": SERIES[(k + k // 4) % 4][2]} for k in range(16)]
 
@@ -98,10 +101,3 @@ def _equations_of_state(main: Axes, low: Axes, ends: tuple[float, float]) -> Non
     main.plot(phi, luding, color=INK, linewidth=1, label="Luding (2001), equal disks")
     main.plot(phi, henderson, color=GREY, linestyle=DASHED, linewidth=1, label="Henderson (1975), equal disks")
     low.plot(phi, 100 * (henderson / luding - 1), color=GREY, linestyle=DASHED, linewidth=1)
-
-
-def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case: the measured quantities with their uncertainties, and the theoretical ones."""
-    rates = (rate for name in (RATE, TRACER) for rate in (name, f"{name}_at_temperature"))
-    measured = (Z, f"{Z}_rate", f"wall_{Z}", *rates, "wall_pressure", "kinetic_temperature")
-    return frame_of(cases, (), ("packing_fraction", *measured, *(f"enskog_{name}" for name in PANELS)))

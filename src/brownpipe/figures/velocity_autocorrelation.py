@@ -4,27 +4,22 @@ The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md
 two dimensions.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.figures import style
-from brownpipe.figures.cases import frame_of, has, over_time, plus_minus
+from brownpipe.figures.cases import PARTS, has, over_time, plus_minus
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
-LOOKS: dict[str, dict[str, Any]] = {
-    TRACER: {"color": style.DATA, "linestyle": "-"},
-    BATH: {"color": style.FIT, "linestyle": style.DASHED},
-}
+SLOPE = "vacf_initial_slope"
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 LABELS = (f"velocity autocorrelation\n{LABEL}", LABEL)
-HEIGHTS = (3.85, 3.35)  # of the two panels of a column [inch]
-TAIL = 10  # the logarithmic axis extends at most by this factor below a curve to show its band
+TABLE = (("time",), (TRACER, BATH))
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
@@ -45,72 +40,59 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     style.time_axis(axes, cases)
 
 
-def _curves(cases: list[Dataset], looks: Mapping[str, Any]) -> list[tuple[Dataset, dict[str, Any]]]:
+def _curves(cases: list[Dataset], looks: Mapping[str, Any]) -> Iterator[tuple[Dataset, dict[str, Any]]]:
     """The correlations divided by their values at t = 0, under the tracer's name, and their looks."""
-    if len(cases) > 1 or looks:
-        return [(_normalised(case, TRACER), line) for case, line in style.told_apart(cases, _rate_in_words, looks)]
-    (case,) = cases
-    names = [name for name in LOOKS if has(case, name)]
-    rate = _rate_in_words(case)
-    tracer = ("tracer" if BATH in names else "disks") + (f": {rate}" if rate else "")
-    return [(_normalised(case, name), LOOKS[name] | {"label": tracer if name == TRACER else "bath"}) for name in names]
+    names = [TRACER, BATH] if len(cases) == 1 and not looks else [TRACER]
+    curves = [_normalised(case, name) for case in cases for name in names if has(case, name)]
+    return style.told_apart(curves, _rate_in_words, looks)
 
 
 def _normalised(case: Dataset, name: str) -> Dataset:
-    parts = [part for part in ("", "_low", "_high") if f"{name}{part}" in case]
-    return Dataset({f"{TRACER}{part}": case[f"{name}{part}"] / float(case[name][0]) for part in parts})
+    """The case with the correlation of this name and its initial slope, if it is the tracer's, over its first value."""
+    scaled = {TRACER: name, SLOPE: SLOPE if name == TRACER else ""}
+    parts = {f"{new}{part}": f"{old}{part}" for new, old in scaled.items() for part in PARTS}
+    curve = case.drop_dims("species", errors="ignore").drop_vars([new for new in parts if new in case])
+    curve = curve.assign({new: case[old] / float(case[name][0]) for new, old in parts.items() if old in case})
+    return curve.assign_coords(species="bath" if name == BATH else "tracer")
 
 
-def _rate_in_words(case: Dataset) -> str:
+def _rate_in_words(curve: Dataset) -> str:
     """The measured initial decay rate of the tracer's correlation, for the legend; empty where it is not known."""
-    if not has(case, "vacf_initial_slope"):
+    if not has(curve, SLOPE):
         return ""
-    rate, error = (float(case[f"vacf_initial_slope{part}"] / case[TRACER][0]) for part in ("", "_standard_error"))
-    return f"initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-rate, error)}"
+    return f"initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-curve[SLOPE], curve[f'{SLOPE}_standard_error'])}"
 
 
 def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     """Draw the decays on logarithmic axes as far as they are resolved."""
-    limits = [[0.5, 1.2]]
+    least = 0.5
     for (upper, lower), group in zip(axes.T, groups, strict=True):
         cases = [over_time(case, TRACER) for case in group]
-        limits += _tails(upper, lower, cases)
+        least = min(least, *_tails(upper, lower, cases))
         times = np.concatenate([case.time.values for case in cases])
         style.log_axis(lower, "x", times[times > 0].min(), times.max())
         lower.set_xlabel("time $t$")
-    low, high = zip(*limits, strict=True)
-    style.log_axis(axes[1, 0], "y", min(low) / 1.2, max(high) * 1.2)
+    style.log_axis(axes[1, 0], "y", least / 3, 1.5)
 
 
-def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> list[list[float]]:
-    """Draw the decays on logarithmic axes as far as they are resolved, and the slope of the 1/t tail; return extents.
+def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> list[float]:
+    """Draw the decays on logarithmic axes as far as they are resolved, with a slope of 1/t; return their least values.
 
-    A curve ends where its 95 % band, or without one the curve, first reaches zero: the rest is noise. Bands that come
-    close to 0 are cut off (TAIL).
+    A curve ends where its 95 % band, or without one the curve, first reaches zero: the rest is noise.
     """
-    tails, extents = [], []
+    tails = []
     for curve, line in _curves(cases, {}):
         later = curve.isel(time=curve.time.values > 0)
         low = later.get(f"{TRACER}_low", later[TRACER]).values
         tail = later.isel(time=np.logical_and.accumulate(low > 0))
         if tail.sizes["time"]:
             style.band(axes, tail, TRACER, **line)
-            least = max(float(tail.to_dataarray().min()), float(tail[TRACER].min()) / TAIL)
-            extents.append([least, float(tail.to_dataarray().max())])
             tails.append(tail)
     if not tails:
         axes.text(0.5, 0.5, "not resolved from 0", ha="center", color=style.GREY, transform=axes.transAxes)
     for tail in [tail for tail in tails if tail.sizes["time"] > 2][:1]:  # a guide above its end
-        t = tail.time.values
-        late = t >= t[-1] / 3
-        height = 2.5 * np.exp(np.mean(np.log(tail[TRACER].values[late] * t[late])))
-        ends = np.array([max(t[-1] / 3, t[0]), t[-1]])
-        axes.plot(ends, height / ends, color=style.INK, linewidth=1)
-        extents.append([*sorted(height / ends)])
+        t = tail.time.values[tail.time.values >= tail.time.values[-1] / 3]
+        guide = 2.5 * float((tail[TRACER] * tail.time).sel(time=t).mean()) / t
+        axes.plot(t, guide, color=style.INK, linewidth=1)
         upper.plot([], [], color=style.INK, linewidth=1, label="decay as $1/t$ (lower panel)")
-    return extents
-
-
-def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and time."""
-    return frame_of(cases, ("time",), LOOKS)
+    return [1.0, *(float(tail[TRACER].min()) for tail in tails)]

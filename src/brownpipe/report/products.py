@@ -44,7 +44,7 @@ def write(
     page: file of the page with all of them. cores: on which figures of a study are drawn at the same time. No file is
     replaced before all are written; then what an earlier drawing made here is removed if it was not drawn again. Raises
     WrongFileError for a file in the place of a product that brownpipe did not make, FigureError as `render.cases_shown`
-    does, and for a variable that the dataset lacks.
+    does.
     """
     folder = Path(folder)
     if is_tradeoff(dataset):

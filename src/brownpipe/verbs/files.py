@@ -15,7 +15,7 @@ from brownpipe.storage.datasets import read_contents
 from brownpipe.storage.export import FORMATS
 from brownpipe.storage.export import export as exported
 from brownpipe.storage.files import write_file
-from brownpipe.storage.trajectories import Trajectories, read_trajectories
+from brownpipe.storage.trajectories import Trajectories, chosen_seed, read_trajectories
 from brownpipe.study.verification import verify_results
 from brownpipe.text import counted, in_bytes
 from brownpipe.verbs.options import add_seed, typed
@@ -151,15 +151,16 @@ def movie(arguments: Namespace) -> None:
 
 def _frames(trajectories: Trajectories, arguments: Namespace, kind: str) -> tuple[bytes, str]:
     """Return a picture, animation or video, and what it shows."""
-    from brownpipe.figures.movie import movie, samples_shown, whole_run
+    from brownpipe.figures.movie import movie, samples_shown
     from brownpipe.figures.origin import movie_record
 
     frames, fps = arguments.frames, arguments.fps or FPS
     with progress.shown("movie"):
-        run = whole_run(trajectories, arguments.file, arguments.seed)
-        record = movie_record(trajectories, "all", run.seed, frames=frames, fps=fps)
-        contents = movie(run, kind, record, frames, fps)
-    return contents, counted(len(samples_shown(len(run.times), frames)) if kind != ".png" else 1, "frame")
+        seed = chosen_seed(trajectories, arguments.file, arguments.seed, trajectories.ensemble.whole)
+        record = movie_record(trajectories, "all", seed, frames=frames, fps=fps)
+        contents = movie(trajectories, seed, kind, record, frames, fps)
+    samples = len(trajectories.scene.times)
+    return contents, counted(len(samples_shown(samples, frames)) if kind != ".png" else 1, "frame")
 
 
 def _page(trajectories: Trajectories, arguments: Namespace, _: str) -> tuple[bytes, str]:
