@@ -242,6 +242,22 @@ def test_a_scene_with_another_value_of_a_key():
     assert species(kind(3)).replace(duration=0.5).sample_interval == 0.5
 
 
+def test_defaults_follow_another_value_of_a_key():
+    """As in a file with this value, and in another scene that a part is taken from."""
+    keys = {"box": BOX, "disks": {"tracer": {"radius": 0.3, "mass": 1}, "species": [kind(9)]}, "duration": 1}
+    keys |= {"velocities": {"temperature": 1}, "samples": {"per_decade": 3}, "equilibrate": {"time": 1}}
+    scene, periodic = parse_scene(keys, "test.yaml"), BOX | {"boundary": "periodic"}
+    for path, new in (
+        ("box.boundary", {"box": periodic}),
+        ("duration", {"duration": 2}),
+        ("disks.tracer", {"disks": {"species": [kind(9)]}}),
+    ):
+        value = {"box.boundary": "periodic", "duration": 2, "disks.tracer": None}[path]
+        assert scene.replace(**{path: value}).text == parse_scene(keys | new, "test.yaml").text
+    taken = {"velocities": scene.velocities, "equilibrate": scene.equilibrate}
+    assert scene.replace(box=periodic, **taken) == scene.replace(box=periodic)
+
+
 # -- scenes with known outcomes: tests/scenes/*.yaml lead to what tests/scenes/expected.yaml says --------------------
 
 FOLDER = Path(__file__).parent / "scenes"

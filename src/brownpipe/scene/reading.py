@@ -145,8 +145,6 @@ class Record(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, value: object) -> object:
-        if isinstance(value, cls):
-            return value
         keys = tuple(field.alias or name for name, field in cls.model_fields.items())
         if not isinstance(value, Mapping):
             raise PydanticCustomError("record_type", f"must be a mapping with the keys {', '.join(keys)}")
@@ -177,7 +175,7 @@ def converted(convert: Callable[[Any], Any], schema: Any) -> BeforeValidator:
 
 def alone(name: str, schema: Any) -> BeforeValidator:
     """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
-    return converted(lambda value: value if isinstance(value, Mapping | Record) else {name: value}, schema)
+    return converted(lambda value: value if isinstance(value, Mapping) else {name: value}, schema)
 
 
 def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
@@ -197,7 +195,12 @@ def _refuse_equal(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's."""
+    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's.
+
+    A record becomes what was given of it.
+    """
+    if isinstance(value, Record):
+        value = value.model_dump(exclude_unset=True)
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):

@@ -178,7 +178,7 @@ class Scene(Record):
     velocities: Velocities | None = key("initial velocities; must be given with species", None)
     sample_interval: Positive | None = key("sample times: its multiples and the duration [time]", None)
     samples: Samples | None = key("logarithmic sample times, in place of `sample_interval`", None)
-    equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", Equilibration(time=0.0))
+    equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", 0.0, validate_default=True)
     if TYPE_CHECKING:  # no keys: what follows from them
         name: str  # in results, that of the file
         listed: tuple[Disk, ...]  # the disks of an explicit list; () for species
@@ -206,7 +206,7 @@ class Scene(Record):
             given = "equilibrate" if self.velocities is None else "velocities"
             refuse("must not be given with an explicit list of disks, which says it all", given)
         else:
-            self._resolve(equilibrate=Equilibration(time=0.0, tracer="free"))
+            self.equilibrate._resolve(tracer="free")
         self._check_packing()
         light, heavy = self.mass.min(initial=math.inf), self.mass.max(initial=0.0)
         if heavy / LARGEST_MASS_RATIO > light:
@@ -224,7 +224,7 @@ class Scene(Record):
             first = self.samples.first or self.duration * 1e-4
             if first >= self.duration:
                 refuse(f"must be below the duration, {self.duration!r}, not {first!r}", "samples", "first")
-            self._resolve(samples=self.samples.model_copy(update={"first": first}))
+            self.samples._resolve(first=first)
         self._resolve(sample_interval=interval)
 
     def _resolve_number(self, groups: Collection[Any]) -> None:
@@ -260,10 +260,10 @@ class Scene(Record):
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
         if held is None or time == 0:
             held = "free" if disks.tracer is None else "pinned"
-        self._resolve(equilibrate=Equilibration(time=time, tracer=held))
+        self.equilibrate._resolve(tracer=held)
         if self.velocities.zero_momentum is None:
             drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
-            self._resolve(velocities=self.velocities.model_copy(update={"zero_momentum": drifts}))
+            self.velocities._resolve(zero_momentum=drifts)
 
     def _check_packing(self) -> None:
         """Refuse listed disks that overlap and species that cannot fit; those accepted may still be hard to place."""
