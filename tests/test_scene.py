@@ -232,9 +232,9 @@ def test_a_scene_with_another_value_of_a_key():
     assert [one.count for one in scene.replace(particles=200).species] == [1, 199]
     assert scene.replace(duration=np.float64(2)).times[-1] == 2.0
     assert scene.replace(equilibrate=1).equilibrate == scene.replace(equilibrate={"time": 1}).equilibrate
-    heavy = scene.replace(disks=scene.disks.replace(tracer={"radius": 0.3, "mass": 3.0}))
+    heavy = scene.replace(disks={"tracer": {"radius": 0.3, "mass": 3.0}, "species": scene.disks.species})
     assert (heavy.mass[0], heavy.name, heavy.particles) == (3.0, scene.name, 150)
-    assert scene.replace(box=scene.box.replace(boundary="periodic")).box.periodic
+    assert scene.replace(**{"box.boundary": "periodic"}).box.periodic
     assert scene.replace(**{"disks.tracer.mass": np.float64(3), "disks.species.bath.radius": 0.05}).mass[0] == 3.0
     assert scene.replace(**{"equilibrate.time": 1}) == scene.replace(equilibrate=1)
     with pytest.raises(RequestError, match=r"^disks.species.bat.mass: must be .* mass of disks.species.bath"):

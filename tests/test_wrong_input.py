@@ -134,7 +134,7 @@ STUDIES = [
     ("allow_failed: 0", "instead_of: {harrison2020: dense}", 18, "instead_of.harrison2020", "a scene of the study"),
 ]
 VARIED = [
-    ("{disks.tracer.mass: [-1]}", "vary", "with disks, particles replaced: disks.tracer.mass: must be > 0, not -1"),
+    ("{disks.tracer.mass: [-1]}", "vary", "with disks.tracer.mass, particles replaced: disks.tracer.mass: must be > 0"),
     ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or mass of disks.species.bath"),
     ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be <= 1, not 1.5"),
     ("{packing_fraction: [0.1]}", "vary", "packing_fraction: must be with one number of particles"),

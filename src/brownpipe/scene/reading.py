@@ -9,8 +9,9 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, Self
+from typing import Annotated, Any, NoReturn
 
 import numpy as np
 import yaml
@@ -47,16 +48,33 @@ class Document(dict[str, object]):
         That of the mapping that lacks it if it is missing; no line if it is not from the text.
         """
         place = f" with {', '.join(self.replaced)} replaced" if self.replaced else ""
-        if not self.lines or (path and path[0] in self.replaced):
+        if not self.lines or (path and path[0] in [word.split(".")[0] for word in self.replaced]):
             return place
         known = (self.lines.get(tuple(path[:length])) for length in range(len(path), -1, -1))
         return f"{place}: line {next(filter(None, known))}"
 
 
-def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any]) -> Document:
-    """Return a mapping with other values of some keys; None: not given."""
-    document = Document({**mapping, **values})
+def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: str = "") -> Document:
+    """Return a mapping with other values of some keys, which may be paths like disks.tracer.mass; None: not given.
+
+    Items of a list are found by their names: disks.species.bath.count. Raises RequestError for other paths, after the
+    name of the file, `where`.
+    """
+    document = Document(deepcopy(dict(mapping)))
     document.lines, document.replaced = getattr(mapping, "lines", {}), (*getattr(mapping, "replaced", ()), *values)
+    for path, value in values.items():
+        *parents, last = path.split(".")
+        part, known = document, "NAME"  # type: Any, str
+        for word in parents:
+            if isinstance(part, list | tuple):
+                named = {str(one.get("name")): one for one in part if isinstance(one, dict)}
+                part, known = named.get(word), " or ".join(named)
+            elif isinstance(part, dict):
+                part = part.setdefault(word, {})
+        if not isinstance(part, dict):
+            allowed = f"must be a key like disks.tracer.mass, or mass of disks.species.{known}"
+            raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}")
+        part[last] = round(value) if last == "count" and isinstance(value, float) else value
     return document
 
 
@@ -153,10 +171,6 @@ class Record(BaseModel):
                 hint = "a number has a decimal point; " if str(key).isdigit() else did_you_mean(str(key), keys)
                 refuse(f"unknown key; {hint}allowed: {', '.join(keys)}", key)
         return {key: part for key, part in value.items() if part is not None}
-
-    def replace(self, **keys: object) -> Self:
-        """Return a record with other values of some keys. Raises RequestError for what a file may not have either."""
-        return validated(type(self), {key: getattr(self, key) for key in self.model_fields_set} | plain(keys))
 
     def _resolve(self, **values: object) -> None:
         """Give fields the values that follow from others, and attributes that are no keys; none counts as given."""

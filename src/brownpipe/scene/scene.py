@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, StrictBool, model_validator
+from pydantic import AfterValidator, Field, StrictBool, ValidationInfo, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
@@ -189,7 +189,8 @@ class Scene(Record):
         packing_fraction: float  # phi = sum(pi R^2)/A
 
     @model_validator(mode="after")
-    def _check(self) -> "Scene":
+    def _check(self, info: ValidationInfo) -> "Scene":
+        self._resolve(name=(info.context or {}).get("name", "scene"))
         self._resolve_times()
         groups: dict[tuple, Any] = {}  # by the path of keys
         if isinstance(self.disks, Mixture):
@@ -337,12 +338,8 @@ class Scene(Record):
 
     def replace(self, **keys: object) -> "Scene":
         """Return a scene of the same name with other values of some keys, which may be paths like disks.tracer.mass."""
-        given = self.model_dump(exclude_unset=True)
-        for path, value in reading.plain(keys).items():
-            set_value(given, path, value, "")
-        scene = reading.validated(Scene, given)
-        scene._resolve(name=self.name)
-        return scene
+        changed = reading.with_values(reading.plain(self), reading.plain(keys))
+        return reading.validated(Scene, dict(changed), context={"name": self.name})
 
     def as_mapping(self) -> dict:
         """Return the scene as a mapping like that of a scene file, with every default written out."""
@@ -367,21 +364,6 @@ class Scene(Record):
         species of which there are no disks. Another way to write the same (defaults, `rest`) has the same digest.
         """
         return hashlib.sha256(self.text.encode()).hexdigest()
-
-
-def set_value(part: Any, path: str, value: Any, where: str) -> None:
-    """Set the value at a path in a mapping with mappings and lists of species, which are found by their names."""
-    *parents, last = path.split(".")
-    known = "NAME"
-    for word in parents:
-        if isinstance(part, list | tuple):
-            named = {str(one.get("name")): one for one in part if isinstance(one, dict)}
-            part, known = named.get(word), " or ".join(named)
-        elif isinstance(part, dict):
-            part = part.setdefault(word, {})
-    if not isinstance(part, dict):
-        raise RequestError(f"{where}{path}: must be a key like disks.tracer.mass, or mass of disks.species.{known}")
-    part[last] = round(value) if last == "count" and isinstance(value, float) else value
 
 
 def read_scene(path: str | Path, particles: int | None = None) -> Scene:
@@ -409,9 +391,9 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
         raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
     if particles is not None and isinstance(mapping, dict):
         mapping = reading.with_values(mapping, {"particles": particles})
-    scene = reading.validated(Scene, mapping, where)
     stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
-    scene._resolve(name=reading.validated(SceneName, stem, where, key))
+    scene = reading.validated(Scene, mapping, where, context={"name": stem})
+    reading.validated(SceneName, stem, where, key)
     return scene
 
 
