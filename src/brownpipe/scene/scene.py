@@ -192,30 +192,13 @@ class Scene(Record):
     def _check(self, info: ValidationInfo) -> "Scene":
         self._resolve(name=(info.context or {}).get("name", "scene"))
         self._resolve_times()
-        groups: dict[tuple, Any] = {}  # by the path of keys
-        if isinstance(self.disks, Mixture):
-            groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
-            groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
-        else:
-            groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
-        self._resolve_number(groups.values())
-        for path, group in groups.items():
-            self._check_disk(group, *path)
-        if isinstance(self.disks, Mixture):
-            self._resolve_motion(self.disks)
-        elif self.velocities is not None or self.equilibrate.time > 0:
-            given = "equilibrate" if self.velocities is None else "velocities"
-            refuse("must not be given with an explicit list of disks, which says it all", given)
-        else:
-            self.equilibrate._resolve(tracer="free")
+        self._resolve_disks()
+        self._resolve_start()
         self._check_packing()
-        light, heavy = self.mass.min(initial=math.inf), self.mass.max(initial=0.0)
-        if heavy / LARGEST_MASS_RATIO > light:
-            refuse(f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and {heavy:g}", "disks")
         return self
 
     def _resolve_times(self) -> None:
-        interval = self.duration if self.sample_interval is None else self.sample_interval
+        interval = self.sample_interval or self.duration
         if not interval <= self.duration <= MOST_SAMPLES * interval:
             allowed = f"at most the duration, {self.duration!r}, and at least {self.duration / MOST_SAMPLES:g}"
             refuse(f"must be {allowed}, for {MOST_SAMPLES} samples, not {interval!r}", "sample_interval")
@@ -228,9 +211,15 @@ class Scene(Record):
             self.samples._resolve(first=first)
         self._resolve(sample_interval=interval)
 
-    def _resolve_number(self, groups: Collection[Any]) -> None:
-        """Resolve the number of disks, the `rest`, and what follows for each disk; a group is a species or one disk."""
-        numbers = [group.count for group in groups if group.count != "rest"]
+    def _resolve_disks(self) -> None:
+        """Resolve the number of disks, the `rest`, and what follows for each disk; refuse disks that do not fit."""
+        groups: dict[tuple, Any] = {}  # species or disks, by their paths of keys
+        if isinstance(self.disks, Mixture):
+            groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
+            groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
+        else:
+            groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
+        numbers = [group.count for group in groups.values() if group.count != "rest"]
         known, has_rest = sum(numbers), len(numbers) < len(groups)
         if self.particles is None and has_rest:
             refuse("missing; must be given with `count: rest`", "particles")
@@ -238,33 +227,44 @@ class Scene(Record):
         if total < known or (total > known and not has_rest):
             least = "at least " if has_rest else ""
             refuse(f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles")
-        rest = {"count": total - known}
-        filled = tuple(group.model_copy(update=rest) if group.count == "rest" else group for group in groups)
+        for path, group in groups.items():
+            self._check_disk(group, *path)
+            if group.count == "rest":
+                groups[path] = group.model_copy(update={"count": total - known})
+        filled = tuple(groups.values())
         if isinstance(self.disks, Mixture):
             self._resolve(particles=total, listed=(), species=filled, placement=self.disks.placement)
         else:
             self._resolve(particles=total, listed=filled, species=(), placement="")
+        counts = np.array([group.count for group in filled], int)
         for field in ("radius", "mass"):
-            values = np.array([getattr(group, field) for group in filled], dtype=float)
-            of_each_disk = np.repeat(values, np.array([group.count for group in filled], dtype=int))
+            of_each_disk = np.repeat(np.array([getattr(group, field) for group in filled], float), counts)
             of_each_disk.flags.writeable = False
             self._resolve(**{field: of_each_disk})
         shares = (self.radius / self.box.width) * (self.radius / self.box.height)
         self._resolve(packing_fraction=float(math.pi * np.sum(shares)))
+        light, heavy = self.mass.min(initial=math.inf), self.mass.max(initial=0.0)
+        if heavy / LARGEST_MASS_RATIO > light:
+            refuse(f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and {heavy:g}", "disks")
 
-    def _resolve_motion(self, disks: Mixture) -> None:
+    def _resolve_start(self) -> None:
         """Resolve the motion of the tracer before t = 0 and the total momentum."""
-        if self.velocities is None:
-            refuse("missing; must be given with species", "velocities")
-        time, held = self.equilibrate.time, self.equilibrate.tracer
-        if held == "pinned" and disks.tracer is None:
+        start, velocities = self.equilibrate, self.velocities
+        held = "free"
+        if isinstance(self.disks, Mixture):
+            held = "pinned" if self.disks.tracer else "free"
+            if velocities is None:
+                refuse("missing; must be given with species", "velocities")
+        elif velocities is not None or start.time > 0:
+            given = "equilibrate" if velocities is None else "velocities"
+            refuse("must not be given with an explicit list of disks, which says it all", given)
+        if start.tracer is None or start.time == 0:
+            start._resolve(tracer=held)
+        elif start.tracer == "pinned" != held:
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
-        if held is None or time == 0:
-            held = "free" if disks.tracer is None else "pinned"
-        self.equilibrate._resolve(tracer=held)
-        if self.velocities.zero_momentum is None:
+        if velocities is not None and velocities.zero_momentum is None:
             drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
-            self.velocities._resolve(zero_momentum=drifts)
+            velocities._resolve(zero_momentum=drifts)
 
     def _check_packing(self) -> None:
         """Refuse listed disks that overlap and species that cannot fit; those accepted may still be hard to place."""
