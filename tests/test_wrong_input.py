@@ -147,7 +147,7 @@ VARIED = [
 STUDIES += [("allow_failed: 0", f"vary: {new}", 18, key, word) for new, key, word in VARIED]
 BOTH = [
     (b"", None, "empty; must be a mapping"),
-    (b"just words\n", None, "a mapping with the keys"),
+    (b"just words\n", None, "must be a mapping of keys"),
     (b"\x89HDF\r\n\x1a\n", None, "not text; if it is an HDF5 file"),
     (b"a: [1, 2\n", 2, "not valid YAML"),
     (b"a: 1\n\tb: 2\n", 2, "found a tab"),

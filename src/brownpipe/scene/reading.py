@@ -36,7 +36,7 @@ LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader  # all s
 TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "seq", "map")}
 
 
-class Document(dict[str, object]):
+class Document(dict[str, Any]):
     """A mapping with the lines that it was read from, of which some keys may be replaced by other values."""
 
     lines: Mapping[tuple[str | int, ...], int] = {}  # from 1, of each value by its path of keys and indices
@@ -78,17 +78,17 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     return document
 
 
-def read_yaml(path: str | Path) -> Any:
-    """Return the contents of a YAML file as dicts with str keys, lists, str, int, float, bool and None.
+def read_yaml(path: str | Path) -> Document:
+    """Return the mapping in a YAML file, of dicts with str keys, lists, str, int, float, bool and None.
 
-    A mapping is returned as a `Document`. Raises RequestError if the file cannot be read or is not such YAML.
+    Raises RequestError if the file cannot be read or is not such YAML.
     """
+    document, lines = Document(), dict[tuple[str | int, ...], int]()
     try:
-        lines: dict[tuple[str | int, ...], int] = {}
         node = yaml.compose(Path(path).read_text("utf-8-sig"), LOADER)
-        if node is None:
-            raise ValueError("empty; must be a mapping of keys to values")
-        value = _value(node, (), lines)
+        if not isinstance(node, yaml.MappingNode):
+            raise ValueError(f"{'' if node else 'empty; '}must be a mapping of keys to values")
+        document.update(_value(node, (), lines))
     except OSError as error:
         hint = f"; did you mean {Path(path).name}.yaml?" if os.path.isfile(f"{path}.yaml") else ""
         raise RequestError(f"{path}: cannot be read: {error.strerror}{hint}") from None
@@ -101,13 +101,11 @@ def read_yaml(path: str | Path) -> Any:
         problem = getattr(error, "problem", "a character that is not allowed").removeprefix("but ")
         problem = problem.replace("found char", "found a tab or another char")
         raise RequestError(f"{path}: {f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}") from None
-    if isinstance(value, dict):
-        value = Document(value)
-        value.lines = lines
-    return value
+    document.lines = lines
+    return document
 
 
-def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> object:
+def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
     """Return the value of a node, and add its line and those of all in it to `lines`."""
     line = lines.setdefault(path, node.start_mark.line + 1)
     if node.tag not in TAGS:
@@ -199,13 +197,11 @@ def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, 
 
 def distinct(kind: Any, least: int = 0) -> Any:
     """Return the type of a list of values that differ, at least so many."""
-    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_refuse_equal)]
+    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_differing)]
 
 
-def _refuse_equal(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    if any(value in values[:k] for k, value in enumerate(values)):
-        refuse("must be values that differ")
-    return values
+def _differing(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    return values if len({*values}) == len(values) else refuse("must be values that differ")
 
 
 def plain(value: Any) -> Any:
