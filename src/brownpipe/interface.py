@@ -220,8 +220,7 @@ def scan(
     """
     base = scene if isinstance(scene, SceneRecord) else read_scene(scene)
     values = validated(Vary, plain(vary), key="vary")
-    keys = base.model_dump(exclude_unset=True)
-    scenes = [scene_with(keys, "scene", one, name=base.name) for one in combinations(values, together)]
+    scenes = [scene_with(base.given, "scene", one, name=base.name) for one in combinations(values, together)]
     runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in scenes]
     return aggregate(runs, _windows(fit_windows), vary=[*values], vary_together=together)
 

@@ -7,17 +7,16 @@ box and do not overlap, and no species has more disks than can fit.
 import hashlib
 import json
 import math
-from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, StrictBool, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, StrictBool, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
-from brownpipe.scene.reading import NAME, Count, Name, NotNegative, Pair, Positive, Record, alone, key, refuse
+from brownpipe.scene.reading import Count, Name, NotNegative, Pair, Positive, Record, alone, key, refuse
 from brownpipe.text import shell_path
 
 MOST_SAMPLES = 10_000_000
@@ -30,14 +29,12 @@ HEXAGONAL = (1 + 1e-9) / math.sqrt(12)  # disks in a square of side R in the den
 STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
 
 # With the values of varied keys (`variation`): `fluid,tracer_mass=10`.
-SceneName = Annotated[str, Field(pattern=rf"^{NAME.pattern}(,\w+=[\w.-]{{1,64}})*$")]
-PerDecade = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,\w+=[\w.-]{{1,64}})*$")]
 
 
 def _ascending(side: tuple[float, float]) -> tuple[float, float]:
-    if not 1 / LONGEST <= side[1] - side[0] <= LONGEST:
-        refuse(f"must be [low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long, not {list(side)}")
-    return side
+    allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
+    return side if 1 / LONGEST <= side[1] - side[0] <= LONGEST else refuse(f"must be {allowed}, not {list(side)}")
 
 
 Side = Annotated[Pair, AfterValidator(_ascending)]
@@ -127,7 +124,7 @@ class Mixture(Record):
             before = self.species[:k]
             if species.name in ("tracer", *(one.name for one in before)):
                 refuse(f"must be a name of its own (tracer is reserved), not {species.name!r}", "species", k, "name")
-            if species.count == "rest" and any(one.count == "rest" for one in before):
+            if species.count == "rest" in [one.count for one in before]:
                 refuse("must be a number, as only one species can be the rest", "species", k, "count")
         return self
 
@@ -154,7 +151,7 @@ class Velocities(Record):
 class Samples(Record):
     """Logarithmic sample times: 0, first * 10^(k/per_decade) for k = 0, 1, ..., and the duration."""
 
-    per_decade: PerDecade = key("sample times per factor of ten in time")
+    per_decade: Annotated[reading.AtLeastOne, Field(le=10_000)] = key("sample times per factor of ten in time")
     first: Positive | None = key("the first sample time after 0 [time] (default: 1e-4 of the duration)", None)
 
 
@@ -180,6 +177,7 @@ class Scene(Record):
     samples: Samples | None = key("logarithmic sample times, in place of `sample_interval`", None)
     equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", 0.0, validate_default=True)
     if TYPE_CHECKING:  # no keys: what follows from them
+        given: dict[str, Any]  # the keys that were given, without what follows from them
         name: str  # in results, that of the file
         listed: tuple[Disk, ...]  # the disks of an explicit list; () for species
         species: tuple[Any, ...]  # tracer, if any, and species, each with name, count, radius and mass; () for a list
@@ -189,8 +187,8 @@ class Scene(Record):
         packing_fraction: float  # phi = sum(pi R^2)/A
 
     @model_validator(mode="after")
-    def _check(self, info: ValidationInfo) -> "Scene":
-        self._resolve(name=(info.context or {}).get("name", "scene"))
+    def _check(self) -> "Scene":
+        self._resolve(given=self.model_dump(exclude_unset=True))
         self._resolve_times()
         self._resolve_disks()
         self._resolve_start()
@@ -217,8 +215,10 @@ class Scene(Record):
         if isinstance(self.disks, Mixture):
             groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
             groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
+            self._resolve(listed=(), species=tuple(groups.values()), placement=self.disks.placement)
         else:
             groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
+            self._resolve(listed=self.disks, species=(), placement="")
         numbers = [group.count for group in groups.values() if group.count != "rest"]
         known, has_rest = sum(numbers), len(numbers) < len(groups)
         if self.particles is None and has_rest:
@@ -227,18 +227,14 @@ class Scene(Record):
         if total < known or (total > known and not has_rest):
             least = "at least " if has_rest else ""
             refuse(f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles")
+        self._resolve(particles=total)
         for path, group in groups.items():
             self._check_disk(group, *path)
             if group.count == "rest":
-                groups[path] = group.model_copy(update={"count": total - known})
-        filled = tuple(groups.values())
-        if isinstance(self.disks, Mixture):
-            self._resolve(particles=total, listed=(), species=filled, placement=self.disks.placement)
-        else:
-            self._resolve(particles=total, listed=filled, species=(), placement="")
-        counts = np.array([group.count for group in filled], int)
+                group._resolve(count=total - known)
+        counts = np.array([group.count for group in groups.values()], int)
         for field in ("radius", "mass"):
-            of_each_disk = np.repeat(np.array([getattr(group, field) for group in filled], float), counts)
+            of_each_disk = np.repeat(np.array([getattr(group, field) for group in groups.values()], float), counts)
             of_each_disk.flags.writeable = False
             self._resolve(**{field: of_each_disk})
         shares = (self.radius / self.box.width) * (self.radius / self.box.height)
@@ -324,32 +320,25 @@ class Scene(Record):
 
         Powers are computed by Python: NumPy's may differ in the last bit between processors.
         """
-        duration, interval = self.duration, self.sample_interval or self.duration
-        if self.samples is not None:
-            first, per_decade = self.samples.first or duration, self.samples.per_decade
-            decades = math.log10(duration) - math.log10(first)
-            steps = range(math.ceil(per_decade * decades - SAME))
-            times = np.array([0.0, *(first * 10 ** (k / per_decade) for k in steps), duration])
-        else:
+        duration, interval, samples = self.duration, self.sample_interval, self.samples
+        if samples is None:
             times = np.arange(math.ceil(duration / interval - SAME) + 1) * interval
             times[-1] = duration
+        else:
+            decades = math.log10(duration) - math.log10(samples.first)
+            steps = range(math.ceil(samples.per_decade * decades - SAME))
+            times = np.array([0.0, *(samples.first * 10 ** (k / samples.per_decade) for k in steps), duration])
         times.flags.writeable = False
         return times
 
     def replace(self, **keys: object) -> "Scene":
         """Return a scene of the same name with other values of some keys, which may be paths like disks.tracer.mass."""
-        changed = reading.with_values(reading.plain(self), reading.plain(keys))
-        return reading.validated(Scene, dict(changed), context={"name": self.name})
+        return parse_scene(dict(reading.with_values(self.given, reading.plain(keys))), "", name=self.name)
 
     def as_mapping(self) -> dict:
         """Return the scene as a mapping like that of a scene file, with every default written out."""
-        mapping = self.model_dump(exclude={"samples" if self.samples is None else "sample_interval"})
-        if isinstance(self.disks, Mixture):
-            mapping["disks"]["species"] = [one.model_dump() for one in self.species if isinstance(one, Species)]
-            return mapping
-        return {
-            name: value for name, value in mapping.items() if name not in ("particles", "velocities", "equilibrate")
-        }
+        left_out = set() if isinstance(self.disks, Mixture) else {"particles", "velocities", "equilibrate"}
+        return self.model_dump(exclude={*left_out, "samples" if self.samples is None else "sample_interval"})
 
     @cached_property
     def text(self) -> str:
@@ -387,13 +376,13 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
 
     Raises RequestError for anything wrong.
     """
-    if isinstance(mapping, dict) and "box" not in mapping and is_study(mapping):
+    if "box" not in mapping and is_study(mapping):
         raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
-    if particles is not None and isinstance(mapping, dict):
+    if particles is not None:
         mapping = reading.with_values(mapping, {"particles": particles})
     stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
-    scene = reading.validated(Scene, mapping, where, context={"name": stem})
-    reading.validated(SceneName, stem, where, key)
+    scene = reading.validated(Scene, mapping, where)
+    scene._resolve(name=reading.validated(SceneName, stem, where, key))
     return scene
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from brownpipe.errors import RequestError
-from brownpipe.scene.reading import As, Number, Positive, Record, key, plain, refuse, validated, with_values
+from brownpipe.scene.reading import As, Number, Positive, Record, key, refuse, validated, with_values
 from brownpipe.scene.scene import Scene, parse_scene
 
 PACKING_FRACTION = "packing_fraction"
@@ -70,7 +70,7 @@ def scene_with(
 
     Raises RequestError for anything wrong.
     """
-    if not (values and isinstance(mapping, Mapping)):
+    if not values:
         return parse_scene(mapping, where, particles, name)
     keys = {path: value for path, value in values.items() if path != PACKING_FRACTION}
     words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
@@ -84,7 +84,7 @@ def scene_with(
     factor = math.sqrt(scene.packing_fraction / wanted)
     lengths = {"box.x": scene.box.x, "box.y": scene.box.y, "disks.tracer.position": scene.species[0].position}
     scaled = {path: [factor * end for end in ends] for path, ends in lengths.items() if ends}
-    return parse_scene(dict(with_values(plain(scene), scaled)), where, name=name)
+    return parse_scene(dict(with_values(scene.given, scaled)), where, name=name)
 
 
 def short_name(path: str) -> str:
