@@ -108,7 +108,7 @@ COMMAS = "several values of an option are joined by commas"
         ([], "required: VERB"),
         (["simulat", SCENE], "invalid choice: 'simulat'; did you mean simulate? (choose from "),
         (["simulate", SCENE, "--particles", "many"], "--particles: must be an integer, not 'many'"),
-        (["simulate", SCENE, "--particles", "5000"], "disks: 4999 disks of radius 0.1 (bath) cannot fit"),
+        (["simulate", SCENE, "--particles", "5000"], "disks: 5000 disks cover 4.37 times the area of the box"),
         (["simulate", SCENE, "--seeds", "1-"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending"),
         (["simulate", SCENE, "--seeds", "9-3"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending"),
         (["simulate", SCENE, "--seeds", "0-99999999999"], "ascending, at most 10000000, not"),

@@ -430,7 +430,7 @@ def test_contact_value_of_the_fluid_is_that_of_its_collisions(phi, time, samples
     """
     scene = gas(number=256, side=float(np.sqrt(256 * np.pi / 4 / phi)), duration=time, sample_interval=time / samples,
                 equilibrate={"time": 20.0, "tracer": "free"})  # fmt: skip
-    scene = scene.replace(disks=scene.disks.replace(placement="lattice"))
+    scene = scene.replace(**{"disks.placement": "lattice"})
     found = exact.simulate(scene, np.arange(16), frozenset({"none"}), observables=("pair_distribution",)).observables
     case = case_of(scene)
     values = values_of(pairs, case, found)

@@ -174,7 +174,8 @@ def test_runs_that_failed_are_named(monkeypatch):
 )
 def test_the_velocity_of_the_tracer_is_recorded_if_asked(tmp_path, capsys, engine, further):
     friction = {"friction": "enskog"} if engine.get("engine") == "langevin" else {}
-    scene = bp.read_scene(SCENE, 20).replace(**{"box.boundary": "periodic", "disks.tracer.mass": 8.0})
+    keys = {"box.boundary": "periodic", "disks.tracer.mass": 8.0, "velocities.zero_momentum": False}
+    scene = bp.read_scene(SCENE, 20).replace(**keys)
     measured = ["velocity_distribution"] if further else []
     runs = bp.simulate(scene, 3, record=["velocity", *further], observables=measured, quiet=True, **engine, **friction)
     assert not further or runs.velocity_counts.dims == ("seed", "species", "velocity_bin")

@@ -67,8 +67,7 @@ def test_digest_is_of_the_physics_alone():
 
 
 lengths = st.floats(1e-3, 0.3)
-heaviest = st.floats(1e-100, 1e300)
-ratios = st.floats(1e-200, 1)
+masses = st.floats(1e-100, 1e100)
 components = st.floats(-1e160, 1e160)
 
 
@@ -78,8 +77,6 @@ def scenes(draw) -> Scene:
     low, duration = draw(st.floats(-1e6, 1e6)), draw(st.floats(1e-150, 1e9))
     box = {"x": [low, low + 7], "y": [0.0, 9.0], "boundary": draw(st.sampled_from(["reflecting", "periodic"]))}
     mapping = {"box": box, "duration": duration, "sample_interval": duration / draw(st.integers(1, 1000))}
-    most = draw(heaviest)
-    masses = ratios.map(lambda ratio: max(ratio * most, 1.001e-200 * most))
     if draw(st.booleans()):
         disks = [
             disk(low + 1 + i, 1.0, draw(lengths), draw(masses), (draw(components), draw(components))) for i in range(3)
@@ -92,7 +89,7 @@ def scenes(draw) -> Scene:
         disks["tracer"] |= draw(st.sampled_from([{}, {"position": [low + 1, 1.0]}]))
         mapping["equilibrate"] = {"time": draw(st.sampled_from([0, 2.5])), "tracer": "free"}
     spread = draw(st.sampled_from(["standard_deviation", "temperature"]))
-    energy = st.floats(1e-5, 1e5).map(lambda square: square * most)
+    energy = st.floats(1e-5, 1e100)
     sizes = {"standard_deviation": st.floats(0, 1e160), "temperature": st.just(0.0) | energy}
     velocities = {spread: draw(sizes[spread]), "zero_momentum": draw(st.booleans())}
     return parse_scene(mapping | {"disks": disks, "velocities": velocities}, "drawn.yaml")
@@ -181,7 +178,7 @@ def test_wall_contact_is_accepted_to_round_off():
     assert explicit(disk(radius=3.0)).particles == 1
     far = {"x": [1e6 - 3, 1e6 + 3], "y": [-3, 3]}
     assert explicit(disk(math.nextafter(1e6 + 2.9, 2e6)), box=far).particles == 1
-    with pytest.raises(RequestError, match=r"disks\[0\].position: must be inside the box, -3.0 <= x <= 3.0"):
+    with pytest.raises(RequestError, match=r"disks\[0\].position: must .* inside the box, -2.9 <= x <= 2.9"):
         explicit(disk(x=2.9 + 1e-9))
 
 
@@ -200,30 +197,10 @@ def test_overlap_through_a_periodic_boundary():
 def test_more_disks_than_can_fit_are_refused(boundary):
     box = BOX | {"boundary": boundary}
     assert species(kind(1039), box=box).particles == 1039
-    with pytest.raises(RequestError, match=r"1040 disks .* cannot fit; must be at most 1039"):
+    with pytest.raises(RequestError, match=r"disks: 1040 disks cover 0.907.*; must be at most 0.9069"):
         species(kind(1040), box=box)
     closed = {"x": [0, 2.0], "y": [0, 2 * math.sqrt(3)], "boundary": boundary}  # hexagonal, if it is periodic
     assert species(kind(200, radius=0.1), box=closed).packing_fraction == pytest.approx(0.9069, 1e-4)
-
-
-# -- what floating-point numbers can tell apart ---
-
-
-@pytest.mark.parametrize("masses", [(1e-100, 1e100), (1e100, 1e300), (1e-300, 1e-100)])
-def test_masses_up_to_a_factor_of_1e200(masses):
-    """Engines: `test_extremes.test_the_largest_mass_ratio`."""
-    light, heavy = masses
-    assert explicit(disk(mass=light), disk(x=1, mass=heavy)).particles == 2
-    assert species(kind(1, mass=1.0), kind(0, name="none", mass=1e300)).particles == 1
-    for disks in (
-        lambda: explicit(disk(mass=light), disk(x=1, mass=1.01 * heavy)),
-        lambda: explicit(disk(mass=1.01 * heavy), disk(x=1, mass=light)),
-    ):
-        with pytest.raises(RequestError) as refusal:
-            disks()
-        assert str(refusal.value).startswith("test.yaml: disks: must be masses within a factor of 1e+200, not ")
-    with pytest.raises(RequestError, match=r"disks: must be masses within a factor"):
-        species(kind(1, mass=1e-200), kind(1, name="other", mass=1e200))
 
 
 def test_a_scene_with_another_value_of_a_key():
@@ -232,14 +209,30 @@ def test_a_scene_with_another_value_of_a_key():
     assert [one.count for one in scene.replace(particles=200).species] == [1, 199]
     assert scene.replace(duration=np.float64(2)).times[-1] == 2.0
     assert scene.replace(equilibrate=1).equilibrate == scene.replace(equilibrate={"time": 1}).equilibrate
-    heavy = scene.replace(disks=scene.disks.replace(tracer={"radius": 0.3, "mass": 3.0}))
+    heavy = scene.replace(disks={"tracer": {"radius": 0.3, "mass": 3.0}, "species": scene.disks.species})
     assert (heavy.mass[0], heavy.name, heavy.particles) == (3.0, scene.name, 150)
-    assert scene.replace(box=scene.box.replace(boundary="periodic")).box.periodic
+    assert scene.replace(**{"box.boundary": "periodic"}).box.periodic
     assert scene.replace(**{"disks.tracer.mass": np.float64(3), "disks.species.bath.radius": 0.05}).mass[0] == 3.0
     assert scene.replace(**{"equilibrate.time": 1}) == scene.replace(equilibrate=1)
     with pytest.raises(RequestError, match=r"^disks.species.bat.mass: must be .* mass of disks.species.bath"):
         scene.replace(**{"disks.species.bat.mass": 2})
     assert species(kind(3)).replace(duration=0.5).sample_interval == 0.5
+
+
+def test_defaults_follow_another_value_of_a_key():
+    """As in a file with this value, and in another scene that a part is taken from."""
+    keys = {"box": BOX, "disks": {"tracer": {"radius": 0.3, "mass": 1}, "species": [kind(9)]}, "duration": 1}
+    keys |= {"velocities": {"temperature": 1}, "samples": {"per_decade": 3}, "equilibrate": {"time": 1}}
+    scene, periodic = parse_scene(keys, "test.yaml"), BOX | {"boundary": "periodic"}
+    for path, new in (
+        ("box.boundary", {"box": periodic}),
+        ("duration", {"duration": 2}),
+        ("disks.tracer", {"disks": {"species": [kind(9)]}}),
+    ):
+        value = {"box.boundary": "periodic", "duration": 2, "disks.tracer": None}[path]
+        assert scene.replace(**{path: value}).text == parse_scene(keys | new, "test.yaml").text
+    taken = {"velocities": scene.velocities, "equilibrate": scene.equilibrate}
+    assert scene.replace(box=periodic, **taken) == scene.replace(box=periodic)
 
 
 # -- scenes with known outcomes: tests/scenes/*.yaml lead to what tests/scenes/expected.yaml says --------------------

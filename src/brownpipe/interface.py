@@ -215,8 +215,7 @@ def scan(
     base = scene if isinstance(scene, SceneRecord) else read_scene(scene)
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
-    keys = base.model_dump(exclude_unset=True)
-    scenes = [scene_with(keys, "scene", one, name=base.name) for one in combinations(values, together)]
+    scenes = [scene_with(base.given, "scene", one, name=base.name) for one in combinations(values, together)]
     with progress.shown("scan", silent=quiet):
         runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in progress.tracked(scenes, "scenes")]
         return aggregate(runs, windows, vary=[*values], vary_together=together)

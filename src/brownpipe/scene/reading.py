@@ -9,8 +9,9 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, Self
+from typing import Annotated, Any, NoReturn
 
 import numpy as np
 import yaml
@@ -35,39 +36,59 @@ LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader  # all s
 TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "seq", "map")}
 
 
-class Document(dict[str, object]):
+class Document(dict[str, Any]):
     """A mapping with the lines that it was read from, of which some keys may be replaced by other values."""
 
     lines: Mapping[tuple[str | int, ...], int] = {}  # from 1, of each value by its path of keys and indices
     replaced: tuple[str, ...] = ()
 
-    def line_of(self, path: Sequence[str | int]) -> int | None:
-        """Return the line of a value: of its key, or of its item in a list.
+    def place_of(self, path: Sequence[str | int]) -> str:
+        """Return, after the name of the file, the replaced keys and the line of a value: of its key or list item.
 
-        That of the mapping that lacks it if it is missing; None if it is not from the text.
+        That of the mapping that lacks it if it is missing; no line if it is not from the text.
         """
+        place = f" with {', '.join(self.replaced)} replaced" if self.replaced else ""
+        if not self.lines or (path and path[0] in [word.split(".")[0] for word in self.replaced]):
+            return place
         known = (self.lines.get(tuple(path[:length])) for length in range(len(path), -1, -1))
-        return None if path and path[0] in self.replaced else next(filter(None, known), None)
+        return f"{place}: line {next(filter(None, known))}"
 
 
-def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any]) -> Document:
-    """Return a mapping with other values of some keys; a key of value None is left out."""
-    document = Document({key: value for key, value in {**mapping, **values}.items() if value is not None})
+def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: str = "") -> Document:
+    """Return a mapping with other values of some keys, which may be paths like disks.tracer.mass; None: not given.
+
+    Items of a list are found by their names: disks.species.bath.count. Raises RequestError for other paths, after the
+    name of the file, `where`.
+    """
+    document = Document(deepcopy(dict(mapping)))
     document.lines, document.replaced = getattr(mapping, "lines", {}), (*getattr(mapping, "replaced", ()), *values)
+    for path, value in values.items():
+        *parents, last = path.split(".")
+        part, known = document, "NAME"  # type: Any, str
+        for word in parents:
+            if isinstance(part, list | tuple):
+                named = {str(one.get("name")): one for one in part if isinstance(one, dict)}
+                part, known = named.get(word), " or ".join(named)
+            elif isinstance(part, dict):
+                part = part.setdefault(word, {})
+        if not isinstance(part, dict):
+            allowed = f"must be a key like disks.tracer.mass, or mass of disks.species.{known}"
+            raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}")
+        part[last] = round(value) if last == "count" and isinstance(value, float) else value
     return document
 
 
-def read_yaml(path: str | Path) -> Any:
-    """Return the contents of a YAML file as dicts with str keys, lists, str, int, float, bool and None.
+def read_yaml(path: str | Path) -> Document:
+    """Return the mapping in a YAML file, of dicts with str keys, lists, str, int, float, bool and None.
 
-    A mapping is returned as a `Document`. Raises RequestError if the file cannot be read or is not such YAML.
+    Raises RequestError if the file cannot be read or is not such YAML.
     """
+    document, lines = Document(), dict[tuple[str | int, ...], int]()
     try:
-        lines: dict[tuple[str | int, ...], int] = {}
         node = yaml.compose(Path(path).read_text("utf-8-sig"), LOADER)
-        if node is None:
-            raise ValueError("empty; must be a mapping of keys to values")
-        value = _value(node, (), lines)
+        if not isinstance(node, yaml.MappingNode):
+            raise ValueError(f"{'' if node else 'empty; '}must be a mapping of keys to values")
+        document.update(_value(node, (), lines))
     except OSError as error:
         hint = f"; did you mean {Path(path).name}.yaml?" if os.path.isfile(f"{path}.yaml") else ""
         raise RequestError(f"{path}: cannot be read: {error.strerror}{hint}") from None
@@ -76,23 +97,19 @@ def read_yaml(path: str | Path) -> Any:
     except (ValueError, RecursionError) as error:
         raise RequestError(f"{path}: {error}") from None
     except yaml.YAMLError as error:
-        mark, problem = (
-            getattr(error, "problem_mark", None),
-            getattr(error, "problem", "a character that is not allowed"),
-        )
-        problem = problem.removeprefix("but ").replace("found char", "found a tab or another char")
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", "a character that is not allowed").removeprefix("but ")
+        problem = problem.replace("found char", "found a tab or another char")
         raise RequestError(f"{path}: {f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}") from None
-    if isinstance(value, dict):
-        value = Document(value)
-        value.lines = lines
-    return value
+    document.lines = lines
+    return document
 
 
-def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> object:
+def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
     """Return the value of a node, and add its line and those of all in it to `lines`."""
-    lines.setdefault(path, node.start_mark.line + 1)
+    line = lines.setdefault(path, node.start_mark.line + 1)
     if node.tag not in TAGS:
-        raise ValueError(f"line {node.start_mark.line + 1}: tags are not allowed")
+        raise ValueError(f"line {line}: tags are not allowed")
     if isinstance(node, yaml.ScalarNode):
         return node.value if node.style else scalar(node.value)
     if isinstance(node, yaml.SequenceNode):
@@ -100,11 +117,10 @@ def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> object:
     mapping: dict[str, object] = {}
     for key_node, item in node.value:
         key, line = key_node.value, key_node.start_mark.line + 1
-        if not isinstance(key, str) or key in mapping:
-            wrong = (
-                f"duplicate key {key!r}; must be given once" if isinstance(key, str) else "a key must be a plain word"
-            )
-            raise ValueError(f"line {line}: {wrong}")
+        if not isinstance(key, str):
+            raise ValueError(f"line {line}: a key must be a plain word")
+        if key in mapping:
+            raise ValueError(f"line {line}: duplicate key {key!r}; must be given once")
         lines[*path, key] = line
         mapping[key] = _value(item, (*path, key), lines)
     return mapping
@@ -145,22 +161,14 @@ class Record(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, value: object) -> object:
-        if isinstance(value, cls):
-            return value
         keys = tuple(field.alias or name for name, field in cls.model_fields.items())
         if not isinstance(value, Mapping):
-            raise PydanticCustomError(
-                "record_type", "must be a mapping with the keys {keys}", {"keys": ", ".join(keys)}
-            )
+            raise PydanticCustomError("record_type", f"must be a mapping with the keys {', '.join(keys)}")
         for key in value:
             if key not in keys:
                 hint = "a number has a decimal point; " if str(key).isdigit() else did_you_mean(str(key), keys)
                 refuse(f"unknown key; {hint}allowed: {', '.join(keys)}", key)
         return {key: part for key, part in value.items() if part is not None}
-
-    def replace(self, **keys: object) -> Self:
-        """Return a record with other values of some keys. Raises RequestError for what a file may not have either."""
-        return validated(type(self), {key: getattr(self, key) for key in self.model_fields_set} | plain(keys))
 
     def _resolve(self, **values: object) -> None:
         """Give fields the values that follow from others, and attributes that are no keys; none counts as given."""
@@ -179,7 +187,7 @@ def converted(convert: Callable[[Any], Any], schema: Any) -> BeforeValidator:
 
 def alone(name: str, schema: Any) -> BeforeValidator:
     """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
-    return converted(lambda value: value if isinstance(value, Mapping | Record) else {name: value}, schema)
+    return converted(lambda value: value if isinstance(value, Mapping) else {name: value}, schema)
 
 
 def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
@@ -189,17 +197,20 @@ def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, 
 
 def distinct(kind: Any, least: int = 0) -> Any:
     """Return the type of a list of values that differ, at least so many."""
-    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_refuse_equal)]
+    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_differing)]
 
 
-def _refuse_equal(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    if any(value in values[:k] for k, value in enumerate(values)):
-        refuse("must be values that differ")
-    return values
+def _differing(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    return values if len({*values}) == len(values) else refuse("must be values that differ")
 
 
 def plain(value: Any) -> Any:
-    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's."""
+    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's.
+
+    A record becomes what was given of it.
+    """
+    if isinstance(value, Record):
+        value = value.model_dump(exclude_unset=True)
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -209,27 +220,27 @@ def plain(value: Any) -> Any:
 
 # -- refusals -------------------------------------------------------------------------------------------------------
 
-WORDS = {  # of pydantic, and the same in messages here
-    "Input should be ": "must be ",
-    "Input is not a valid path for <class 'pathlib.Path'>": "must be the path of a file",
-    "a valid number": "a number",
-    "a valid integer": "an integer",
-    "a valid boolean": "true or false",
-    "a valid string": "a text",
-    "a valid tuple": "a list",
-    "a valid dictionary": "a mapping",
-    "greater than or equal to": ">=",
-    "less than or equal to": "<=",
-    "greater than": ">",
-    "less than": "<",
-}
 PROBLEMS = {  # by pydantic's names of errors, with the context that comes with them
     "missing": "missing; must be given",
     "union_tag_not_found": "missing; must be given",
     "union_tag_invalid": "must be {expected_tags}",
+    "literal_error": "must be {expected}",
+    "float_type": "must be a number",
+    "finite_number": "must be a finite number",
+    "int_type": "must be an integer",
+    "bool_type": "must be true or false",
+    "string_type": "must be a text",
+    "string_too_short": "must be a text that is not empty",
+    "string_pattern_mismatch": "must be a name: letters, digits, '.', '_', '-', first a letter or digit, at most 64",
+    "path_type": "must be the path of a file",
+    "tuple_type": "must be a list",
     "too_short": "must be a list of at least {min_length}",
     "too_long": "must be a list of at most {max_length}",
-    "string_pattern_mismatch": "must be a name: letters, digits, '.', '_', '-', first a letter or digit, at most 64",
+    "dict_type": "must be a mapping",
+    "greater_than": "must be > {gt:.8g}",
+    "greater_than_equal": "must be >= {ge:.8g}",
+    "less_than": "must be < {lt:.8g}",
+    "less_than_equal": "must be <= {le:.8g}",
 }
 
 
@@ -247,11 +258,9 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
         return TypeAdapter(kind).validate_python(value, context=context)
     except ValidationError as error:
         path, problem = _place_and_problem(error, value)
-    line = value.line_of(path) if isinstance(value, Document) else None
-    file += f" with {', '.join(value.replaced)} replaced" if isinstance(value, Document) and value.replaced else ""
+    file += value.place_of(path) if isinstance(value, Document) else ""
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in (key, *path) if part != "")
-    parts = (file, line and f"line {line}", place.removeprefix("."), problem)
-    raise RequestError(": ".join(part for part in parts if part)) from None
+    raise RequestError(": ".join(filter(None, (file, place.removeprefix("."), problem)))) from None
 
 
 def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str | int], str]:
@@ -262,18 +271,15 @@ def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str 
     errors = [(_path(one, value), one) for one in error.errors(include_url=False)]
     path = max((path for path, _ in errors if path[: len(errors[0][0])] == errors[0][0]), key=len)
     here = [one for other, one in errors if other == path]
-    problem, kind = _problem(here[0]), here[0]["type"]
-    if kind == "refused" or problem.startswith("missing"):
-        return path, problem
-    problem = " or ".join(dict.fromkeys(map(_problem, here))).replace(" or must be ", " or ")
+    problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=one["msg"], **one.get("ctx", {})) for one in here]
+    if here[0]["type"] == "refused" or problems[0].startswith("missing"):
+        return path, problems[0]
+    problem = " or ".join(dict.fromkeys(problems)).replace(" or must be ", " or ")
     found = here[0].get("ctx", {}).get("tag", here[0]["input"])
     hint = did_you_mean(str(found), re.findall("'([^']+)'", problem))
-    if kind in ("float_type", "int_type") and isinstance(found, str):
+    if isinstance(found, str) and here[0]["type"] in ("float_type", "int_type"):
         hint = hint or "without quotes, unit or comma"
-    found = (
-        "a text" if kind == "record_type" and isinstance(found, str) else shown(found)
-    )  # of a wrong file, maybe a secret
-    return path, f"{problem}, not {found}{'; ' if hint else ''}{hint.strip()}"
+    return path, f"{problem}, not {shown(found)}{'; ' if hint else ''}{hint.strip()}"
 
 
 def _path(error: Any, value: Any) -> list[str | int]:
@@ -285,14 +291,6 @@ def _path(error: Any, value: Any) -> list[str | int]:
             path.append(part)
     missing = error["loc"][-1:] if error["type"] == "missing" and value is not None else ()
     return [*path, *missing, *context.get("path", ()), *filter(None, [context.get("discriminator", "").strip("'")])]
-
-
-def _problem(error: Any) -> str:
-    """Return what is wrong with a value, without the value."""
-    problem = PROBLEMS.get(error["type"], "{msg}").format(msg=error["msg"], **error.get("ctx", {}))
-    for theirs, ours in WORDS.items():
-        problem = problem.replace(theirs, ours)
-    return problem
 
 
 def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:

@@ -7,7 +7,6 @@ box and do not overlap, and no species has more disks than can fit.
 import hashlib
 import json
 import math
-from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -17,30 +16,29 @@ from pydantic import AfterValidator, Field, StrictBool, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
-from brownpipe.scene.reading import NAME, Count, Name, NotNegative, Pair, Positive, Record, alone, key, refuse
+from brownpipe.scene.reading import Count, Name, NotNegative, Pair, Positive, Record, alone, key, refuse
 from brownpipe.text import shell_path
 
 MOST_SAMPLES = 10_000_000
 ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
 LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
-LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
+HEAVIEST = 1e100  # mass, its inverse the lightest: products of masses and squared speeds do not overflow or underflow
 SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
-HEXAGONAL = (1 + 1e-9) / math.sqrt(12)  # disks in a square of side R in the densest packing, and round-off
+DENSEST = math.pi / math.sqrt(12)  # packing fraction of the hexagonal packing; no placement of any mixture is denser
 STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
 
 # With the values of varied keys (`variation`): `fluid,tracer_mass=10`.
-SceneName = Annotated[str, Field(pattern=rf"^{NAME.pattern}(,\w+=[\w.-]{{1,64}})*$")]
-PerDecade = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,\w+=[\w.-]{{1,64}})*$")]
 
 
 def _ascending(side: tuple[float, float]) -> tuple[float, float]:
-    if not 1 / LONGEST <= side[1] - side[0] <= LONGEST:
-        refuse(f"must be [low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long, not {list(side)}")
-    return side
+    allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
+    return side if 1 / LONGEST <= side[1] - side[0] <= LONGEST else refuse(f"must be {allowed}, not {list(side)}")
 
 
 Side = Annotated[Pair, AfterValidator(_ascending)]
+Mass = Annotated[Positive, Field(ge=1 / HEAVIEST, le=HEAVIEST)]
 
 
 class Box(Record):
@@ -86,7 +84,7 @@ class Disk(Record):
     position: Pair = key("initial centre, [x, y] [length]")
     velocity: Pair = key("[x, y] [length/time]")
     radius: Positive = key("[length]")
-    mass: Positive = key("[mass]")
+    mass: Mass = key("[mass]")
     count: ClassVar = 1
 
 
@@ -94,7 +92,7 @@ class Tracer(Record):
     """Disk 0, whose motion is recorded and analysed. It is a species of its own."""
 
     radius: Positive = key("[length]")
-    mass: Positive = key("[mass]")
+    mass: Mass = key("[mass]")
     position: Pair | None = key("its initial centre [length]; by default it is placed like the others", None)
     name: ClassVar = "tracer"
     count: ClassVar = 1
@@ -106,7 +104,7 @@ class Species(Record):
     name: Name = key("differs from the others and from `tracer`")
     count: Count | Literal["rest"] = key("a number; one species at most is the `rest` of `particles`")
     radius: Positive = key("of each disk [length]")
-    mass: Positive = key("of each disk [mass]")
+    mass: Mass = key("of each disk [mass]")
     position: ClassVar = None
 
 
@@ -121,13 +119,11 @@ class Mixture(Record):
 
     @model_validator(mode="after")
     def _check(self) -> "Mixture":
-        if not self.model_fields_set & {"tracer", "species"}:
-            refuse("must have tracer, species or both")
         for k, species in enumerate(self.species):
             before = self.species[:k]
             if species.name in ("tracer", *(one.name for one in before)):
                 refuse(f"must be a name of its own (tracer is reserved), not {species.name!r}", "species", k, "name")
-            if species.count == "rest" and any(one.count == "rest" for one in before):
+            if species.count == "rest" in [one.count for one in before]:
                 refuse("must be a number, as only one species can be the rest", "species", k, "count")
         return self
 
@@ -154,7 +150,7 @@ class Velocities(Record):
 class Samples(Record):
     """Logarithmic sample times: 0, first * 10^(k/per_decade) for k = 0, 1, ..., and the duration."""
 
-    per_decade: PerDecade = key("sample times per factor of ten in time")
+    per_decade: Annotated[reading.AtLeastOne, Field(le=10_000)] = key("sample times per factor of ten in time")
     first: Positive | None = key("the first sample time after 0 [time] (default: 1e-4 of the duration)", None)
 
 
@@ -178,8 +174,9 @@ class Scene(Record):
     velocities: Velocities | None = key("initial velocities; must be given with species", None)
     sample_interval: Positive | None = key("sample times: its multiples and the duration [time]", None)
     samples: Samples | None = key("logarithmic sample times, in place of `sample_interval`", None)
-    equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", Equilibration(time=0.0))
+    equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", 0.0, validate_default=True)
     if TYPE_CHECKING:  # no keys: what follows from them
+        given: dict[str, Any]  # the keys that were given, without what follows from them
         name: str  # in results, that of the file
         listed: tuple[Disk, ...]  # the disks of an explicit list; () for species
         species: tuple[Any, ...]  # tracer, if any, and species, each with name, count, radius and mass; () for a list
@@ -190,31 +187,15 @@ class Scene(Record):
 
     @model_validator(mode="after")
     def _check(self) -> "Scene":
+        self._resolve(given=self.model_dump(exclude_unset=True))
         self._resolve_times()
-        groups: dict[tuple, Any] = {}  # by the path of keys
-        if isinstance(self.disks, Mixture):
-            groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
-            groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
-        else:
-            groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
-        self._resolve_number(groups.values())
-        for path, group in groups.items():
-            self._check_disk(group, *path)
-        if isinstance(self.disks, Mixture):
-            self._resolve_motion(self.disks)
-        elif self.velocities is not None or self.equilibrate.time > 0:
-            given = "equilibrate" if self.velocities is None else "velocities"
-            refuse("must not be given with an explicit list of disks, which says it all", given)
-        else:
-            self._resolve(equilibrate=Equilibration(time=0.0, tracer="free"))
+        self._resolve_disks()
+        self._resolve_start()
         self._check_packing()
-        light, heavy = self.mass.min(initial=math.inf), self.mass.max(initial=0.0)
-        if heavy / LARGEST_MASS_RATIO > light:
-            refuse(f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and {heavy:g}", "disks")
         return self
 
     def _resolve_times(self) -> None:
-        interval = self.duration if self.sample_interval is None else self.sample_interval
+        interval = self.sample_interval or self.duration
         if not interval <= self.duration <= MOST_SAMPLES * interval:
             allowed = f"at most the duration, {self.duration!r}, and at least {self.duration / MOST_SAMPLES:g}"
             refuse(f"must be {allowed}, for {MOST_SAMPLES} samples, not {interval!r}", "sample_interval")
@@ -224,12 +205,20 @@ class Scene(Record):
             first = self.samples.first or self.duration * 1e-4
             if first >= self.duration:
                 refuse(f"must be below the duration, {self.duration!r}, not {first!r}", "samples", "first")
-            self._resolve(samples=self.samples.model_copy(update={"first": first}))
+            self.samples._resolve(first=first)
         self._resolve(sample_interval=interval)
 
-    def _resolve_number(self, groups: Collection[Any]) -> None:
-        """Resolve the number of disks, the `rest`, and what follows for each disk; a group is a species or one disk."""
-        numbers = [group.count for group in groups if group.count != "rest"]
+    def _resolve_disks(self) -> None:
+        """Resolve the number of disks, the `rest`, and what follows for each disk; refuse disks that do not fit."""
+        groups: dict[tuple, Any] = {}  # species or disks, by their paths of keys
+        if isinstance(self.disks, Mixture):
+            groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
+            groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
+            self._resolve(listed=(), species=tuple(groups.values()), placement=self.disks.placement)
+        else:
+            groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
+            self._resolve(listed=self.disks, species=(), placement="")
+        numbers = [group.count for group in groups.values() if group.count != "rest"]
         known, has_rest = sum(numbers), len(numbers) < len(groups)
         if self.particles is None and has_rest:
             refuse("missing; must be given with `count: rest`", "particles")
@@ -237,33 +226,37 @@ class Scene(Record):
         if total < known or (total > known and not has_rest):
             least = "at least " if has_rest else ""
             refuse(f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles")
-        rest = {"count": total - known}
-        filled = tuple(group.model_copy(update=rest) if group.count == "rest" else group for group in groups)
-        if isinstance(self.disks, Mixture):
-            self._resolve(particles=total, listed=(), species=filled, placement=self.disks.placement)
-        else:
-            self._resolve(particles=total, listed=filled, species=(), placement="")
+        self._resolve(particles=total)
+        for path, group in groups.items():
+            self._check_disk(group, *path)
+            if group.count == "rest":
+                group._resolve(count=total - known)
+        counts = np.array([group.count for group in groups.values()], int)
         for field in ("radius", "mass"):
-            values = np.array([getattr(group, field) for group in filled], dtype=float)
-            of_each_disk = np.repeat(values, np.array([group.count for group in filled], dtype=int))
+            of_each_disk = np.repeat(np.array([getattr(group, field) for group in groups.values()], float), counts)
             of_each_disk.flags.writeable = False
             self._resolve(**{field: of_each_disk})
         shares = (self.radius / self.box.width) * (self.radius / self.box.height)
         self._resolve(packing_fraction=float(math.pi * np.sum(shares)))
 
-    def _resolve_motion(self, disks: Mixture) -> None:
+    def _resolve_start(self) -> None:
         """Resolve the motion of the tracer before t = 0 and the total momentum."""
-        if self.velocities is None:
-            refuse("missing; must be given with species", "velocities")
-        time, held = self.equilibrate.time, self.equilibrate.tracer
-        if held == "pinned" and disks.tracer is None:
+        start, velocities = self.equilibrate, self.velocities
+        held = "free"
+        if isinstance(self.disks, Mixture):
+            held = "pinned" if self.disks.tracer else "free"
+            if velocities is None:
+                refuse("missing; must be given with species", "velocities")
+        elif velocities is not None or start.time > 0:
+            given = "equilibrate" if velocities is None else "velocities"
+            refuse("must not be given with an explicit list of disks, which says it all", given)
+        if start.tracer is None or start.time == 0:
+            start._resolve(tracer=held)
+        elif start.tracer == "pinned" != held:
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
-        if held is None or time == 0:
-            held = "free" if disks.tracer is None else "pinned"
-        self._resolve(equilibrate=Equilibration(time=time, tracer=held))
-        if self.velocities.zero_momentum is None:
+        if velocities is not None and velocities.zero_momentum is None:
             drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
-            self._resolve(velocities=self.velocities.model_copy(update={"zero_momentum": drifts}))
+            velocities._resolve(zero_momentum=drifts)
 
     def _check_packing(self) -> None:
         """Refuse listed disks that overlap and species that cannot fit; those accepted may still be hard to place."""
@@ -271,13 +264,9 @@ class Scene(Record):
         if self.listed and (pair := overlap(np.array([disk.position for disk in self.listed]), self.radius, box)):
             at = " and ".join(f"disk {k} at {list(self.listed[k].position)}" for k in pair[:2])
             refuse(f"{at} overlap: the gap between their edges is {pair[2]:.6g}; must be >= 0", "disks")
-        for s in self.species:
-            most = HEXAGONAL * (self.box.width / s.radius) * (self.box.height / s.radius)
-            if s.count > most:
-                crowd = f"{s.count} disks of radius {s.radius!r} ({s.name})"
-                refuse(f"{crowd} cannot fit; must be at most {math.floor(most)}", "disks")
-        if self.species and self.packing_fraction > 1:
-            refuse(f"the disks cover {self.packing_fraction:.4g} times the area of the box; must be at most 1", "disks")
+        if self.species and self.packing_fraction > DENSEST * (1 + 1e-9):
+            crowd = f"{self.particles} disks cover {self.packing_fraction:.4g} times the area of the box"
+            refuse(f"{crowd}; must be at most {DENSEST:.4g} (hexagonal packing)", "disks")
 
     def _check_disk(self, disk: Any, *path: str | int) -> None:
         """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box or in a wall.
@@ -294,9 +283,8 @@ class Scene(Record):
         for axis, value, (low, high) in zip("xy", disk.position or (), (box.x, box.y), strict=False):
             slack = ROUND_OFF * margin + 2 * math.ulp(max(-low, high)) if margin else 0.0
             if not low - slack <= value - margin <= value + margin <= high + slack or (not margin and value == high):
-                inside = f"{low!r} <= {axis} {'<=' if margin else '<'} {high!r}"
-                inside += f", by the radius {radius!r} or more" if margin else ""
-                refuse(f"must be inside the box, {inside}, not {list(disk.position or ())}", *path, "position")
+                inside = f"{low + margin:.10g} <= {axis} {'<=' if margin else '<'} {high - margin:.10g}"
+                refuse(f"must have the disk inside the box, {inside}, not {list(disk.position)}", *path, "position")
 
     def __repr__(self) -> str:
         box = f"{self.box.boundary} box {self.box.width:g} x {self.box.height:g}"
@@ -323,36 +311,25 @@ class Scene(Record):
 
         Powers are computed by Python: NumPy's may differ in the last bit between processors.
         """
-        duration, interval = self.duration, self.sample_interval or self.duration
-        if self.samples is not None:
-            first, per_decade = self.samples.first or duration, self.samples.per_decade
-            decades = math.log10(duration) - math.log10(first)
-            steps = range(math.ceil(per_decade * decades - SAME))
-            times = np.array([0.0, *(first * 10 ** (k / per_decade) for k in steps), duration])
-        else:
+        duration, interval, samples = self.duration, self.sample_interval, self.samples
+        if samples is None:
             times = np.arange(math.ceil(duration / interval - SAME) + 1) * interval
             times[-1] = duration
+        else:
+            decades = math.log10(duration) - math.log10(samples.first)
+            steps = range(math.ceil(samples.per_decade * decades - SAME))
+            times = np.array([0.0, *(samples.first * 10 ** (k / samples.per_decade) for k in steps), duration])
         times.flags.writeable = False
         return times
 
     def replace(self, **keys: object) -> "Scene":
         """Return a scene of the same name with other values of some keys, which may be paths like disks.tracer.mass."""
-        given = self.model_dump(exclude_unset=True)
-        for path, value in reading.plain(keys).items():
-            set_value(given, path, value, "")
-        scene = reading.validated(Scene, given)
-        scene._resolve(name=self.name)
-        return scene
+        return parse_scene(dict(reading.with_values(self.given, reading.plain(keys))), "", name=self.name)
 
     def as_mapping(self) -> dict:
         """Return the scene as a mapping like that of a scene file, with every default written out."""
-        mapping = self.model_dump(exclude={"samples" if self.samples is None else "sample_interval"})
-        if isinstance(self.disks, Mixture):
-            mapping["disks"]["species"] = [one.model_dump() for one in self.species if isinstance(one, Species)]
-            return mapping
-        return {
-            name: value for name, value in mapping.items() if name not in ("particles", "velocities", "equilibrate")
-        }
+        left_out = set() if isinstance(self.disks, Mixture) else {"particles", "velocities", "equilibrate"}
+        return self.model_dump(exclude={*left_out, "samples" if self.samples is None else "sample_interval"})
 
     @cached_property
     def text(self) -> str:
@@ -367,21 +344,6 @@ class Scene(Record):
         species of which there are no disks. Another way to write the same (defaults, `rest`) has the same digest.
         """
         return hashlib.sha256(self.text.encode()).hexdigest()
-
-
-def set_value(part: Any, path: str, value: Any, where: str) -> None:
-    """Set the value at a path in a mapping with mappings and lists of species, which are found by their names."""
-    *parents, last = path.split(".")
-    known = "NAME"
-    for word in parents:
-        if isinstance(part, list | tuple):
-            named = {str(one.get("name")): one for one in part if isinstance(one, dict)}
-            part, known = named.get(word), " or ".join(named)
-        elif isinstance(part, dict):
-            part = part.setdefault(word, {})
-    if not isinstance(part, dict):
-        raise RequestError(f"{where}{path}: must be a key like disks.tracer.mass, or mass of disks.species.{known}")
-    part[last] = round(value) if last == "count" and isinstance(value, float) else value
 
 
 def read_scene(path: str | Path, particles: int | None = None) -> Scene:
@@ -405,12 +367,12 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
 
     Raises RequestError for anything wrong.
     """
-    if isinstance(mapping, dict) and "box" not in mapping and is_study(mapping):
+    if "box" not in mapping and is_study(mapping):
         raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
-    if particles is not None and isinstance(mapping, dict):
+    if particles is not None:
         mapping = reading.with_values(mapping, {"particles": particles})
-    scene = reading.validated(Scene, mapping, where)
     stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
+    scene = reading.validated(Scene, mapping, where)
     scene._resolve(name=reading.validated(SceneName, stem, where, key))
     return scene
 

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from itertools import chain
 from typing import Annotated, Any
 
 import numpy as np
@@ -27,25 +26,16 @@ def read_seeds(value: object) -> Sequence[int]:
 
 def _seeds(value: Any) -> Sequence[int]:
     """Return the seeds of a value, within a validator."""
-    if isinstance(value, int) and not isinstance(value, bool):
-        ends = [(0, value - 1)]
-    else:
-        words = [
-            word for part in (value if isinstance(value, list | tuple) else [value]) for word in str(part).split(",")
-        ]
-        found = [RANGE.fullmatch(word.strip()) for word in words]
-        ends = [(int(one[1]), int(one[2] or one[1])) for one in found if one] if None not in found else []
-    if (
-        not ends
-        or any(first > last for first, last in ends)
-        or sum(last + 1 - first for first, last in ends) > MOST_SEEDS
-    ):
+    parts = [f"0-{value - 1}"] if type(value) is int else value if isinstance(value, list | tuple) else [value]
+    found = [RANGE.fullmatch(word.strip()) for part in parts for word in str(part).split(",")]
+    ends = [(int(one[1]), int(one[2] or one[1])) for one in found if one]
+    sizes = [last + 1 - first for first, last in ends]
+    if None in found or not 0 < min(sizes, default=0) <= sum(sizes) <= MOST_SEEDS:
         allowed = "seeds" if isinstance(value, str) else "a count like 2400, or seeds"
         refuse(f"must be {allowed} like 17, 0-2399 or 3,5,9, ascending, at most {MOST_SEEDS}, not {shown(value)}")
-    if len(ends) == 1:
-        return range(ends[0][0], ends[0][1] + 1)
-    seeds = sorted({*chain.from_iterable(range(first, last + 1) for first, last in ends)})
-    return range(seeds[0], seeds[-1] + 1) if seeds[-1] - seeds[0] < len(seeds) else tuple(seeds)
+    seeds = np.unique(np.concatenate([np.arange(first, last + 1) for first, last in ends]))
+    consecutive = range(int(seeds[0]), int(seeds[-1]) + 1)
+    return consecutive if len(consecutive) == len(seeds) else tuple(seeds.tolist())
 
 
 _Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]

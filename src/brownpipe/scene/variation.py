@@ -6,7 +6,6 @@ A key is a path such as `disks.tracer.mass`, `disks.species.bath.count` (a speci
 
 import math
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,7 +15,7 @@ from pydantic import AfterValidator, Field
 
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import As, Number, Positive, Record, key, refuse, validated, with_values
-from brownpipe.scene.scene import Scene, parse_scene, set_value
+from brownpipe.scene.scene import Scene, parse_scene
 
 PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
@@ -65,35 +64,27 @@ def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict
 
 
 def scene_with(
-    mapping: Any, where: str, values: Mapping[str, Any], particles: int | None = None, name: str = ""
+    mapping: Any, where: str, values: Mapping[str, Any], particles: int | None = None, name: str | None = None
 ) -> Scene:
     """Return the scene of a mapping, as `parse_scene` does, with these values by key, which its name tells.
 
     Raises RequestError for anything wrong.
     """
-    if not (values and isinstance(mapping, Mapping)):
-        return parse_scene(mapping, where, particles, name or None)
-    changed = deepcopy(dict(mapping))
-    paths = [path for path in values if path != PACKING_FRACTION]
-    for path in paths:
-        set_value(changed, path, values[path], f"{where}: ")
-    document = with_values(mapping, {key: changed[key] for key in (path.split(".")[0] for path in paths)})
+    if not values:
+        return parse_scene(mapping, where, particles, name)
+    keys = {path: value for path, value in values.items() if path != PACKING_FRACTION}
     words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
-    scene = parse_scene(document, where, particles, ",".join([name or Path(where).stem, *words]))
-    return _at(scene, values[PACKING_FRACTION], where) if PACKING_FRACTION in values else scene
-
-
-def _at(scene: Scene, packing_fraction: Any, where: str) -> Scene:
-    """Return a scene whose box is scaled to a packing fraction."""
-    wanted = validated(Annotated[Positive, Field(le=1)], packing_fraction, where, PACKING_FRACTION)
+    name = ",".join([name or Path(where).stem, *words])
+    scene = parse_scene(with_values(mapping, keys, where), where, particles, name)
+    if PACKING_FRACTION not in values:
+        return scene
+    wanted = validated(Annotated[Positive, Field(le=1)], values[PACKING_FRACTION], where, PACKING_FRACTION)
     if scene.listed or scene.packing_fraction == 0:
         raise RequestError(f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none")
     factor = math.sqrt(scene.packing_fraction / wanted)
-    given = scene.model_dump(exclude_unset=True)
-    for part, name in ((given["box"], "x"), (given["box"], "y"), (given["disks"].get("tracer") or {}, "position")):
-        if part.get(name):
-            part[name] = [factor * end for end in part[name]]
-    return parse_scene(given, where, name=scene.name)
+    lengths = {"box.x": scene.box.x, "box.y": scene.box.y, "disks.tracer.position": scene.species[0].position}
+    scaled = {path: [factor * end for end in ends] for path, ends in lengths.items() if ends}
+    return parse_scene(dict(with_values(scene.given, scaled)), where, name=name)
 
 
 def short_name(path: str) -> str:
