@@ -20,7 +20,8 @@ from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.observables import ARRAYS, AXES
-from brownpipe.observables.own import Own, OwnArray
+from brownpipe.observables.observable import RunArray
+from brownpipe.observables.own import Own
 from brownpipe.storage.datasets import origin_attributes
 from brownpipe.storage.layout import MEANING
 from brownpipe.storage.trajectories import Trajectories
@@ -96,7 +97,7 @@ def aggregate(
 
 def _own_of(groups: Sequence[Group]) -> Own:
     """Return the arrays of the user's own functions. Raises AnalysisError if runs differ in more than shapes."""
-    own: dict[str, OwnArray] = {}
+    own: dict[str, RunArray] = {}
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():
             if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):

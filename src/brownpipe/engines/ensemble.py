@@ -13,8 +13,9 @@ import numpy as np
 from brownpipe import observables, progress
 from brownpipe.engines.placement import never_placed
 from brownpipe.errors import PlacementError, RequestError, RunError
-from brownpipe.observables.own import NO_OWN, Own, OwnArray, is_own, measure
-from brownpipe.observables.tracks import Track
+from brownpipe.observables.observable import RunArray
+from brownpipe.observables.own import NO_OWN, Own, is_own, measure
+from brownpipe.observables.tracks import Run, Track
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
 
@@ -67,7 +68,7 @@ class Batch(NamedTuple):
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
     observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order, then one's own
     stopped: dict[int, str]  # that of the ensemble
-    own: dict[str, OwnArray]  # that of the ensemble
+    own: dict[str, RunArray]  # that of the ensemble
 
     @property
     def needed_record(self) -> frozenset[str]:
@@ -95,7 +96,7 @@ def new_batch(
         shape = (len(scene.times), len(seeds), 2)
         velocity = blank(shape, float) if "velocity" in record else None
         tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
-    stopped, own = dict[int, str](), dict[str, OwnArray]()
+    stopped, own = dict[int, str](), dict[str, RunArray]()
     ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average, stopped, own)
     return Batch(scene, ensemble, frozenset(record), ordered, stopped, own)
 
@@ -135,9 +136,10 @@ def _add(batch: Batch, column: int, result: RunResult) -> None:
     if batch.scene.particles and result.tracer.velocity is not None:
         x, y = result.tracer.velocity[0, 0].tolist()
         values["initial_square_speed"] = x * x + y * y
-    values |= observables.observe(batch.scene, result, batch.observables, ensemble.average)
+    tracks = Run(result.tracer, result.whole)
+    values |= observables.observe(batch.scene, tracks, batch.observables, ensemble.average)
     for name in filter(is_own, batch.observables):
-        values |= measure(name, batch.scene, result, observables.AXES, batch.own)
+        values |= measure(name, batch.scene, tracks, observables.AXES, batch.own)
     _write(batch, column, values)
     if ensemble.tracer is not None:
         for recorded, track in zip(ensemble.tracer, result.tracer, strict=True):

@@ -142,9 +142,8 @@ def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> fl
             disks = len(bath_disks(scene))
         elif observable.is_over_samples and not is_stationary(scene):
             samples = 1
-        by_origins = average == "origins" and observable.of != "all"
-        each = observable.seconds_per_product * samples / 2 if by_origins else observable.seconds_per_disk_sample
-        seconds += samples * disks * each
+        pairs = samples / 2 if average == "origins" and observable.of != "all" else 1  # for each sample
+        seconds += samples * pairs * disks * observable.seconds_per_disk_sample
     return seconds
 
 
