@@ -126,7 +126,7 @@ def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
         events=_events(groups["/events"], [*columns]) if "/events" in groups else {},
         average=average,
         stopped=stopped,
-        own=own,
+        own=dict(own),
     )
 
 

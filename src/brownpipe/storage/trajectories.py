@@ -194,9 +194,8 @@ def read_outline(path: str | Path) -> Trajectories:
         times, observables = file["time"][()], dict.fromkeys(json.loads(header["variables"]), np.zeros(0))
         none = np.zeros((len(times), 0, 2))
         tracer = Track(none, none if "velocity" in file else None) if "position" in file else None
-        ensemble = Ensemble(
-            file["seed"][()], times, tracer, observables, {}, {}, header["average"], own=own_arrays(header)
-        )
+        seeds, own, average = file["seed"][()], own_arrays(header), header["average"]
+        ensemble = Ensemble(seeds, times, tracer, observables, {}, {}, {}, own, average)
         return Trajectories(scene, engine, ensemble, header["source_digest"], header)
 
 
