@@ -50,7 +50,7 @@ def make_runs(scene, seeds, failed=(), diffusion=DIFFUSION):
         "momentum_residual": np.array([abs(rng.normal(0, 3e-15)) for rng in numbers]),
         "failed": bad.astype(np.uint8),
     }
-    ensemble = Ensemble(seeds.astype(np.int64), scene.times, Track(position, None, None), observables, {}, {})
+    ensemble = Ensemble(seeds.astype(np.int64), scene.times, Track(position, None, None), observables, {}, {}, {}, {})
     return Trajectories(scene, Engine("exact"), ensemble)
 
 

@@ -29,7 +29,7 @@ def case_of(times, **more):
 
 def runs_of(squared, seeds):
     """Runs with squared displacements (n, T)."""
-    return Ensemble(seeds, np.zeros(0), None, {"square_displacement": squared}, {}, {})
+    return Ensemble(seeds, np.zeros(0), None, {"square_displacement": squared}, {}, {}, {}, {})
 
 
 def found_of(squared, at=(0,)):

@@ -7,7 +7,7 @@ import pytest
 
 from brownpipe import observables
 from brownpipe.analysis import aggregate, drift
-from brownpipe.engines import configured
+from brownpipe.engines import requested
 from brownpipe.engines.forecast import settling_caution, settling_time
 from brownpipe.figures.cases import cases_of, title_of
 from brownpipe.figures.summary import answer, summary
@@ -17,7 +17,7 @@ from brownpipe.scene import parse_scene, read_scene
 from brownpipe.storage.trajectories import Trajectories
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
-EXACT = configured("exact")
+EXACT = requested("exact", {})
 LATTICE = {
     "box": {"x": [0, 21.44], "y": [0, 21.44], "boundary": "periodic"},
     "disks": {"species": [{"name": "disk", "count": 400, "radius": 0.5, "mass": 1.0}], "placement": "lattice"},
@@ -122,7 +122,9 @@ def test_quarters_add_up_to_the_run():
     assert sizes == {"quarter": 4, "species": 2}
 
 
-@pytest.mark.parametrize("engine", [configured("timestep", time_step=0.01), configured("langevin", friction="enskog")])
+@pytest.mark.parametrize(
+    "engine", [requested("timestep", {"time_step": 0.01}), requested("langevin", {"friction": "enskog"})]
+)
 def test_approximate_engines_are_not_tested(engine):
     """Time steps have an equilibrium of their own, to which runs drift from the exact one, however long that took."""
     found = runs_of(read_scene(SCENES / "heavy.yaml").replace(duration=0.5), range(8), engine)

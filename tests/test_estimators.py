@@ -40,7 +40,7 @@ def case_of(scene):
 
 def block(seeds, tracer, seen):
     """Runs with the arrays `seen`."""
-    return Ensemble(seeds, np.zeros(0), tracer, seen, {}, {})
+    return Ensemble(seeds, np.zeros(0), tracer, seen, {}, {}, {}, {})
 
 
 def found_of(one, case, seen):

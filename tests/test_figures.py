@@ -13,7 +13,7 @@ from matplotlib.text import Text
 
 from brownpipe import provenance
 from brownpipe.analysis import aggregate, velocity
-from brownpipe.engines import Engine, configured
+from brownpipe.engines import Engine, requested
 from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style, velocity_distribution
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
@@ -623,7 +623,7 @@ def test_the_verdict_on_eq_18_is_given_where_rings_were_asked_for(tmp_path):
 
 def test_summary_names_missing_seeds_and_engines(tmp_path):
     full, partial = make_runs(make_scene(), range(20)), make_runs(make_scene(), [*range(5), *range(9, 20)])
-    coarse = partial._replace(engine=configured("timestep", time_step=0.01, collisions="late"))
+    coarse = partial._replace(engine=requested("timestep", {"time_step": 0.01, "collisions": "late"}))
     text = summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
     assert "plain, N = 20, timestep-0.01-late: missing: 4 of 20 seeds (5-8)" in text
     assert "engine" in text.splitlines()[0]

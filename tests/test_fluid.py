@@ -115,7 +115,7 @@ def test_collision_rate_at_the_temperature_of_the_scene():
     scene, seeds = fluid(0.14, 40.0, "random"), np.arange(150)
     case = estimator.Case(scene, Engine("exact"), scene.times)
     seen = reported(0.14, 40.0, "random", len(seeds))
-    means = thermodynamics.columns(case, Ensemble(seeds, scene.times, None, seen, {}, {})).means
+    means = thermodynamics.columns(case, Ensemble(seeds, scene.times, None, seen, {}, {}, {}, {})).means
     raw, scaled = means["collision_rate"], means["collision_rate_at_temperature"]
     gain = np.sqrt(1 + (scaled.mean() / scaled.std(ddof=1)) ** 2 / (4 * 1023))
     assert gain > 2

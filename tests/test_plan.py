@@ -10,7 +10,7 @@ import yaml
 from brownpipe import cli, tradeoff
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.analysis.resampling import resample
-from brownpipe.engines import Engine, configured
+from brownpipe.engines import Engine, requested
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.forecast import START_UP, Cost
 from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError, RequestError, StorageError
@@ -290,7 +290,7 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
 
 
 def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, here):
-    path, engine = study_file(seeds=5, figures=["thermodynamics"]), configured("langevin", friction="enskog")
+    path, engine = study_file(seeds=5, figures=["thermodynamics"]), requested("langevin", {"friction": "enskog"})
     plan.write_study(read_study(path), path, "other.yaml", plan.Offer(engine, 20, 1.0), "planned")
     assert "msd" in read_study("other.yaml").figures
 

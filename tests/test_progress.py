@@ -9,7 +9,7 @@ import pytest
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from brownpipe import analysis, progress
-from brownpipe.engines import configured
+from brownpipe.engines import requested
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.storage.trajectories import write_trajectories
@@ -18,7 +18,7 @@ from synthetic import render
 from test_exact import P, box, make
 
 SCENE = make(box(6, 6, P), [(1, 0.6, 9), (30, 0.25, 1)], 4.0).replace(equilibrate=4.0)
-EXACT, STEPS = configured("exact"), configured("timestep", time_step=0.01)
+EXACT, STEPS = requested("exact", {}), requested("timestep", {"time_step": 0.01})
 
 
 @pytest.fixture

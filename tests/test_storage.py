@@ -10,7 +10,7 @@ import xarray
 
 import brownpipe
 from brownpipe import inspection, provenance
-from brownpipe.engines import Engine, configured
+from brownpipe.engines import Engine, requested
 from brownpipe.errors import StorageError
 from brownpipe.storage import files
 from brownpipe.storage.datasets import read_dataset, write_dataset
@@ -23,7 +23,7 @@ EVERYTHING = {"tracer", "all", "events"}
 
 
 def make_ensemble(scene, seeds=SEEDS, record=EVERYTHING):
-    return configured("exact").simulate(scene, seeds, record)
+    return requested("exact", {}).simulate(scene, seeds, record)
 
 
 def make_dataset():
@@ -84,7 +84,7 @@ def refusal(read, path):
 
 @pytest.mark.parametrize(
     "engine",
-    [Engine("exact"), configured("timestep", time_step=1e-3), configured("langevin", friction="enskog")],
+    [Engine("exact"), requested("timestep", {"time_step": 1e-3}), requested("langevin", {"friction": "enskog"})],
     ids=lambda engine: engine.label,
 )
 def test_round_trip(case, engine, tmp_path):

@@ -22,7 +22,7 @@ def everything():
     counts = {name: rng.poisson(30, n) for name in ("pair_collisions", "wall_collisions", "tracer_collisions")}
     health = {name: rng.normal(0, 1e-15, n) for name in ("energy_drift", "worst_overlap", "momentum_residual")}
     observables = counts | health | {"failed": (rng.random(n) < 0.01).astype(np.uint8)}
-    return Ensemble(SEEDS, SCENE.times, Track(walk(rng, SCENE.times, n), None, None), observables, {}, {})
+    return Ensemble(SEEDS, SCENE.times, Track(walk(rng, SCENE.times, n), None, None), observables, {}, {}, {}, {})
 
 
 def part(ensemble, rows):

@@ -37,7 +37,7 @@ def measured(
     """
     state = start.state._replace(position=position, velocity=velocity)
     first, last = (np.hstack([each.position, each.velocity]) for each in (start.state, state))
-    kept = conservation(start.state.mass, first, last, impulse.tolist())
+    kept = conservation(start.state.mass, first, last, impulse)
     return Outcome(state, int(counts[0]), int(counts[1]), depth, kept.energy_drift, kept.momentum_residual)
 
 

@@ -19,7 +19,8 @@ from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.observables import AXES
-from brownpipe.observables.own import Own, OwnArray
+from brownpipe.observables.observable import RunArray
+from brownpipe.observables.own import Own
 from brownpipe.storage.datasets import origin_attributes
 from brownpipe.storage.layout import VARIABLES
 from brownpipe.storage.trajectories import Trajectories
@@ -98,7 +99,7 @@ def aggregate(
 
 def _own_of(groups: Sequence[Group]) -> Own:
     """Return the arrays of the user's own functions. Raises AnalysisError if runs differ in more than shapes."""
-    own: dict[str, OwnArray] = {}
+    own: dict[str, RunArray] = {}
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():
             if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):

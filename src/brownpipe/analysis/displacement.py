@@ -26,7 +26,7 @@ def squared_displacement(
 
     image: (T, S, 2) periodic images in a box of `size`, None between walls.
     """
-    return np.ascontiguousarray(of_a_run.square_from_start(position, image, size).T)
+    return np.ascontiguousarray(of_a_run.squared(of_a_run.displacement(position, image, size)).T)
 
 
 def line_weights(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:

@@ -85,13 +85,6 @@ def read_record(text: str, option: str) -> frozenset[str]:
     return names if "none" in names else names | TRACER
 
 
-def configured(name: str, **settings: object) -> Engine:
-    """Return an engine with some settings given, unchecked, and the others at their defaults."""
-    definition = DEFINITIONS[name]
-    values = _defaults(definition) | settings
-    return Engine(name, tuple((key, values[key]) for key in definition.settings))
-
-
 def _defaults(definition: Definition) -> dict[str, object]:
     """Return the settings that have a default."""
     return {key: setting.default for key, setting in definition.settings.items() if setting.default is not None}

@@ -5,7 +5,6 @@ All is in the scene's units and in the scene's order of the disks; the tracer is
 
 from collections import ChainMap
 from collections.abc import Callable, Collection, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,12 +12,12 @@ import numpy as np
 from brownpipe import observables, progress
 from brownpipe.engines.placement import never_placed
 from brownpipe.errors import PlacementError, RequestError, RunError
-from brownpipe.observables.own import NO_OWN, Own, OwnArray, is_own, measure
-from brownpipe.observables.tracks import Track
+from brownpipe.observables.observable import RunArray
+from brownpipe.observables.own import is_own, measure
+from brownpipe.observables.tracks import Run, Track
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
 
-NONE_STOPPED: Mapping[int, str] = MappingProxyType({})
 HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")  # observables with bounds that a run must not exceed
 
 
@@ -40,9 +39,9 @@ class Ensemble(NamedTuple):
     observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
     whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
     events: dict[int, Events]  # seed -> collisions, if recorded
+    stopped: dict[int, str]  # seed -> why its run could not go on: failed, and without data
+    own: dict[str, RunArray]  # what is said of the arrays of a user's own functions among `observables`
     average: str = "runs"  # what displacements and autocorrelations are averaged over, of observables.AVERAGES
-    stopped: Mapping[int, str] = NONE_STOPPED  # seed -> why its run could not go on: failed, and without data
-    own: Own = NO_OWN  # what is said of the arrays of a user's own functions among `observables`
 
     @property
     def failed_seeds(self) -> np.ndarray:
@@ -66,8 +65,6 @@ class Batch(NamedTuple):
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
     observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order, then one's own
-    stopped: dict[int, str]  # that of the ensemble
-    own: dict[str, OwnArray]  # that of the ensemble
 
     @property
     def needed_record(self) -> frozenset[str]:
@@ -95,9 +92,8 @@ def new_batch(
         shape = (len(scene.times), len(seeds), 2)
         velocity = blank(shape, float) if "velocity" in record else None
         tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
-    stopped, own = dict[int, str](), dict[str, OwnArray]()
-    ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, average, stopped, own)
-    return Batch(scene, ensemble, frozenset(record), ordered, stopped, own)
+    ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, {}, {}, average)
+    return Batch(scene, ensemble, frozenset(record), ordered)
 
 
 def make_runs(
@@ -118,7 +114,7 @@ def make_runs(
             is_of_scene = isinstance(error, PlacementError) and never_placed(scene)
             if is_of_scene or not isinstance(error, RunError | PlacementError):
                 raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seeds[column]}: {error}") from None
-            batch.stopped[int(seeds[column])] = str(error)
+            batch.ensemble.stopped[int(seeds[column])] = str(error)
             _write(batch, column, {"failed": np.uint8(1)})
         progress.report("runs", column + 1, len(seeds))
         after(column + 1)
@@ -135,9 +131,10 @@ def _add(batch: Batch, column: int, result: RunResult) -> None:
     if batch.scene.particles and result.tracer.velocity is not None:
         x, y = result.tracer.velocity[0, 0].tolist()
         values["initial_square_speed"] = x * x + y * y
-    values |= observables.observe(batch.scene, result, batch.observables, ensemble.average)
+    tracks = Run(result.tracer, result.whole)
+    values |= observables.observe(batch.scene, tracks, batch.observables, ensemble.average)
     for name in filter(is_own, batch.observables):
-        values |= measure(name, batch.scene, result, observables.AXES, batch.own)
+        values |= measure(name, batch.scene, tracks, observables.AXES, ensemble.own)
     _write(batch, column, values)
     if ensemble.tracer is not None:
         for recorded, track in zip(ensemble.tracer, result.tracer, strict=True):
@@ -194,7 +191,7 @@ def joined(parts: Sequence[Ensemble]) -> Ensemble:
         observables={name: np.concatenate([runs.observables[name] for runs in parts]) for name in complete.observables},
         whole=dict(ChainMap(*(runs.whole for runs in parts))),
         events=dict(ChainMap(*(runs.events for runs in parts))),
-        stopped=dict(ChainMap(*(dict(runs.stopped) for runs in parts))),
+        stopped=dict(ChainMap(*(runs.stopped for runs in parts))),
     )
     return select(every, np.argsort(seeds, kind="stable"))
 

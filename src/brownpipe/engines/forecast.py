@@ -17,7 +17,7 @@ import numpy as np
 from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.friction import DENSEST, partners_of
-from brownpipe.engines.placement import is_grown, lattice_gaps, placement_caution
+from brownpipe.engines.placement import is_grown, placement_caution
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables.quarters import claims_equilibrium
@@ -142,9 +142,8 @@ def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> fl
             disks = len(bath_disks(scene))
         elif observable.is_over_samples and not is_stationary(scene):
             samples = 1
-        by_origins = average == "origins" and observable.of != "all"
-        each = observable.seconds_per_product * samples / 2 if by_origins else observable.seconds_per_disk_sample
-        seconds += samples * disks * each
+        pairs = samples / 2 if average == "origins" and observable.of != "all" else 1  # for each sample
+        seconds += samples * pairs * disks * observable.seconds_per_disk_sample
     return seconds
 
 
@@ -206,18 +205,13 @@ def _crowding(scene: Scene) -> float:
     """Return how many times as often disks collide above DENSEST as in the fluid of that packing fraction.
 
     By the free volume of a crystal of equal disks, Z = 1 + 2 phi chi = s/(s - 2 R) for neighbours at the distance s (Z.
-    W. Salsburg & W. W. Wood, J. Chem. Phys. 37, 798 (1962)); its mean over the three directions of a stretched lattice.
+    W. Salsburg & W. W. Wood, J. Chem. Phys. 37, 798 (1962)). Rows that the box compresses collide more often.
     """
     phi = scene.packing_fraction
     if phi <= DENSEST:
         return 1.0
-    gaps = np.full(3, 1 - math.sqrt(min(phi / CLOSE_PACKING, 1.0)))  # relative to the distance
-    if scene.placement == "lattice" and scene.species[0].position is None:
-        in_row, to_next = lattice_gaps(scene)
-        gaps = np.array([in_row, to_next, to_next])
-        gaps /= gaps + 2 * float(scene.radius.max())
-    z = float(np.mean(1 / np.maximum(gaps, SMALLEST_GAP)))
-    return (z - 1) / (2 * phi) / theory.contact_value(DENSEST)
+    gap = max(1 - math.sqrt(phi / CLOSE_PACKING), SMALLEST_GAP)  # relative to the distance
+    return (1 / gap - 1) / (2 * phi) / theory.contact_value(DENSEST)
 
 
 def wall_rate(scene: Scene) -> float:

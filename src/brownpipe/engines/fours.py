@@ -130,23 +130,16 @@ def _instructions(function: Callable, *signatures: Any) -> Callable:
 
 
 def _operation(function: Callable, kind: Four, result: Four, instruction: Callable) -> None:
-    """Let Numba compile a function of two fours, or of a four and a number, to one instruction."""
+    """Let Numba compile a function of two fours, or of a four and a number, to one instruction; of integers to four."""
 
     def code(builder: ir.IRBuilder, *operands: ir.Value) -> ir.Value:
+        if kind is INTEGERS:
+            lanes = zip(*(_each(builder, value) for value in operands), strict=True)
+            return _integers(builder, [instruction(builder, *pair) for pair in lanes])
         fours = [value if isinstance(value.type, ir.VectorType) else _spread(builder, value) for value in operands]
         return instruction(builder, *fours)
 
     _instructions(function, *_pairs(kind, result))(code)
-
-
-def _integer_operation(function: Callable, instruction: Callable) -> None:
-    """Let Numba compile a function of two fours of integers, or of such a four and a number, to four instructions."""
-
-    def code(builder: ir.IRBuilder, *operands: ir.Value) -> ir.Value:
-        lanes = zip(*(_each(builder, value) for value in operands), strict=True)
-        return _integers(builder, [instruction(builder, *pair) for pair in lanes])
-
-    _instructions(function, *_pairs(INTEGERS, INTEGERS))(code)
 
 
 def _pairs(kind: Four, result: Four) -> list[Any]:
@@ -211,10 +204,10 @@ _operation(operator.lt, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp
 _operation(operator.le, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered("<=", one, other))
 _operation(operator.gt, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered(">", one, other))
 _operation(operator.and_, TRUTHS, TRUTHS, ir.IRBuilder.and_)
-_integer_operation(operator.mul, ir.IRBuilder.mul)
-_integer_operation(operator.add, ir.IRBuilder.add)
-_integer_operation(operator.and_, ir.IRBuilder.and_)
-_integer_operation(operator.rshift, ir.IRBuilder.lshr)
+_operation(operator.mul, INTEGERS, INTEGERS, ir.IRBuilder.mul)
+_operation(operator.add, INTEGERS, INTEGERS, ir.IRBuilder.add)
+_operation(operator.and_, INTEGERS, INTEGERS, ir.IRBuilder.and_)
+_operation(operator.rshift, INTEGERS, INTEGERS, ir.IRBuilder.lshr)
 
 
 @_instructions(operator.ne, *_pairs(INTEGERS, TRUTHS))

@@ -112,7 +112,7 @@ FOLDER = _folder()
 
 
 def compile_all(*calls: Callable[[], object]) -> None:
-    """Compile the entry points that are called, or load their machine code; the calls do nothing else.
+    """Compile the entry points that are called, or load their machine code; the calls do little else.
 
     Ctrl-C and SIGTERM wait until all are compiled: an exception would leave objects of llvmlite half made.
     """

@@ -8,7 +8,6 @@ measurements.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -107,33 +106,12 @@ def _lattice(size: np.ndarray, periodic: bool, n: int) -> tuple[np.ndarray, floa
     It has the number of rows for which this distance is greatest; in a periodic box this number is even, as every other
     row is shifted. It is stretched along x or y to fill the rectangle: its triangles need not be equilateral.
     """
-    rows, columns, across, up = _rows_and_columns(size, periodic, n)
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    sites = np.stack([(column + 0.5 * (row % 2)) * across, row * up], axis=1)
-    return sites, float(min(_spacings(across, up)))
-
-
-def _rows_and_columns(size: np.ndarray, periodic: bool, n: int) -> tuple[int, int, float, float]:
-    """Return the numbers of rows and columns of a lattice, and the distances between columns and between rows."""
     rows = np.arange(1 + periodic, n + 2 + periodic, 1 + periodic)  # each possible number, of which one is chosen
     columns = -(-n // rows)
     across = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
     up = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
-    best = np.argmax(np.minimum.reduce(_spacings(across, up)))
-    return int(rows[best]), int(columns[best]), float(across[best]), float(up[best])
-
-
-def _spacings(across: Any, up: Any) -> tuple[Any, Any, Any]:
-    """Return the distances of neighbours: in a row, in the next row but one, and in the next row."""
-    return across, 2 * up, np.hypot(across / 2, up)
-
-
-def lattice_gaps(scene: Scene) -> tuple[float, float]:
-    """Return the gaps [length] between edges of disks on the lattice of a scene without a fixed disk.
-
-    In a row (two neighbours) and to the next row (four); the disks are those of the largest radius.
-    """
-    radius = float(scene.radius.max())
-    _, _, across, up = _rows_and_columns(scene.box.accessible(radius)[1], scene.box.periodic, scene.particles)
-    in_row, _, to_next = _spacings(across, up)
-    return in_row - 2 * radius, float(to_next) - 2 * radius
+    nearest = np.minimum.reduce([across, 2 * up, np.hypot(across / 2, up)])  # in a row, the next but one, the next
+    best = np.argmax(nearest)
+    row, column = np.divmod(np.arange(rows[best] * columns[best]), columns[best])
+    sites = np.stack([(column + 0.5 * (row % 2)) * across[best], row * up[best]], axis=1)
+    return sites, float(nearest[best])

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe.engines.kernels import entry_point
+from brownpipe.engines.records import Samples
 from brownpipe.engines.units import Frame
 from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
 
-SAMPLES = ("position", "velocity", "image", "whole_position", "whole_velocity", "whole_image")  # of a Recorder
 HEALTH_BOUND = 1e-9  # a run with a larger energy drift, overlap or momentum residual has failed; round-off is far below
 MOST_IMAGES = 2.0**31  # periodic images that an int32 can count
 
@@ -28,12 +28,10 @@ class Conservation(NamedTuple):
     finite: bool  # whether all positions and velocities at the end are finite numbers
 
 
-def sample_arrays(samples: int, disks: int) -> dict[str, np.ndarray]:
-    """Return the arrays SAMPLES of an empty Recorder: of the tracer, (samples, 1, 2), and of `disks` disks."""
-    return {
-        name: np.zeros((samples, disks if "whole" in name else 1, 2), np.int32 if "image" in name else float)
-        for name in SAMPLES
-    }
+def blank_samples(times: int, disks: int) -> Samples:
+    """Return memory for so many samples of so many disks."""
+    shape = (times, disks, 2)
+    return Samples(np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int32))
 
 
 def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track | None, bool]:
@@ -41,14 +39,13 @@ def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track |
 
     And whether all positions and velocities are finite numbers in the scene's units.
     """
-    samples = [(recorder.position, recorder.velocity, recorder.image)]
-    if len(frame.back) and recorder.whole_position.shape[1]:
-        whole = (recorder.whole_position, recorder.whole_velocity, recorder.whole_image)
-        samples.append(tuple(values.take(frame.back, axis=1) for values in whole))
-    tracks, finite = [], True
-    for position, velocity, image in samples:
-        finite &= convert(position, velocity, frame.origin, frame.length, frame.speed)
-        tracks.append(Track(position, velocity, image if scene.box.periodic else None))
+    tracks, finite = [Track(*recorder.track)], True
+    if recorder.whole.position.shape[1]:
+        tracks.append(Track(*(values.take(frame.back, axis=1) for values in recorder.whole)))
+    for track in tracks:
+        finite &= convert(track.position, track.velocity, frame.origin, frame.length, frame.speed)
+    if not scene.box.periodic:
+        tracks = [track._replace(image=None) for track in tracks]
     return tracks[0], tracks[1] if len(tracks) > 1 else None, finite
 
 
@@ -65,19 +62,14 @@ def convert(position: np.ndarray, velocity: np.ndarray, origin: np.ndarray, leng
     return finite
 
 
-def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, walls: list[float]) -> Conservation:
+@entry_point
+def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, walls: np.ndarray) -> Conservation:
     """Compare positions and velocities (N, 4) at the beginning and at the end of a run of disks of masses (N,).
 
-    `walls` are the total impulses >= 0 given by the walls left, right, bottom and top.
+    `walls` (4,) are the total impulses >= 0 given by the walls left, right, bottom and top. Disks of infinite mass are
+    left out of the sums.
     """
-    return Conservation(*compare(mass, first, last, *walls))
-
-
-@entry_point
-def compare(
-    mass: np.ndarray, first: np.ndarray, last: np.ndarray, left: float, right: float, bottom: float, top: float
-) -> tuple[float, float, float, float, bool]:
-    """Return the fields of `Conservation`. Disks of infinite mass are left out of the sums."""
+    left, right, bottom, top = walls[0], walls[1], walls[2], walls[3]
     energy, energy_after, x, y, scale, lightest, finite = 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, True
     for i in range(len(mass)):
         u, v, u_after, v_after = first[i, 2], first[i, 3], last[i, 2], last[i, 3]
@@ -92,7 +84,7 @@ def compare(
     missing, scale = max(abs(x - (left - right)), abs(y - (bottom - top))), scale + left + right + bottom + top
     drift = (energy_after - energy) / energy if energy > 0.0 else 0.0
     fastest = math.sqrt(energy / lightest) if energy > 0.0 else 0.0
-    return 0.5 * energy, drift, missing / scale if scale > 0.0 else 0.0, fastest, finite
+    return Conservation(0.5 * energy, drift, missing / scale if scale > 0.0 else 0.0, fastest, finite)
 
 
 def report(
@@ -100,7 +92,7 @@ def report(
     frame: Frame,
     conserved: Conservation,
     collisions: list[int],
-    impulses: list[float],
+    impulses: np.ndarray,
     worst_overlap: float,
     sound: bool,
     further: dict[str, Any],
@@ -133,7 +125,7 @@ def report(
 
 def report_nothing() -> None:
     """Compile the kernels of a report."""
-    conservation(np.zeros(0), np.zeros((0, 4)), np.zeros((0, 4)), [0.0, 0.0, 0.0, 0.0])
+    conservation(np.zeros(0), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros(4))
     convert(np.zeros((0, 1, 2)), np.zeros((0, 1, 2)), np.zeros(2), 1.0, 1.0)
 
 

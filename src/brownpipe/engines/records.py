@@ -10,10 +10,11 @@ registers; otherwise it would have to reload an array's address after every stor
 """
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numba
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -34,14 +35,14 @@ Record = TypeVar("Record", bound=NamedTuple)
 
 
 class Reference(types.Type):
-    """The Numba type of a reference to a record: the record's name, and (name, type) of each field."""
+    """The Numba type of a reference to a record: its struct, that of a NamedTuple, and the type of each field."""
 
-    def __init__(self, record: str, fields: tuple[tuple[str, types.Type], ...]) -> None:
-        self.record, self.fields = record, fields
-        text = ", ".join(f"{name}: {kind}" for name, kind in fields)
+    def __init__(self, record: Any, kinds: Sequence[types.Type]) -> None:
+        self.fields = dict(zip(record._fields, kinds, strict=True))
+        self.struct: Any = types.NamedTuple([getattr(kind, "struct", kind) for kind in kinds], record)
         # Numba makes the name part of every function's name, and hashes and compares types by it thousands of times:
         # it is short, and different for different fields.
-        super().__init__(f"{record}.{hashlib.sha256(text.encode()).hexdigest()[:16]}")
+        super().__init__(f"{record.__name__}.{hashlib.sha256(str(self.struct).encode()).hexdigest()[:16]}")
 
 
 def by_reference(record: type[Record]) -> type[Record]:
@@ -53,7 +54,7 @@ def by_reference(record: type[Record]) -> type[Record]:
 
     @typeof_impl.register(record)
     def reference_to(value: NamedTuple, _: object) -> Reference:
-        return Reference(record.__name__, tuple((name, numba.typeof(getattr(value, name))) for name in record._fields))
+        return Reference(record, [numba.typeof(field) for field in value])
 
     return record
 
@@ -63,19 +64,10 @@ def local_copy(record: Record) -> Record:
     return record
 
 
-def _struct(manager: Any, reference: Reference) -> ir.LiteralStructType:
-    """Return the LLVM struct type of a record."""
-    layouts = [
-        _struct(manager, kind) if isinstance(kind, Reference) else manager.lookup(kind).get_value_type()
-        for _, kind in reference.fields
-    ]
-    return ir.LiteralStructType(layouts)
-
-
 @register_model(Reference)
 class _ReferenceModel(models.PrimitiveModel):
     def __init__(self, manager: Any, reference: Reference) -> None:
-        super().__init__(manager, reference, _struct(manager, reference).as_pointer())
+        super().__init__(manager, reference, manager.lookup(reference.struct).get_value_type().as_pointer())
 
 
 @infer_getattr
@@ -83,14 +75,13 @@ class _Fields(AttributeTemplate):
     key = Reference
 
     def generic_resolve(self, reference: Reference, name: str) -> types.Type | None:  # type: ignore[override]
-        return dict(reference.fields).get(name)
+        return reference.fields.get(name)
 
 
 @lower_getattr_generic(Reference)
 def _read_field(context: Any, builder: ir.IRBuilder, reference: Reference, pointer: ir.Value, name: str) -> ir.Value:
-    number = [field for field, _ in reference.fields].index(name)
-    kind = reference.fields[number][1]
-    address = cgutils.gep_inbounds(builder, pointer, 0, number)
+    kind = reference.fields[name]
+    address = cgutils.gep_inbounds(builder, pointer, 0, [*reference.fields].index(name))
     if isinstance(kind, Reference):
         return address
     return impl_ret_borrowed(context, builder, kind, builder.load(address))
@@ -98,29 +89,9 @@ def _read_field(context: Any, builder: ir.IRBuilder, reference: Reference, point
 
 @unbox(Reference)
 def _from_python(reference: Reference, value: ir.Value, c: Any) -> NativeValue:
-    """Fill a struct from the NamedTuple that Python passes."""
-    pointer = cgutils.alloca_once(c.builder, c.context.get_value_type(reference).pointee)
-    failed, taken = cgutils.alloca_once_value(c.builder, cgutils.false_bit), list[tuple[types.Type, ir.Value]]()
-    _fill(c, reference, value, pointer, failed, taken)
-
-    def release() -> None:
-        for kind, native in taken:
-            c.context.nrt.decref(c.builder, kind, native)
-
-    return NativeValue(pointer, is_error=c.builder.load(failed), cleanup=release if c.context.enable_nrt else None)
-
-
-def _fill(c: Any, reference: Reference, value: ir.Value, pointer: ir.Value, failed: ir.Value, taken: list) -> None:
-    """Store the fields in the struct, and append (type, value) of each to `taken`, to be released after the call."""
-    for number, (_, kind) in enumerate(reference.fields):
-        item, address = c.pyapi.tuple_getitem(value, number), cgutils.gep_inbounds(c.builder, pointer, 0, number)
-        if isinstance(kind, Reference):
-            _fill(c, kind, item, address, failed, taken)
-        else:
-            native = c.unbox(kind, item)
-            taken.append((kind, native.value))
-            c.builder.store(native.value, address)
-            c.builder.store(c.builder.or_(c.builder.load(failed), native.is_error), failed)
+    """Store the NamedTuple that Python passes in a struct."""
+    struct = c.unbox(reference.struct, value)
+    return NativeValue(cgutils.alloca_once_value(c.builder, struct.value), struct.is_error, struct.cleanup)
 
 
 if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it from the environment
@@ -136,3 +107,12 @@ if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it 
             return copy
 
         return record(record), code
+
+
+@by_reference
+class Samples(NamedTuple):
+    """Samples of M disks at T times, as kernels write them."""
+
+    position: np.ndarray  # (T, M, 2) float64
+    velocity: np.ndarray  # (T, M, 2) float64
+    image: np.ndarray  # (T, M, 2) int32

@@ -54,9 +54,7 @@ AXES: dict[str, Axis] = {
     "time": Axis("time", "time since the start of the run, or since a time origin", lambda scene: scene.times),
     "species": Axis("1", "species of the disk", lambda scene: list(species_table(scene).name)),
     **quarters.AXES,
-    **pairs.AXES,
-    **velocity.AXES,
-    **profile.AXES,
+    **{name: axis for observable in OBSERVABLES.values() for name, axis in observable.axes.items()},
 }
 
 
@@ -79,12 +77,6 @@ def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, .
     return names, average if names else "runs"
 
 
-def arrays_of(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the arrays that these observables yield in a scene."""
-    arrays = (item for name in names for item in OBSERVABLES[name].arrays.items())
-    return tuple(name for name, array in arrays if array.is_there(scene))
-
-
 def observables_making(arrays: Collection[str]) -> tuple[str, ...]:
     """Return the names of the observables that yield these arrays."""
     return tuple(name for name, observable in OBSERVABLES.items() if next(iter(observable.arrays)) in arrays)
@@ -96,8 +88,9 @@ def axes(scene: Scene, array: str) -> dict[str, np.ndarray | list[str]]:
 
 
 def numbers_in(scene: Scene, names: Iterable[str]) -> int:
-    """Return how many numbers these observables yield in one run, all arrays together."""
-    return sum(math.prod(map(len, axes(scene, array).values())) for array in arrays_of(scene, names))
+    """Return how many numbers these observables yield in one run at most, all arrays together."""
+    arrays = (array for name in names for array in OBSERVABLES[name].arrays)
+    return sum(math.prod(map(len, axes(scene, array).values())) for array in arrays)
 
 
 # -- refusals -------------------------------------------------------------------------------------------------------
@@ -105,46 +98,37 @@ def numbers_in(scene: Scene, names: Iterable[str]) -> int:
 
 def refuse_unfit(scene: Scene, names: tuple[str, ...], average: str = "runs") -> None:
     """Raise RequestError if an observable is unknown, or observables or average make no sense in the scene."""
-    key_and_reason = problem(scene, names, average)
-    if key_and_reason is not None:
+    if key_and_reason := problem(scene, names, average):
         raise RequestError(f"{scene.name}: {': '.join(key_and_reason)}")
 
 
 def problem(scene: Scene, names: tuple[str, ...], average: str = "runs") -> tuple[str, str] | None:
     """Return which is wrong, "observables" or "average", and why; None if they fit the scene."""
-    for key, why in (("observables", _unfit(scene, names)), ("average", _unfit_average(scene, names, average))):
-        if why is not None:
-            return key, why
-    return None
-
-
-def _unfit(scene: Scene, names: tuple[str, ...]) -> str | None:
-    """Return why the observables do not fit the scene, None if they do."""
-    unknown = [name for name in names if name not in OBSERVABLES and not own.is_own(name)]
-    if unknown:
-        return f"{unknown[0]!r} is unknown; must be of {', '.join(OBSERVABLES)}, or my_module:my_function"
+    for name in names:
+        if name not in OBSERVABLES and not own.is_own(name):
+            return "observables", f"{name!r} is unknown; must be of {', '.join(OBSERVABLES)}, or my_module:my_function"
     if len(set(map(own.title_of, names))) < len(names):
-        return "must differ"
+        return "observables", "must differ"
     if names and scene.particles == 0:
-        return "there is no disk to measure"
-    reasons = ((name, OBSERVABLES[name].unfit(scene)) for name in names)
-    return next((f"{name} {why}" for name, why in reasons if why is not None), None)
+        return "observables", "there is no disk to measure"
+    for name in names:
+        if why := OBSERVABLES[name].unfit(scene):
+            return "observables", f"{name} {why}"
+    if average == "runs":
+        return None
+    why = _unfit_average(scene, names, average)
+    return ("average", why) if why else None
 
 
 def _unfit_average(scene: Scene, names: tuple[str, ...], average: str) -> str | None:
-    """Return why the average does not fit the scene or the observables, None if it does."""
+    """Return why an average within runs does not fit the scene or the observables, None if it does."""
     if average not in AVERAGES:
         return f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
-    if average == "runs":
-        return None
     averageable = [name for name, observable in OBSERVABLES.items() if observable.of == "tracer"]
     if not set(averageable) & set(names):
         return f"{average} needs {' or '.join(averageable)} among the observables"
-    why = why_not_stationary(scene)
-    if why is not None:
+    if why := why_not_stationary(scene):
         return f"{average} needs runs that are stationary from t = 0, but {why}"
     if average == "disks" and len(equal_disks(scene)) < 2:
         return "disks needs disks of the tracer's radius and mass, and there is no other"
-    if average == "origins":
-        return time_origins.unfit(scene)
-    return None
+    return time_origins.unfit(scene) if average == "origins" else None

@@ -30,7 +30,7 @@ def quartic_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.n
 
     Means over runs of both make up the non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1.
     """
-    track = tracer_tracks(scene, run, average, velocities=False)
+    track = tracer_tracks(scene, run, average)
     (quartic,) = averaged(scene, track, average, lambda r, *_: (squared(r) ** 2,))
     return {"quartic_displacement": quartic}
 
@@ -85,11 +85,6 @@ def squared(moved: np.ndarray) -> np.ndarray:
     return squares[..., 0] + squares[..., 1]  # .sum(axis=-1) takes 20 times as long along an axis of two
 
 
-def square_from_start(position: np.ndarray, image: np.ndarray | None, size: tuple[float, float]) -> np.ndarray:
-    """Return squared distances (T, M) from the first sample; arguments as of `displacement`."""
-    return squared(displacement(position, image, size))
-
-
 SQUARE_DISPLACEMENT = Observable(
     square_displacement,
     {
@@ -106,7 +101,6 @@ SQUARE_DISPLACEMENT = Observable(
     },
     of="tracer",
     seconds_per_disk_sample=3.6e-8,
-    seconds_per_product=2.2e-8,
 )
 QUARTIC_DISPLACEMENT = Observable(
     quartic_displacement,
@@ -117,5 +111,4 @@ QUARTIC_DISPLACEMENT = Observable(
     },
     of="tracer",
     seconds_per_disk_sample=3.6e-8,
-    seconds_per_product=2.2e-8,
 )

@@ -103,7 +103,6 @@ ORDER = Observable(
             ("quarter",),
             "1",
             "abs(psi_6) of all disks, mean over the samples of each quarter of the run",
-            lambda scene: is_stationary(scene) and has_quarters(scene),
         ),
     },
     seconds_per_disk_sample=7e-6,

@@ -21,32 +21,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.observables.observable import Observable
+from brownpipe.observables.observable import Observable, RunArray
 from brownpipe.observables.tracks import Run, Track
 from brownpipe.scene import Scene
 
 SECONDS_PER_DISK_SAMPLE = 1e-7  # CPU, of a few operations of NumPy; what a function really takes is not known before
 
 
-class OwnArray(NamedTuple):
-    """What is said of an array of one's own; a file has it as JSON."""
-
-    dims: tuple[str, ...]  # besides that of the runs
-    shape: tuple[int, ...]
-    units: str
-    long_name: str
-    observable: str  # my_module:my_function
-    source: str  # SHA-256 of its module
+Own = Mapping[str, RunArray]  # by the name of the array
+NO_OWN: Own = MappingProxyType({})
 
 
-def own_arrays(attributes: Mapping) -> dict[str, OwnArray]:
+def own_arrays(attributes: Mapping) -> dict[str, RunArray]:
     """Return what the attributes of runs, or the arrays of a checkpoint, say of arrays of one's own in JSON."""
     said = json.loads(attributes.get("own_arrays", "{}"))
-    return {name: OwnArray(tuple(dims), tuple(shape), *rest) for name, (dims, shape, *rest) in said.items()}
-
-
-Own = Mapping[str, OwnArray]  # by the name of the array
-NO_OWN: Own = MappingProxyType({})
+    return {
+        name: RunArray(tuple(dims), units, long_name, tuple(shape), *origin)
+        for name, (dims, units, long_name, shape, *origin) in said.items()
+    }
 
 
 class Function(NamedTuple):
@@ -54,14 +46,7 @@ class Function(NamedTuple):
 
     call: Callable
     file: str
-    source: bytes  # of the file
-
-
-class Tracks(NamedTuple):
-    """What a function gets of a run, in arrays that cannot be written to."""
-
-    tracer: Track
-    whole: Track
+    source: str  # SHA-256 of the file
 
 
 _given: dict[str, Function] = {}  # functions that were given in Python
@@ -90,17 +75,14 @@ def named(observable: str | Callable) -> str:
     if not callable(observable):
         return str(observable).strip()
     file, name = Path(inspect.getfile(observable)), f"{observable.__module__}:{observable.__name__}"
-    _given[name] = Function(observable, str(file), file.read_bytes() if file.is_file() else os.urandom(16))
+    source = file.read_bytes() if file.is_file() else os.urandom(16)
+    _given[name] = Function(observable, str(file), hashlib.sha256(source).hexdigest())
     return name
 
 
 def identity(name: str) -> str:
     """Return the name of an observable, of one's own with the digest of its source. Raises RequestError without it."""
-    return f"{title_of(name)} {_digest(_found(name))}" if is_own(name) else name
-
-
-def _digest(function: Function) -> str:
-    return hashlib.sha256(function.source).hexdigest()
+    return f"{title_of(name)} {_found(name).source}" if is_own(name) else name
 
 
 def observable_of(name: str) -> Observable:
@@ -129,7 +111,7 @@ def _found(name: str) -> Function:
         raise RequestError(f"{name} cannot be used: {_in_words(error, file)}") from error
     if not callable(call):
         raise RequestError(f"{name} cannot be used: {file} has no function {function}")
-    return Function(call, file, source)
+    return Function(call, file, hashlib.sha256(source).hexdigest())
 
 
 @lru_cache(maxsize=8)
@@ -146,14 +128,14 @@ def _in_words(error: Exception, file: str) -> str:
     return f"{type(error).__name__}: {error}" + (f" ({file}, line {lines[-1]})" if lines else "")
 
 
-def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, OwnArray]) -> dict[str, np.ndarray]:
+def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, RunArray]) -> dict[str, np.ndarray]:
     """Return the arrays of a function in a module for a run, and add what is said of them to `known`.
 
     `axes` are the dimensions with coordinates. Raises RequestError for whatever goes wrong in a function, and for
     arrays that are not numbers, or are unlike those of the runs before.
     """
     function, measured = _found(name), dict[str, np.ndarray]()
-    tracks = Tracks(*(Track(*map(_read_only, track)) for track in (run.tracer, run.whole)))
+    tracks = Run(*(Track(*map(_read_only, track)) for track in (run.tracer, run.whole)))
     try:
         returned = function.call(scene, tracks)
         if not isinstance(returned, Mapping):
@@ -161,11 +143,11 @@ def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, O
         for array, value in returned.items():
             dims, measured[array], attributes = _taken_apart(array, value)
             shape = tuple(len(axes[d].coordinates(scene)) if d in axes else None for d in dims)
-            own = OwnArray(dims, measured[array].shape, *attributes, title_of(name), _digest(function))
+            own = RunArray(dims, *attributes, measured[array].shape, title_of(name), function.source)
             if any(size not in (None, found) for size, found in zip(shape, own.shape, strict=True)):
                 raise ValueError(f"{array}: must have {shape} values along {dims}, not {own.shape}")
             if known.setdefault(array, own) != own:
-                raise ValueError(f"{array}: must be alike in all runs; was {known[array][:5]}, is {own[:5]}")
+                raise ValueError(f"{array}: must be alike in all runs; was {known[array][:4]}, is {own[:4]}")
     except Exception as error:
         raise RequestError(f"{title_of(name)}: {_in_words(error, function.file)}") from error
     return measured

@@ -17,7 +17,6 @@ from brownpipe.scene import Scene
 BINS_PER_CONTACT = 40  # bins per smallest contact distance
 FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
 MOST_COUNTS = 1_000_000  # bins of all histograms of a run
-MOST_SPECIES = 1000  # with more, their pairs alone fill the memory
 SAMPLES_AT_ONCE = 16  # samples whose rings are intersected with the box in one call, three times as fast as one by one
 
 
@@ -33,14 +32,11 @@ def bins(scene: Scene) -> tuple[int, float]:
     beyond half the shorter side of a periodic box, where the distance of a pair is no longer unique, nor, between
     walls, beyond the shorter side less the largest diameter.
     """
-    species, box = species_table(scene), scene.box
-    contacts = [
-        species.radius[a] + species.radius[b] for a, b in species_pairs(species) if a != b or species.number[a] > 1
-    ]
-    if not contacts:
+    if scene.particles < 2:
         return 0, 0.0
-    side, width = min(box.width, box.height), min(contacts) / BINS_PER_CONTACT
-    reach = min(side / 2 if box.periodic else side - 2 * species.radius.max(), FARTHEST * max(contacts))
+    box, radius = scene.box, np.sort(scene.radius)
+    side, width = min(box.width, box.height), (radius[0] + radius[1]) / BINS_PER_CONTACT
+    reach = min(side / 2 if box.periodic else side - 2 * radius[-1], FARTHEST * (radius[-1] + radius[-2]))
     return max(0, int(reach / width * (1 + 1e-12))), width
 
 
@@ -58,12 +54,10 @@ def pair_names(scene: Scene) -> list[str]:
 
 def unfit(scene: Scene) -> str | None:
     """Return why the scene has no such histograms, None if it has."""
-    if len(species_table(scene).name) > MOST_SPECIES:
-        return f"would have more than {MOST_COUNTS} bins for so many kinds or sizes of disks"
-    number, _ = bins(scene)
+    number, kinds = bins(scene)[0], len(species_table(scene).name)
     if number < 1:
         return "needs two disks, and room for them to be apart"
-    if number * len(species_pairs(species_table(scene))) > MOST_COUNTS:
+    if number * kinds * (kinds + 1) / 2 > MOST_COUNTS:
         return f"would have more than {MOST_COUNTS} bins for so many kinds or sizes of disks"
     return None
 
@@ -146,10 +140,6 @@ def close_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.nd
     return pair, np.sqrt(dx * dx + dy * dy)
 
 
-AXES = {
-    "species_pair": Axis("1", "species of the two disks", pair_names),
-    "distance": Axis("length", "distance between the centres, centre of its bin", bin_centres),
-}
 DISTRIBUTION = Observable(
     distribution,
     {
@@ -159,8 +149,11 @@ DISTRIBUTION = Observable(
             ("species_pair", "distance"),
             "1",
             "pair_counts of an ideal gas around a lone disk at its positions; else NaN",
-            lambda scene: bool(lone_pairs(scene, species_table(scene))),
         ),
+    },
+    axes={
+        "species_pair": Axis("1", "species of the two disks", pair_names),
+        "distance": Axis("length", "distance between the centres, centre of its bin", bin_centres),
     },
     seconds_per_disk_sample=2e-6,
     is_over_samples=True,

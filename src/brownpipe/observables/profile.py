@@ -64,9 +64,6 @@ def density_profile(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     return {"density_profile": profile}
 
 
-AXES = {
-    "wall_distance": Axis("length", "distance of the disk's edge from a wall, centre of its bin", bin_centres),
-}
 DENSITY_PROFILE = Observable(
     density_profile,
     {
@@ -76,6 +73,7 @@ DENSITY_PROFILE = Observable(
             "number density by distance from the walls, mean along all of them",
         )
     },
+    axes={"wall_distance": Axis("length", "distance of the disk's edge from a wall, centre of its bin", bin_centres)},
     seconds_per_disk_sample=8e-8,
     is_over_samples=True,
     unfit=unfit,

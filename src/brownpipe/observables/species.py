@@ -42,15 +42,9 @@ def equal_disks(scene: Scene) -> np.ndarray:
     return np.flatnonzero((radius == radius[0]) & (mass == mass[0]))
 
 
-def tracer_tracks(scene: Scene, run: Run, average: str, velocities: bool = True) -> Track:
-    """Return the track of the tracer, M = 1; for an average over `disks` the tracks of all disks equal to it.
-
-    Velocities that are not needed are neither read nor copied.
-    """
-    track = run.whole if average == "disks" else run.tracer
-    if not velocities:
-        track = track._replace(velocity=None)
-    return track.of(equal_disks(scene)) if average == "disks" else track
+def tracer_tracks(scene: Scene, run: Run, average: str) -> Track:
+    """Return the track of the tracer, M = 1; for an average over `disks` the tracks of all disks equal to it."""
+    return run.whole.of(equal_disks(scene)) if average == "disks" else run.tracer
 
 
 def bath_disks(scene: Scene) -> np.ndarray:

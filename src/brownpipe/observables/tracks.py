@@ -1,6 +1,6 @@
 """The tracks of the disks of a run at T sample times, which engines return and observables use."""
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,11 +17,8 @@ class Track(NamedTuple):
         return Track(*(None if values is None else values[:, disks] for values in self))
 
 
-class Run(Protocol):
-    """One run, as in `engines.ensemble.RunResult`."""
+class Run(NamedTuple):
+    """The tracks of one run."""
 
-    @property
-    def tracer(self) -> Track: ...  # disk 0, M = 1
-
-    @property
-    def whole(self) -> Track | None: ...  # all disks, M = N; None if not recorded, see `needs_every_disk`
+    tracer: Track  # disk 0, M = 1
+    whole: Track | None  # all disks, M = N; None if not recorded, see `needs_every_disk`

@@ -42,11 +42,6 @@ def bath_autocorrelation(scene: Scene, run: Run, average: str) -> dict[str, np.n
     return {"bath_velocity_autocorrelation": _correlation(scene, velocity, average)}
 
 
-def without_bath(scene: Scene) -> str | None:
-    """Return why the scene has no bath, None if it has one."""
-    return None if len(bath_disks(scene)) else "needs disks of another species than the tracer's"
-
-
 def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray:
     """Return v(0).v(t) (T,), averaged over M disks and, for `origins`, over time origins; velocity: (T, M, 2)."""
     disks, flat = velocity.shape[1], velocity.reshape(len(velocity), -1)
@@ -96,18 +91,6 @@ def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:
     counts += np.bincount(column.ravel(), minlength=counts.size).reshape(counts.shape)
 
 
-AXES = {
-    "velocity_bin": Axis(
-        "sqrt(kT/mass)",
-        "velocity component, centre of its bin; the outermost bins include all beyond",
-        lambda scene: bin_centres("velocity"),
-    ),
-    "speed_bin": Axis(
-        "sqrt(kT/mass)",
-        "speed, centre of its bin; the last bin includes all beyond",
-        lambda scene: bin_centres("speed"),
-    ),
-}
 AUTOCORRELATION = Observable(
     autocorrelation,
     {
@@ -121,8 +104,7 @@ AUTOCORRELATION = Observable(
         ),
     },
     of="tracer",
-    seconds_per_disk_sample=7e-9,
-    seconds_per_product=1e-9,
+    seconds_per_disk_sample=4e-8,
 )
 BATH_AUTOCORRELATION = Observable(
     bath_autocorrelation,
@@ -134,9 +116,8 @@ BATH_AUTOCORRELATION = Observable(
         )
     },
     of="bath",
-    seconds_per_disk_sample=7e-9,
-    seconds_per_product=1e-9,
-    unfit=without_bath,
+    seconds_per_disk_sample=2e-9,
+    unfit=lambda scene: None if len(bath_disks(scene)) else "needs disks of another species than the tracer's",
 )
 ENERGY = Observable(
     species_energy,
@@ -148,6 +129,18 @@ DISTRIBUTION = Observable(
     {
         "velocity_counts": RunArray(("species", "velocity_bin"), "1", "histogram of the velocity components"),
         "speed_counts": RunArray(("species", "speed_bin"), "1", "histogram of the speeds"),
+    },
+    axes={
+        "velocity_bin": Axis(
+            "sqrt(kT/mass)",
+            "velocity component, centre of its bin; the outermost bins include all beyond",
+            lambda scene: bin_centres("velocity"),
+        ),
+        "speed_bin": Axis(
+            "sqrt(kT/mass)",
+            "speed, centre of its bin; the last bin includes all beyond",
+            lambda scene: bin_centres("speed"),
+        ),
     },
     seconds_per_disk_sample=2.8e-8,
     is_over_samples=True,

@@ -115,7 +115,7 @@ def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
     observables = {name: values for name, values in root.items() if name not in PLACES["/"]}
     whole = {seed: disks.of(column) for seed, column in columns.items()} if disks else {}
     events = _events(groups["/events"], [*columns]) if "/events" in groups else {}
-    return Ensemble(root["seed"], root["time"], tracer, observables, whole, events, average, stopped, own)
+    return Ensemble(root["seed"], root["time"], tracer, observables, whole, events, stopped, dict(own), average)
 
 
 def _track(variables: dict[str, np.ndarray]) -> Track:

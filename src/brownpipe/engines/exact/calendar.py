@@ -16,7 +16,8 @@ the bucket has been prefetched: until the next bucket but one is opened.
 import numpy as np
 
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.kernels import kernel, prefetch
+from brownpipe.engines.kernels import entry_point, kernel, prefetch
+from brownpipe.engines.records import local_copy
 
 BUCKET_WORDS, CAPACITY = 16, 15  # of a bucket: uint32, a cache line; disks
 MOST_DEFERRED = 64  # insertions deferred during one bucket at most: more than its events schedule
@@ -189,9 +190,19 @@ def has_next_event(w: ws.Workspace) -> bool:
 
 @kernel
 def clear(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
-    """Empty the queue and set it to the beginning of a block."""
+    """Empty the queue, and set it to the beginning of a block."""
     w.bucket[::BUCKET_WORDS] = 0
     w.progress[ws.CURRENT_BUCKET] = 0
     w.progress[ws.CURRENT_EVENTS] = 0
     if deferred is not None:
         deferred.number[:] = 0
+
+
+@entry_point
+def push_all(w: ws.Workspace) -> None:
+    """Enter the next events of all disks again: buckets have another duration now."""
+    w = local_copy(w)
+    clear(w.deferred, w)
+    w.progress[ws.CURRENT_BUCKET] = int(w.tally[ws.NOW] * w.calendar.per_time)
+    for i in range(len(w.disk) // ws.ROW - 1, -1, -1):
+        push(w, i, w.event_time[ws.EVENT_ROW * i])

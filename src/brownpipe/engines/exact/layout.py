@@ -1,13 +1,15 @@
 """Lay out the workspace of a scene: cells, neighbour lists, calendar queue; and set it to the beginning of a run."""
 
 import math
+from functools import partial
 
 import numpy as np
 
 from brownpipe import theory
 from brownpipe.engines import fours
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.calendar import BUCKET_WORDS, CAPACITY, IN_CURRENT, MOST_DEFERRED
+from brownpipe.engines.exact.calendar import BUCKET_WORDS, MOST_DEFERRED, push_all
+from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.units import PATH_PER_BLOCK, Frame, common_radius, power_of_two, rms_speed
 from brownpipe.scene import Scene
 
@@ -198,37 +200,8 @@ def with_fitting_buckets(w: ws.Workspace, events: int, elapsed: float, estimated
     width = min(power_of_two(max(most / max(events, 1), shortest)), estimated)
     if width != scale.width:
         w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
-        _enter_all(w)
+        compile_all(partial(push_all, w))
     return w
-
-
-def _enter_all(w: ws.Workspace) -> None:
-    """Enter the next events of all disks again: where `calendar.push` would, or in the current bucket if that is full.
-
-    NumPy does it: a kernel that the loop over events never calls would still slow it down by 2 %.
-    """
-    w.bucket[::BUCKET_WORDS] = 0
-    if w.deferred is not None:
-        w.deferred.number[:] = 0
-    scale, current = w.calendar, int(w.tally[ws.NOW] * w.calendar.per_time)
-    time = w.event_time[:: ws.EVENT_ROW]
-    (disk,) = np.nonzero(time < scale.block)
-    last_first = disk[np.lexsort((disk, time[disk]))[::-1]]
-    bucket = (time[last_first] * scale.per_time).astype(np.int64)
-    spread = current + scale.ring - (7 * last_first & scale.ring >> 1)
-    bucket = np.where(bucket - current > scale.ring, spread, bucket)
-    by_bucket = np.argsort(bucket, kind="stable")
-    entry = np.empty_like(bucket)  # of each disk in its bucket
-    entry[by_bucket] = np.arange(len(bucket)) - np.searchsorted(bucket[by_bucket], bucket[by_bucket])
-    stored = (bucket > current) & (entry < CAPACITY)
-    number = bucket[stored] & scale.ring
-    w.bucket[BUCKET_WORDS * number + 1 + entry[stored]] = last_first[stored]
-    w.bucket[: BUCKET_WORDS * (scale.ring + 1) : BUCKET_WORDS] = np.bincount(number, minlength=scale.ring + 1)
-    w.link[ws.BUCKET :: ws.ROW][last_first[stored]] = number
-    soon = last_first[~stored]
-    w.current_time[: len(soon)], w.current_disk[: len(soon)] = time[soon], soon
-    w.link[ws.BUCKET :: ws.ROW][soon] = IN_CURRENT
-    w.progress[ws.CURRENT_EVENTS], w.progress[ws.CURRENT_BUCKET] = len(soon), current
 
 
 def _big_disks(grid: ws.Grid, radius: np.ndarray, common: float, periodic: bool) -> ws.BigDisks | None:

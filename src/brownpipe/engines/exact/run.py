@@ -21,12 +21,11 @@ from brownpipe.engines.insertion import insert_nothing
 from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.recording import (
     HEALTH_BOUND,
-    SAMPLES,
+    blank_samples,
     conservation,
     images_fit,
     report,
     report_nothing,
-    sample_arrays,
     tracks_of,
 )
 from brownpipe.engines.units import Frame, State, frame_of, motion_of
@@ -62,14 +61,15 @@ class RunState(NamedTuple):
     events: Events | None = None  # the log so far, in the scene's units and order
 
 
-class Saving(NamedTuple):
-    """When and how the state of a run is stored."""
+class Checkpoints(NamedTuple):
+    """When and how the state of a batch or, within it, of a run is stored, and what to continue from."""
 
     due: Callable[[], bool]  # whether to store at the next end of a block
-    store: Callable[[RunState], None]  # takes a state whose arrays are views of the workspace, which changes later
+    store: Callable[[Any], None]  # takes arrays of `simulation.pack`, or a RunState: views of arrays that change later
+    stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
 
 
-NOT_SAVED = Saving(lambda: False, lambda _: None)
+NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 
 
 def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
@@ -92,7 +92,9 @@ def run(prepared: PreparedScene, state: State, times: np.ndarray, record: Collec
     return to_end(prepared, beginning(prepared, state), new_recorder(prepared, times, record))
 
 
-def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Saving = NOT_SAVED) -> RunResult:
+def to_end(
+    prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Checkpoints = NO_CHECKPOINTS
+) -> RunResult:
     """Continue a run to its end and return its result; the tracer's track is in the recorder's arrays.
 
     A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next run starts with the
@@ -103,8 +105,10 @@ def to_end(prepared: PreparedScene, start: RunState, recorder: ws.Recorder, savi
         if start.slots != w.grid.slots:
             w = prepare(scene, frame, pinned, start.slots)
         begin(w, start.motion)  # cells, event queue and neighbour lists are built by the next block
-        for name, array in _arrays_of(w, recorder).items() if start.arrays else ():
-            array[: len(start.arrays[name])] = start.arrays[name]
+        if start.arrays:
+            w.progress[:] = start.arrays["progress"]  # with the number of samples taken
+            for name, array in _arrays_of(w, recorder).items():
+                array[:] = start.arrays[name]
         logs = [] if start.events is None else [start.events]
         if _to_last_sample(prepared, w, recorder, start, logs, saving):
             break
@@ -119,7 +123,7 @@ def _to_last_sample(
     recorder: ws.Recorder,
     start: RunState,
     logs: list[Events],
-    saving: Saving,
+    saving: Checkpoints,
 ) -> bool:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
     scene, frame = prepared.scene, prepared.frame
@@ -149,17 +153,17 @@ def _to_last_sample(
             _take_totals(recorder, w)
             quarter = quarter_of(recorder, w)
         if outcome == ws.BLOCK_OVER:
-            arrays = _arrays_of(w, recorder)
-            arrays |= {name: arrays[name][: w.progress[ws.SAMPLE]] for name in SAMPLES}
-            saving.store(start._replace(motion=_motion(w), arrays=arrays, events=_joined(logs)))
+            saving.store(start._replace(motion=_motion(w), arrays=_arrays_of(w, recorder), events=_joined(logs)))
     return True
 
 
 def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
-    """Return what a run changes in its workspace and recorder, besides the motion of its disks and the log."""
+    """Return what a run has changed in its workspace and recorder, besides the motion of its disks and the log."""
     arrays = {"progress": w.progress, "count": w.count, "tally": w.tally, "totals": recorder.totals}
     arrays |= {} if w.image is None else {"images_now": w.image}
-    return arrays | {name: getattr(recorder, name) for name in SAMPLES}
+    for of, track in (("track", recorder.track), ("whole", recorder.whole)):
+        arrays |= {f"{of}.{name}": values[: w.progress[ws.SAMPLE]] for name, values in track._asdict().items()}
+    return arrays
 
 
 def _motion(w: ws.Workspace) -> np.ndarray:
@@ -209,7 +213,8 @@ def new_recorder(prepared: PreparedScene, times: np.ndarray, record: Collection[
         tracer=int(frame.back[0]) if n else 0,
         block=block.astype(np.int64),
         time=engine_times - block * w.calendar.block,  # exact, as the length of a block is a power of two
-        **sample_arrays(len(times), n if "all" in record else 0),
+        track=blank_samples(len(times), 1),
+        whole=blank_samples(len(times), n if "all" in record else 0),
         **_quarter_arrays(scene, frame, times),
         log_block=np.empty(log_length, np.int64),
         log_time=np.empty(log_length),
@@ -300,7 +305,7 @@ def report_of(
     that are not `finite`. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
     mass = np.ones(len(first)) if w.mass is None else w.mass
-    count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :].tolist()
+    count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :]
     conserved = conservation(mass, first, _motion(w).copy(), impulses[1:])
     # A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen: its distance from the
     # cell then counts as an overlap.

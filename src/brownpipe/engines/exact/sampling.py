@@ -13,6 +13,7 @@ from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.workspace import four_contact_distances, four_disks, four_shifted, position
 from brownpipe.engines.fours import four, four_entries, least, where
 from brownpipe.engines.kernels import kernel
+from brownpipe.engines.records import Samples
 
 
 @kernel
@@ -54,17 +55,9 @@ def audit(w: ws.Workspace, i: int, now: float) -> None:
 
 @kernel
 def write_motion(
-    image: np.ndarray | None,
-    w: ws.Workspace,
-    i: int,
-    now: float,
-    positions: np.ndarray,
-    velocities: np.ndarray,
-    images: np.ndarray,
-    sample: int,
-    column: int,
+    image: np.ndarray | None, w: ws.Workspace, i: int, now: float, track: Samples, sample: int, column: int
 ) -> None:
-    """Write position, velocity and image of disk i at the time now to (sample, column) of a record.
+    """Write position, velocity and image of disk i at the time now to (sample, column) of a track.
 
     A disk can be outside a periodic box, as with neighbour lists it is wrapped only when it leaves its square.
     """
@@ -72,11 +65,11 @@ def write_motion(
     if image is not None:
         across, up = math.floor((x - w.grid.x) / w.grid.width), math.floor((y - w.grid.y) / w.grid.height)
         x, y = x - across * w.grid.width, y - up * w.grid.height
-        images[sample, column, 0] = image[2 * i] + across
-        images[sample, column, 1] = image[2 * i + 1] + up
-    positions[sample, column, 0], positions[sample, column, 1] = x, y
-    velocities[sample, column, 0] = w.disk[ws.ROW * i + ws.VX]
-    velocities[sample, column, 1] = w.disk[ws.ROW * i + ws.VY]
+        track.image[sample, column, 0] = image[2 * i] + across
+        track.image[sample, column, 1] = image[2 * i + 1] + up
+    track.position[sample, column, 0], track.position[sample, column, 1] = x, y
+    track.velocity[sample, column, 0] = w.disk[ws.ROW * i + ws.VX]
+    track.velocity[sample, column, 1] = w.disk[ws.ROW * i + ws.VY]
 
 
 @kernel
@@ -86,11 +79,11 @@ def take_sample(w: ws.Workspace, r: ws.Recorder, now: float) -> None:
     w.progress[ws.SAMPLE] = sample + 1
     if len(w.disk) == 0:
         return
-    write_motion(w.image, w, r.tracer, now, r.position, r.velocity, r.image, sample, 0)
-    whole = r.whole_position.shape[1] > 0
+    write_motion(w.image, w, r.tracer, now, r.track, sample, 0)
+    whole = r.whole.position.shape[1] > 0
     is_last = sample == len(r.block) - 1
     first, end = (0, len(w.disk) // ws.ROW) if whole or is_last else (r.tracer, r.tracer + 1)
     for i in range(first, end):
         audit(w, i, now)
         if whole:
-            write_motion(w.image, w, i, now, r.whole_position, r.whole_velocity, r.whole_image, sample, i)
+            write_motion(w.image, w, i, now, r.whole, sample, i)

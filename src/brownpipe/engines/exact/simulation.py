@@ -5,17 +5,17 @@ Each run is drawn from its seed (`initial_state`), equilibrated, run from collis
 """
 
 import json
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from brownpipe.engines.ensemble import Batch, Ensemble, Events, RunResult, blank, make_runs, new_batch
 from brownpipe.engines.exact.run import (
-    NOT_SAVED,
+    NO_CHECKPOINTS,
+    Checkpoints,
     PreparedScene,
     RunState,
-    Saving,
     beginning,
     new_recorder,
     prepare_scene,
@@ -29,17 +29,6 @@ from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
 
 Record = TypeVar("Record", bound=NamedTuple)
-
-
-class Checkpoints(NamedTuple):
-    """When to store a batch, how, and what to continue from."""
-
-    due: Callable[[], bool]  # whether to store at the next end of a block
-    store: Callable[[dict[str, np.ndarray]], None]  # takes the arrays of `pack`
-    stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
-
-
-NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 
 
 def simulate(
@@ -68,7 +57,7 @@ def simulate(
     finished, unfinished = resume(checkpoints.stored, batch)
 
     def run(column: int) -> RunResult:
-        saving = Saving(checkpoints.due, lambda state: checkpoints.store(pack(batch.ensemble, column, state)))
+        saving = checkpoints._replace(store=lambda state: checkpoints.store(pack(batch.ensemble, column, state)))
         start = unfinished if column == finished else None
         if start is None or start.equilibrating:
             drawn = draw(scene, int(batch.ensemble.seeds[column]))
@@ -91,7 +80,7 @@ def prepare_equilibration(scene: Scene) -> PreparedScene | None:
 
 
 def equilibrate(
-    prepared: PreparedScene | None, state: State, stored: RunState | None = None, saving: Saving = NOT_SAVED
+    prepared: PreparedScene | None, state: State, stored: RunState | None = None, saving: Checkpoints = NO_CHECKPOINTS
 ) -> State:
     """Run a drawn state for the scene's time to equilibrate, or continue a stored run; return the state at t = 0.
 
@@ -154,9 +143,9 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
     ensemble = batch.ensemble
     if "stopped" in arrays:
         stopped = json.loads(arrays["stopped"].tobytes())
-        batch.stopped.update((int(seed), reason) for seed, reason in stopped.items())
+        ensemble.stopped.update((int(seed), reason) for seed, reason in stopped.items())
     if "own" in arrays:
-        batch.own.update(own_arrays({"own_arrays": arrays["own"].tobytes()}))
+        ensemble.own.update(own_arrays({"own_arrays": arrays["own"].tobytes()}))
     finished = int(arrays["done"])
     if ensemble.tracer is not None:
         for name, values in ensemble.tracer._asdict().items():

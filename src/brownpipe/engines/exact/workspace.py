@@ -27,7 +27,7 @@ import numpy as np
 from brownpipe.engines.collisions import shares
 from brownpipe.engines.fours import all_bits, four, four_columns
 from brownpipe.engines.kernels import kernel
-from brownpipe.engines.records import by_reference
+from brownpipe.engines.records import Samples, by_reference
 
 # A row of `disk`: position and velocity at the disk's own time TIME; the time of its next pair collision; how often its
 # velocity or its image has changed, which tells whether a prediction made with it still holds; the radius.
@@ -158,12 +158,8 @@ class Recorder(NamedTuple):
     tracer: int  # its number in the engine
     block: np.ndarray  # (T,) int64, block of each sample
     time: np.ndarray  # (T,) float64, time of each sample within its block
-    position: np.ndarray  # (T, 1, 2) float64, of the tracer
-    velocity: np.ndarray  # (T, 1, 2) float64
-    image: np.ndarray  # (T, 1, 2) int32
-    whole_position: np.ndarray  # (T, N, 2) float64, of all disks, or (T, 0, 2)
-    whole_velocity: np.ndarray  # (T, N, 2) float64, or (T, 0, 2)
-    whole_image: np.ndarray  # (T, N, 2) int32, or (T, 0, 2)
+    track: Samples  # of the tracer, M = 1
+    whole: Samples  # of all disks, M = N, or M = 0
     quarter: np.ndarray  # (5,) int64, samples between which the quarters of the run lie; (0,): not counted in quarters
     species: np.ndarray  # (N,) int64, of each disk; (0,): energies are not summed
     totals: np.ndarray  # (5, 2 + K) float64: pair collisions and virial until then, energy of the K species; or (0, 2)

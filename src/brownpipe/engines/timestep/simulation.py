@@ -19,14 +19,7 @@ from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibratio
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
 from brownpipe.engines.kernels import compile_all
-from brownpipe.engines.recording import (
-    conservation,
-    images_fit,
-    report,
-    report_nothing,
-    sample_arrays,
-    tracks_of,
-)
+from brownpipe.engines.recording import blank_samples, conservation, images_fit, report, report_nothing, tracks_of
 from brownpipe.engines.timestep import refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.steps import advance
@@ -204,7 +197,8 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
         tracer=int(frame.back[0]) if n else 0,
         step=last.astype(np.int64),
         rest=(times - last * time_step) / frame.time,
-        **sample_arrays(len(times), n if "all" in record else 0),
+        track=blank_samples(len(times), 1),
+        whole=blank_samples(len(times), n if "all" in record else 0),
     )
 
 
@@ -215,7 +209,7 @@ def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finit
     """
     last = np.empty((len(w.disk), 4))
     last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
-    count, impulses, elapsed = w.count.tolist(), w.tally[ws.VIRIAL :].tolist(), float(w.counters[ws.STEP] * w.step)
+    count, impulses, elapsed = w.count.tolist(), w.tally[ws.VIRIAL :], float(w.counters[ws.STEP] * w.step)
     conserved = conservation(w.mass, first, last, impulses[1:])
     sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(scene, frame, w, last[:, :2])
     sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)

@@ -14,7 +14,7 @@ import numpy as np
 
 from brownpipe.engines.collisions import encounter, exchange, shares
 from brownpipe.engines.kernels import entry_point, kernel
-from brownpipe.engines.records import local_copy
+from brownpipe.engines.records import Samples, local_copy
 from brownpipe.engines.timestep import verlet_lists
 from brownpipe.engines.timestep import workspace as ws
 
@@ -278,25 +278,16 @@ def step(w: ws.Workspace) -> None:
 
 
 @kernel
-def write_sample(
-    w: ws.Workspace,
-    i: int,
-    rest: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    images: np.ndarray,
-    row: int,
-    column: int,
-) -> None:
-    """Write position, velocity and image of disk i, a time `rest` after the last step, to [row, column] of a record."""
+def write_sample(w: ws.Workspace, i: int, rest: float, track: Samples, row: int, column: int) -> None:
+    """Write position, velocity and image of disk i, a time `rest` after the last step, to [row, column] of a track."""
     vx, vy = w.vx[i], w.vy[i]
     x, y = w.x[i] + vx * rest, w.y[i] + vy * rest
-    velocity[row, column, 0], velocity[row, column, 1] = vx, vy
+    track.velocity[row, column, 0], track.velocity[row, column, 1] = vx, vy
     if w.box.periodic:
         across, up = verlet_lists.boxes_away(x, w.box.x, w.box.width), verlet_lists.boxes_away(y, w.box.y, w.box.height)
         x, y = x - across * w.box.width, y - up * w.box.height
-        images[row, column, 0], images[row, column, 1] = w.image_x[i] + across, w.image_y[i] + up
-    position[row, column, 0], position[row, column, 1] = x, y
+        track.image[row, column, 0], track.image[row, column, 1] = w.image_x[i] + across, w.image_y[i] + up
+    track.position[row, column, 0], track.position[row, column, 1] = x, y
 
 
 @kernel
@@ -306,10 +297,10 @@ def sample(w: ws.Workspace, r: ws.Recorder, rest: float) -> None:
     w.counters[ws.SAMPLE] = row + 1
     if len(w.x) == 0:
         return
-    write_sample(w, w.counters[ws.TRACER], rest, r.position, r.velocity, r.image, row, 0)
-    if r.whole_position.shape[1] > 0:
+    write_sample(w, w.counters[ws.TRACER], rest, r.track, row, 0)
+    if r.whole.position.shape[1] > 0:
         for i in range(len(w.x)):
-            write_sample(w, i, rest, r.whole_position, r.whole_velocity, r.whole_image, row, w.disk[i])
+            write_sample(w, i, rest, r.whole, row, w.disk[i])
 
 
 @entry_point

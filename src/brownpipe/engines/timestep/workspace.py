@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.records import by_reference
+from brownpipe.engines.records import Samples, by_reference
 
 # w.counters: steps done, samples taken, the tracer's place in memory, pairs listed within the box and across its sides,
 # disks that reach beyond a wall, whether a list is too short for its pairs, how often lists were built
@@ -91,14 +91,10 @@ class Workspace(NamedTuple):
 
 @by_reference
 class Recorder(NamedTuple):
-    """Where samples are written; fields of the same names as in exact.workspace.Recorder. T samples, M = N or 0."""
+    """Where samples are written; T of them."""
 
     tracer: int  # the engine's number of the tracer
     step: np.ndarray  # (T,) int64, the last step before each sample
     rest: np.ndarray  # (T,) float64, the time from that step to the sample
-    position: np.ndarray  # (T, 1, 2) of the tracer
-    velocity: np.ndarray
-    image: np.ndarray  # int32
-    whole_position: np.ndarray  # (T, M, 2) of all disks
-    whole_velocity: np.ndarray
-    whole_image: np.ndarray
+    track: Samples  # of the tracer, M = 1
+    whole: Samples  # of all disks, M = N, or M = 0
