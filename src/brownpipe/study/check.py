@@ -94,11 +94,10 @@ def _study(study: Study) -> list[str]:
         for runs in sets
     ]
     lines = pd.DataFrame(rows).to_string(index=False).splitlines()
-    cautions = []
     for engine in study.engines:
         cases = [runs.case for runs in sets if runs.engine == engine]
         lines.append(f"engine    {engine.label}: {engine.model(cases)}")
-        cautions += [engine.definition.caution(case) for case in cases]
+    cautions = [runs.engine.definition.caution(runs.case) for runs in sets]
     cautions += [settling_caution(case) for case in study.cases]
     starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
     cautions += [window_caution(window, starts) for window in study.fit_windows or ()]
@@ -111,12 +110,11 @@ def _study(study: Study) -> list[str]:
 
 def _too_large(runs: RunSet) -> str | None:
     """Return one line of caution if a job needs more memory than this machine has."""
-    most = max(runs.jobs)
-    needed, available = forecast.memory(runs.cost, most), forecast.machine_memory()
-    case = f"{runs.case.name}, N = {runs.case.particles}, {runs.engine.label}"
-    memory = f"a job of {most:,} runs needs some {in_bytes(needed)} of memory"
-    cure = f"must be at most `batch: {forecast.most_runs(runs.cost, available)}`, fewer samples or fewer disks"
-    return f"{case}: {memory}, and this machine has {in_bytes(available)}; {cure}" if needed > available else None
+    try:
+        forecast.refuse_too_large(runs.case, max(runs.jobs), runs.cost)
+    except RequestError as error:
+        return str(error)
+    return None
 
 
 def _cautions(cautions: list[str | None]) -> list[str]:

@@ -5,7 +5,7 @@ Its fields are the keys of study files, with their bounds.
 
 import json
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
@@ -35,6 +35,13 @@ PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
 REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of these keys
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
+
+
+def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: str | int) -> None:
+    """Refuse, at a path of keys and indices, values that are not among those of the study."""
+    for value in values:
+        if value not in allowed:
+            refuse(f"must be {' or '.join(map(str, allowed))}, not {value!r}", *path)
 
 
 def one_or_more(kind: Any, least: int = 1) -> Any:
@@ -174,7 +181,7 @@ class Study(Record):
         for k, entry in enumerate(self.engines):
             keys = dict(entry)
             scenes, seeds, name = keys.pop("scenes") or (), keys.pop("seeds"), keys.pop("name")
-            self._refuse_unknown(scenes, "engines", k, "scenes")
+            refuse_others(scenes, self.varied, "engines", k, "scenes")
             engine = Engine(name, tuple(keys.items()))
             for case in (case for case in self.cases if not scenes or case.name in scenes):
                 try:
@@ -186,13 +193,6 @@ class Study(Record):
                 uses.append(EngineUse(engine, case, seeds))
         by_case = [use for case in self.cases for use in uses if use.case is case]
         self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)), uses=tuple(by_case))
-
-    def _refuse_unknown(self, scenes: Sequence[str], *path: str | int) -> None:
-        """Refuse names that are not of the study's scenes."""
-        names = list(dict.fromkeys(case.name for case in self.cases))
-        for scene in scenes:
-            if scene not in names:
-                refuse(f"must be a scene of the study, {' or '.join(names)}, not {scene!r}", *path)
 
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many."""
@@ -226,13 +226,8 @@ class Study(Record):
             if unmet[name]:
                 refuse(f"{name} needs {unmet[name][0]}", "figures")
         self._resolve(figures=self.figures or tuple(name for name in FIGURES if not unmet[name]))
-        labels = ("scene", "particles", "engine", *self.vary)
-        for name in self.panel:
-            if name not in labels:
-                refuse(f"must be of {', '.join(labels)}, not {name!r}", "panel")
-        if self.shown_particles not in (None, *counts):
-            allowed = f"one of the study's numbers of disks, {counts}"
-            refuse(f"must be {allowed}, not {self.shown_particles}", "shown_particles")
+        refuse_others(self.panel, ("scene", "particles", "engine", *self.vary), "panel")
+        refuse_others({self.shown_particles} - {None}, counts, "shown_particles")
 
     def _check_analysis(self) -> None:
         """Refuse what cannot be measured, windows with fewer than three samples, and times that are no sample times."""
@@ -253,7 +248,7 @@ class Study(Record):
         """Refuse scenes in place of others that do not have their sample times."""
         by_name = {case.name: case for case in self.cases}
         for scene, names in self.instead_of.items():
-            self._refuse_unknown((scene, *names), "instead_of", scene)
+            refuse_others((scene, *names), by_name, "instead_of", scene)
             for name in names:
                 if name == scene or not np.array_equal(by_name[name].times, by_name[scene].times):
                     refuse(f"must be other scenes with the sample times of {scene}", "instead_of", scene)
