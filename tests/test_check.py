@@ -237,13 +237,3 @@ def peak(folder, command):
         if "compiling" not in done.stderr:
             break
     return 1024.0 * int(done.stdout.split()[-1])
-
-
-def test_a_job_that_needs_more_memory_than_there_is_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(forecast, "machine_memory", lambda: 1_000_000_000)
-    report(tmp_path, sampled(10_000), "small")
-    report(tmp_path, sampled(100_000), "large")
-    study = {"scenes": ["small.yaml", "large.yaml"], "seeds": "5-1004", "batch": 500}
-    (caution,) = cautions(report(tmp_path, study, "study"))
-    assert caution.startswith("large: 500 runs need some 3.34 GB of memory, and this machine has 1 GB")
-    assert cautions(report(tmp_path, study | {"batch": 100}, "study")) == []

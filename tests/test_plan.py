@@ -180,7 +180,7 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file,
     assert (again, pilot.made) == (runs, 0) and [*Path("results/runs").rglob("*.h5")] == [file]
     assert cli.main(["plan", str(path), "--write", "planned.yaml"]) == DONE
     said = capsys.readouterr().out
-    assert f"exact: {runs:,} runs" in said and str(file.parent) in said and "no pilot run had to be made" in said
+    assert f"exact: {runs:,} runs" in said and str(file.parent) in said and "0 pilot runs made" in said
     assert files_of(read_study("planned.yaml"))[0].path == file
 
 

@@ -263,7 +263,7 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
     ("arguments", "message"),
     [
         (["--config", "sed=3"], "study.yaml with sed replaced: sed: unknown key; did you mean seeds?"),
-        (["--config", "batch=-1"], "batch: must be >= 1, not -1"),
+        (["--config", "batch=-1"], "batch: must be >= 1 or 'auto', not -1"),
         (["--config", "scenes=scenes/absent.yaml"], "scenes/absent.yaml: cannot be read: No such file or directory"),
     ],
 )

@@ -252,7 +252,7 @@ def test_any_bytes_are_refused_in_one_line(tmp_path_factory, content):
 def test_a_value_of_the_command_line_has_no_line(tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text(STUDY)
-    with pytest.raises(RequestError, match=r"study.yaml with batch replaced: batch: must be >= 1, not -1"):
+    with pytest.raises(RequestError, match=r"study.yaml with batch replaced: batch: must be >= 1 or 'auto', not -1"):
         read_study(path, {"batch": -1})
     path.write_text(STUDY.replace("record: tracer", "record: trace"))
     with pytest.raises(RequestError, match=r"study.yaml with batch replaced: line 10: record: must be"):

@@ -13,7 +13,7 @@ from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.reading import read_yaml
 from brownpipe.scene.scene import is_study
 from brownpipe.study import Study, read_study
-from brownpipe.study.run_sets import RunSet, describe_workload, run_sets, with_assumed_runs
+from brownpipe.study.run_sets import describe_workload, run_sets, with_assumed_runs
 from brownpipe.text import in_bytes, in_lines, in_time
 
 
@@ -101,20 +101,11 @@ def _study(study: Study) -> list[str]:
     cautions += [settling_caution(case) for case in study.cases]
     starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
     cautions += [window_caution(window, starts) for window in study.fit_windows or ()]
-    lines += _cautions([*cautions, *map(_too_large, sets)])
+    lines += _cautions(cautions)
     if study.tolerance is not None:
         goal = f"{study.target} to {100 * study.tolerance:g} %"
         lines.append(f"seeds     as many as {goal} needs, by pilot runs; here assumed {len(assumed.seeds):,}")
     return [*lines, f"total     {describe_workload(assumed)}", f"figures   {', '.join(study.figures)}"]
-
-
-def _too_large(runs: RunSet) -> str | None:
-    """Return one line of caution if a job needs more memory than this machine has."""
-    try:
-        forecast.refuse_too_large(runs.case, max(runs.jobs), runs.cost)
-    except RequestError as error:
-        return str(error)
-    return None
 
 
 def _cautions(cautions: list[str | None]) -> list[str]:

@@ -100,8 +100,8 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
 def spent_on(pilots: Sequence[Pilot]) -> str:
     """Return a line that says what the pilot runs took, and where they are."""
     made, seconds = sum(pilot.made for pilot in pilots), sum(pilot.seconds for pilot in pilots)
-    took = f"{counted(made, 'pilot run')} made in {in_time(seconds)} of CPU" if made else "no pilot run had to be made"
-    return f"{took}; the study uses them again: {', '.join(str(pilot.folder) for pilot in pilots) or '-'}"
+    folders = ", ".join(str(pilot.folder) for pilot in pilots)
+    return f"{counted(made, 'pilot run')} made in {in_time(seconds)} of CPU; the study uses them again: {folders}"
 
 
 def case_title(scene: Scene) -> str:

@@ -92,7 +92,8 @@ def run_sets(study: Study) -> list[RunSet]:
 def run_set(study: Study, case: Scene, engine: Engine, seeds: Sequence[int]) -> RunSet:
     """Return the runs of these seeds of one engine in one case, recorded and measured as the study says."""
     cost, digest = engine.forecast(case, *study.recording), runs_digest(case, engine, *study.recording)
-    return RunSet(engine, case, seeds, study.batch, cost, digest, folder_of_runs(case, engine, digest))
+    batch = None if study.batch == "auto" else study.batch
+    return RunSet(engine, case, seeds, batch, cost, digest, folder_of_runs(case, engine, digest))
 
 
 def batches_of(runs: RunSet) -> list[tuple[int, int]]:

@@ -73,10 +73,6 @@ def _own_name(name: str) -> str:
 Text = Annotated[str, Field(min_length=1)]
 Tolerance = Annotated[float, Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1), converted(_share, float | str)]
 Target = Annotated[str, As(Literal[TARGETS])]
-Batch = Annotated[
-    Annotated[AtLeastOne, Field(le=MOST_SEEDS)] | None,
-    converted(lambda value: None if value == "auto" else value, int | Literal["auto"]),
-]
 EngineRecord: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Field(discriminator="name")]  # noqa: UP007  # as many as there are
 EngineKey: Any = Annotated[EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
@@ -122,7 +118,7 @@ class Study(Record):
     seeds: Seeds | None = key("a count (2400: seeds 0 to 2399), a range (100-199), or a list of both", None)
     tolerance: Tolerance | None = key("in place of seeds: relative standard error of the target", None)
     target: Target = key("the quantity that the tolerance refers to", TARGETS[0])
-    batch: Batch = key("seeds per job (default: auto, from the forecast); results do not depend on it", None)
+    batch: AtLeastOne | Literal["auto"] = key("seeds per job; auto: from the forecast; results are the same", "auto")
     record: Literal["tracer", "none"] = key("the trajectory of the tracer, or only the observables", "tracer")
     observables: Observables = key("quantities measured in each run, from all of its disks", ())
     average: Average = key("average over runs alone, or also over time origins or equal disks", "runs")
@@ -201,10 +197,9 @@ class Study(Record):
         if self.tolerance is not None and (reason := why_no_relative_error(self.cases)):
             refuse(f"{reason}; must be seeds: 1", "tolerance")
         self._resolve(seeds=self.seeds or ())
-        sizes = [len(use.seeds or self.seeds) for use in self.uses]
-        listed = [case.name for case in self.cases if case.listed]
-        if listed and max(sizes) > 1:
-            refuse(_repetition(listed[0], max(sizes)), "seeds")
+        for case, runs in ((use.case, len(use.seeds or self.seeds)) for use in self.uses):
+            if case.listed and runs > 1:
+                refuse(_repetition(case.name, runs), "seeds")
 
     def _check_figures(self) -> None:
         """Refuse figures without data; by default there are all whose needs are met."""
@@ -261,9 +256,9 @@ class Study(Record):
     @property
     def tradeoff_cases(self) -> list[str]:
         """The cases with exact runs and others to compare with them, by their names in the trade-off."""
-        engines = {case: {use.engine for use in self.uses if use.case is case} for case in self.cases}
-        compared = [case for case in self.cases if len(engines[case]) > 1 or case.name in self.instead_of]
-        return [case.label for case in compared if REFERENCE in engines[case]]
+        exact = [use.case for use in self.uses if use.engine == REFERENCE]
+        compared = [use.case for use in self.uses if use.engine != REFERENCE or use.case.name in self.instead_of]
+        return [case.label for case in exact if case in compared]
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
