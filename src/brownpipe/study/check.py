@@ -4,8 +4,7 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 """
 
 from brownpipe.engines import forecast, friction
-from brownpipe.engines.forecast import settling_caution, settling_in_words
-from brownpipe.engines.friction import DECAY_TIMES, diffusive_from, window_caution
+from brownpipe.engines.friction import DECAY_TIMES, diffusive_from
 from brownpipe.engines.placement import is_grown
 from brownpipe.errors import RequestError
 from brownpipe.observables.quarters import claims_equilibrium
@@ -36,7 +35,7 @@ def _scene(scene: Scene) -> list[str]:
         "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
         "disks": f"{scene.particles}: {', '.join(species) or 'listed'}; packing fraction {scene.packing_fraction:.4g}",
         "start": _start(scene),
-        "settle": settling_in_words(scene),
+        "settle": forecast.settling_in_words(scene),
         "momentum": _momentum(scene),
         "run": f"from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
         "diffusion": f"from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)" if start > 0 else None,
@@ -45,8 +44,8 @@ def _scene(scene: Scene) -> list[str]:
         "cost": f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.recorded)} of file per run"
         f" of the exact engine; {in_bytes(forecast.memory(cost, 1))} of memory",
     }
-    window = window_caution(friction.default_windows([scene])[0], {scene.name: start})
-    cautions = [forecast.caution(scene), settling_caution(scene), window]
+    window = friction.window_caution(friction.default_windows([scene])[0], {scene.name: start})
+    cautions = [forecast.caution(scene), forecast.settling_caution(scene), window]
     return [*(f"{name:12}{text}" for name, text in said.items() if text), *_cautions(cautions)]
 
 
@@ -98,9 +97,9 @@ def _study(study: Study) -> list[str]:
         cases = [runs.case for runs in sets if runs.engine == engine]
         lines.append(f"engine    {engine.label}: {engine.model(cases)}")
     cautions = [runs.engine.definition.caution(runs.case) for runs in sets]
-    cautions += [settling_caution(case) for case in study.cases]
+    cautions += [forecast.settling_caution(case) for case in study.cases]
     starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
-    cautions += [window_caution(window, starts) for window in study.fit_windows or ()]
+    cautions += [friction.window_caution(window, starts) for window in study.fit_windows or ()]
     lines += _cautions(cautions)
     if study.tolerance is not None:
         goal = f"{study.target} to {100 * study.tolerance:g} %"
