@@ -1,7 +1,6 @@
 """What `brownpipe check` says, and whether the expected costs are near the real ones."""
 
 import json
-import re
 import subprocess
 import sys
 from itertools import islice
@@ -238,17 +237,3 @@ def peak(folder, command):
         if "compiling" not in done.stderr:
             break
     return 1024.0 * int(done.stdout.split()[-1])
-
-
-def test_a_job_that_needs_more_memory_than_there_is_is_named_with_the_batch_that_fits(tmp_path, monkeypatch):
-    monkeypatch.setattr(forecast, "machine_memory", lambda: 1_000_000_000)
-    report(tmp_path, sampled(10_000), "small")
-    report(tmp_path, sampled(100_000), "large")
-    study = {"scenes": ["small.yaml", "large.yaml"], "seeds": "5-1004", "batch": 500}
-    (caution,) = cautions(report(tmp_path, study, "study"))
-    assert caution.startswith("large, N = 30, exact: a job of 500 runs needs some ")
-    assert " of memory, and this machine has 1 GB; must be at most" in caution
-    (fits,) = re.findall(r"must be at most `batch: (\d+)`", caution)
-    assert cautions(report(tmp_path, study | {"batch": int(fits)}, "study")) == []
-    (caution,) = cautions(report(tmp_path, study | {"batch": int(fits) + 1}, "study"))
-    assert f"a job of {int(fits) + 1} runs" in caution

@@ -121,16 +121,28 @@ STUDIES = [
     ("- exact", "- exat", 6, "engines[0].name", "'exact', 'timestep', 'langevin', not 'exat'; did you mean exact?"),
     ("- exact", "- {friction: enskog}", 6, "engines[0].name", "missing"),
     ("- exact", "- {name: exact, time_step: 1}", 6, "engines[0].time_step", "allowed: name, scenes, seeds"),
-    ("- exact", "- {name: exact, scenes: dense}", 6, "engines[0].scenes", "a scene of the study"),
+    (
+        "- exact",
+        "- {name: exact, scenes: dense}",
+        6,
+        "engines[0].scenes",
+        "must be harrison2020 or harrison2020_thermal",
+    ),
     ("time_step: 0.001", "time_step: 1", 7, "engines[1]", "time_step: must be at most 0.03484"),
     ("average: runs\nobs", "average: origins\nobs", 11, "average", "origins needs square_displacement"),
     ("observables: []", "observables: [species]", 12, "observables[0]", "did you mean species_energy?"),
-    ("figures: [msd]", "panel: [scene, mass]", 13, "panel", "must be of scene, particles, engine, not 'mass'"),
+    ("figures: [msd]", "panel: [scene, mass]", 13, "panel", "must be scene or particles or engine, not 'mass'"),
     ("figures: [msd]", "figures: energy", 13, "figures", "needs the observable species_energy"),
     ("displacement_times: [0.5]", "displacement_times: 0.333", 14, "displacement_times[0]", "a sample time of some"),
     ("- [0.1, 1]", "- [0.1, 0.115]", 16, "fit_windows[0]", "three samples or more of harrison2020"),
     (", count: 20", "", 17, "rings.count", "missing"),
-    ("allow_failed: 0", "instead_of: {harrison2020: dense}", 18, "instead_of.harrison2020", "a scene of the study"),
+    (
+        "allow_failed: 0",
+        "instead_of: {harrison2020: dense}",
+        18,
+        "instead_of.harrison2020",
+        "must be harrison2020 or harrison2020_thermal",
+    ),
 ]
 VARIED = [
     (
@@ -240,7 +252,7 @@ def test_any_bytes_are_refused_in_one_line(tmp_path_factory, content):
 def test_a_value_of_the_command_line_has_no_line(tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text(STUDY)
-    with pytest.raises(RequestError, match=r"study.yaml with batch replaced: batch: must be >= 1, not -1"):
+    with pytest.raises(RequestError, match=r"study.yaml with batch replaced: batch: must be >= 1 or 'auto', not -1"):
         read_study(path, {"batch": -1})
     path.write_text(STUDY.replace("record: tracer", "record: trace"))
     with pytest.raises(RequestError, match=r"study.yaml with batch replaced: line 10: record: must be"):

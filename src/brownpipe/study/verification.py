@@ -28,26 +28,25 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     files = sorted(path for path in folder.rglob("*") if path.suffix in (".h5", ".nc"))
     if not files and not runs:
         raise WrongFileError(f"{folder}: has no results of a study; must be results/STUDY, or files")
-    missing, named = [], dict[Path, tuple[int, int]]()
+    missing, stored = list[str](), list[Path]()
     for record in folder.glob(f"*/{RECORD}"):
         figures = [record.parent / name for name in json.loads(record.read_text())["files"]]
         missing += [str(path) for path in figures if not path.is_file()]
     for line in sorted(runs):
         where, text = line.rsplit(" ", 1)
         place, seeds = Path(os.path.relpath(folder.absolute().parents[1] / where)), np.asarray(read_seeds(text))
-        stored = stored_batches(place, seeds)
-        named |= {place / f"{first}-{last}.h5": (first, last) for first, last in stored}
-        if len(left := without(seeds, stored)):
+        batches = stored_batches(place, seeds)
+        stored += [place / f"{first}-{last}.h5" for first, last in batches]
+        if len(left := without(seeds, batches)):
             missing.append(f"{where}: seeds {brief_seed_text(left)}")
     damaged = []
-    files += named
+    files += stored
     for file in tracked(files, "files"):
         try:
             contents = read_contents(file)
-            if isinstance(contents, Trajectories) and file in named:
-                first, last = named[file]
-                is_named = file.parent.name.endswith(contents.digest[:DIGITS])
-                if not is_named or [*contents.ensemble.seeds] != [*range(first, last + 1)]:
+            if isinstance(contents, Trajectories) and file in stored:
+                digest, ends = contents.digest[:DIGITS], contents.ensemble.seeds[[0, -1]]
+                if not (file.parent.name.endswith(digest) and file.stem == "{}-{}".format(*ends)):
                     raise StorageError(f"{file}: holds other runs than its name says")
         except StorageError:
             damaged.append(file)
