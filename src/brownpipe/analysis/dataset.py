@@ -1,6 +1,5 @@
 """One labelled dataset from the trajectory files of a study: all estimates for each scene, particle count, engine."""
 
-from collections import ChainMap
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate, chain, pairwise
 from typing import TYPE_CHECKING, Any
@@ -8,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brownpipe import progress
-from brownpipe.analysis import averaged, displacement, distribution, drift, pairs, thermodynamics, variables, velocity
+from brownpipe.analysis import displacement, distribution, drift, pairs, thermodynamics, variables, velocity
 from brownpipe.analysis.displacement import labels as labels_of
 from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
-from brownpipe.analysis.estimator import Averages, Case, Columns, results_of
+from brownpipe.analysis.estimator import Averages, Case, columns_of, results_of
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported
-from brownpipe.analysis.variables import FAILED, KEPT, SAME_TIME, Variable, names_of, with_uncertainties
+from brownpipe.analysis.variables import EACH, FAILED, KEPT, SAME_TIME, Mean, Variable, names_of, with_uncertainties
 from brownpipe.analysis.varied import over_keys
 from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
@@ -30,12 +29,12 @@ if TYPE_CHECKING:
 
 Part = dict[str, Any]  # results of one case: variable or coordinate -> array whose size is that of its dimensions
 
-ESTIMATORS = displacement, distribution, velocity, averaged, pairs, thermodynamics
+ESTIMATORS = displacement, distribution, velocity, pairs, thermodynamics, drift
 FIRST = (  # in a dataset, so that xarray shows these of its hundred variables, then other physics; health last
     *("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation"),
     *("orientational_order_squared", "kinetic_temperature", "packing_fraction"),
 )
-TABLES = [*(estimator.VARIABLES for estimator in (*ESTIMATORS, drift)), variables.VARIABLES]
+TABLES = [table.VARIABLES for table in (*ESTIMATORS, variables)]
 BY_NAME = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
 ALWAYS = with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES).keys()  # in every dataset
@@ -80,7 +79,10 @@ def aggregate(
         Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own)
         for one, runs in ((one, one.ensemble) for one in every)
     ]
-    own = averaged.variables_of(_own_of(groups))
+    own = {
+        name: Mean((*EACH, *array.dims), array.units, array.long_name, extra={"observable": array.observable})
+        for name, array in _own_of(groups).items()
+    }
     _refuse_unfit(cases)
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
     parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
@@ -158,26 +160,22 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
     while sum(len(runs.seeds) for runs in first) < RUNS_FOR_RINGS and (runs := next(blocks, None)) is not None:
         first.append(runs)
     case = case._replace(rings=rings_of(case, first))
-    of_runs, quarters = dict[str, np.ndarray](), list[dict[str, np.ndarray]]()
     for runs in chain(first, blocks):
-        parts = zip(*(estimator.columns(case, runs) for estimator in ESTIMATORS), strict=True)
-        columns = Columns(*(dict(ChainMap(*part)) for part in parts))
-        averages.add(runs.seeds, columns)
-        quarters.append(drift.quarters_of(case.scene, case.times, runs.observables))
-        for name, values in displacement.of_each_run(columns).items():
-            of_runs.setdefault(name, np.full(len(group.seeds), np.nan))[np.isin(group.seeds, runs.seeds)] = values
+        averages.add(runs.seeds, columns_of(ESTIMATORS, case, runs))
     failed, *numbers = np.concatenate(health, axis=1)
     labels: Part = {"scene": [case.scene.name], "particles": [case.scene.particles], "engine": [case.engine.label]}
-    part = labels | of_runs | {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
+    part = labels | {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
     part |= {"runs": np.count_nonzero(failed == 0), "failed_runs": np.count_nonzero(failed)}
     part["run_status"] = np.where(failed == 0, KEPT, FAILED)
     if stopped:
         part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
-    part |= results_of(ESTIMATORS, case, averages) | drift.of_case(case, quarters)
+    part |= results_of(ESTIMATORS, case, averages)
     dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
-    dims |= {dim for array in case.own.values() for dim in array.dims}
-    part |= {dim: AXES[dim].coordinates(case.scene) for dim in dims & AXES.keys() - part.keys()}
-    return [part, *(labels | of_time for of_time in distribution.at_each_time(case, averages))]
+    own = {dim: size for array in case.own.values() for dim, size in zip(array.dims, array.shape, strict=True)}
+    for dim in (dims | own.keys()) - part.keys():
+        part[dim] = AXES[dim].coordinates(case.scene) if dim in AXES else np.arange(own[dim])
+    good = labels | {"seed": group.seeds[failed == 0]} | averages.kept
+    return [part, good, *(labels | of_time for of_time in distribution.at_each_time(case, averages))]
 
 
 # --- cases that differ in times, seeds, ...

@@ -117,18 +117,13 @@ def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
-    """Return r^2 at all times, and the lines in all windows."""
+    """Return r^2 at all times, and the lines in all windows; of every run r^2 at its end and D in the first window."""
     squared = squared_of(case, runs)
     if squared is None:
         return Columns()
-    return Columns({"msd": squared, "lines": per_run_lines(squared, case.times, case.windows)})
-
-
-def of_each_run(found: Columns) -> dict[str, np.ndarray]:
-    """Return the square displacement of each run at its end, and its slope/4 in the first window, (n,)."""
-    if "msd" not in found.means:
-        return {}
-    return {"run_msd": found.means["msd"][:, -1], "run_diffusion_coefficient": found.means["lines"][:, 0, 0] / 4}
+    lines = per_run_lines(squared, case.times, case.windows)
+    kept = {"run_msd": squared[:, -1], "run_diffusion_coefficient": lines[:, 0, 0] / 4}
+    return Columns({"msd": squared, "lines": lines}, kept=kept)
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:

@@ -145,7 +145,7 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
     means = np.array([averages.mean("msd")[at], *averages.mean("lines")[0]])
     means = np.where((means > 0.0) & (t > 0.0), means, np.nan)
-    variances = [resampling.variance_of(averages.of(name)) for name in ("msd", "lines")]
+    variances = [resampling.moments(averages.of(name), 0)[1][0] for name in ("msd", "lines")]
     variances = np.array([variances[0][at], *variances[1][: len(means) - 1]]) / means**2
     shared = averages.totals["shared"][k][:, : len(edges)] / means[:, None] - counts
     over = np.array([4 * t or 1.0, *np.full(len(means) - 1, 4.0)])
@@ -245,7 +245,7 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     """
     if averages.runs < FEWEST_FOR_INTERVAL or len(value) < 2 or not np.isfinite(value[1:]).all():
         return {}
-    drawn = (resampling.drawn_mean(averages.of(name)) for name in MOMENTS[:2])
+    drawn = (resampling.moments(averages.of(name))[0][1:] for name in MOMENTS[:2])
     r2, r4 = (means[np.isfinite(means).all(axis=1), 1:] for means in drawn)  # a replicate may have no runs
     change = r4 / (2 * r2**2) - 1 - value[1:]
     first = change[:, :1]

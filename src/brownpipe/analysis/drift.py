@@ -12,13 +12,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe.analysis.estimator import Case
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.thermodynamics import compressibility, temperature
 from brownpipe.analysis.variables import EACH, ERROR, Variable
 from brownpipe.engines import Engine
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import settling_time
+from brownpipe.observables import ARRAYS
 from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
@@ -28,6 +30,7 @@ FEWEST_RUNS = 8
 TOO_FEW = f"too few runs, samples or collisions to tell whether it is in equilibrium; {FEWEST_RUNS} runs are needed"
 POWER = 0.9
 LONGER = 2.0
+COUNTED = ("kinetic_energy", *(name for name, array in ARRAYS.items() if "quarter" in array.dims))  # in every run
 
 
 class Drift(NamedTuple):
@@ -121,13 +124,19 @@ def _percent(change: float, error: float) -> str:
     return f"{100 * change:+.{decimals}f}({digit if decimals else f'{100 * error:.0f}'}) %"
 
 
-def of_case(case: Case, blocks: Sequence[Mapping[str, np.ndarray]]) -> dict[str, ArrayLike]:
-    """Return the variables of a case from `quarters_of` the runs of each block."""
+def columns(case: Case, runs: Ensemble) -> Columns:
+    """Return what is counted in the quarters of every run."""
+    counted = {name: runs.observables[name] for name in COUNTED if name in runs.observables}
+    return Columns(kept=counted if is_tested(case.scene, case.engine) else {})
+
+
+def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    """Return the drifts, and the time to try."""
     if not is_tested(case.scene, case.engine):
         return {}
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
-    if any(blocks):
-        found = unadjusted({name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]})
+    if quarters := quarters_of(case.scene, case.times, averages.kept):
+        found = unadjusted(quarters)
         values |= dict(zip(("quantity", "drift", "drift_standard_error", "drift_p_value"), found, strict=True))
     return values
 

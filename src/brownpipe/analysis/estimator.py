@@ -4,9 +4,11 @@
     columns(case, runs)         numbers of a block of runs, as `Columns`; none for runs that lack what it needs
     results(case, averages)     variables and coordinates by name, from the averages over all runs with their errors
 
-Nothing else of a run stays in memory. To add one, enter it in `dataset.ESTIMATORS`.
+A variable that is named like one of the means is that, unless it is in the `results`. Nothing else of a run stays in
+memory. To add one, enter it in `dataset.ESTIMATORS`.
 """
 
+from collections import ChainMap
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise, starmap
 from typing import Any, NamedTuple
@@ -15,9 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis import resampling
-from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.variables import with_intervals
+from brownpipe.analysis.resampling import Estimate, Sums
+from brownpipe.analysis.variables import AVERAGED, with_intervals
 from brownpipe.engines import Engine
+from brownpipe.engines.ensemble import Ensemble
 from brownpipe.observables.own import NO_OWN, Own
 from brownpipe.scene import Scene
 
@@ -41,6 +44,7 @@ class Columns(NamedTuple):
 
     means: Mapping[str, np.ndarray] = {}  # name -> (n, ...): to be averaged over runs
     totals: Mapping[str, np.ndarray] = {}  # name -> (...): to be added up over runs
+    kept: Mapping[str, np.ndarray] = {}  # name -> (n, ...): to be kept of every run
 
 
 class Averages:
@@ -48,9 +52,10 @@ class Averages:
 
     def __init__(self) -> None:
         self.runs = 0
-        self.sums: resampling.Sums | None = None  # None: no runs
+        self.sums: Sums | None = None  # None: no runs
         self.places: dict = {}  # name of a mean -> (columns in the sums: slice, shape of one run's entry)
         self.totals: dict[str, np.ndarray] = {}  # sums over runs
+        self.kept: dict[str, np.ndarray] = {}  # (runs, ...) of every run
 
     def __contains__(self, name: object) -> bool:
         return name in self.places
@@ -62,14 +67,17 @@ class Averages:
         shapes = (np.shape(values)[1:] for values in columns.means.values())
         self.places = dict(zip(flat, zip(starmap(slice, pairwise(ends)), shapes, strict=True), strict=True))
         self.totals = {name: self.totals.get(name, 0) + values for name, values in columns.totals.items()}
+        before = {name: self.kept.get(name, values[:0]) for name, values in columns.kept.items()}
+        self.kept = {name: np.concatenate([before[name], values]) for name, values in columns.kept.items()}
         self.runs += len(seeds)
         together = np.concatenate([np.zeros((len(seeds), 0)), *flat.values()], axis=1)
         self.sums = resampling.add_block(self.sums, seeds, together)
         return self
 
-    def of(self, name: str) -> resampling.Sums:
+    def of(self, name: str) -> Sums:
         """Return the sums of one of the means, its entries side by side."""
-        return resampling.columns_of(self.sums, self.places[name][0])
+        place, (pivot, weight, first, second) = self.places[name][0], self.sums
+        return Sums(pivot[place], weight, first[:, place], second[:, place])
 
     def estimate(self, name: str) -> Estimate:
         """Return one of the means with error and interval."""
@@ -77,14 +85,20 @@ class Averages:
 
     def mean(self, name: str) -> np.ndarray:
         """Return one of the means."""
-        return resampling.mean_of(self.of(name)).reshape(self.places[name][1])
+        return resampling.moments(self.of(name), 0)[0].reshape(self.places[name][1])
 
 
-def results_of(estimators: Iterable[Any], case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    """Return the values of the variables and coordinates of some estimators, by name.
+def columns_of(estimators: Iterable[Any], case: Case, runs: Ensemble) -> Columns:
+    """Return the columns of some estimators, and the observables that are averaged as they are."""
+    parts = zip(*(one.columns(case, runs) for one in estimators), strict=True)
+    means, *others = (dict(ChainMap(*part)) for part in parts)
+    names = [name for name in (*AVERAGED, *case.own) if name in runs.observables]
+    return Columns(means | {name: runs.observables[name] for name in names}, *others)
 
-    A variable that is named like one of the means is that, unless it is in the `results` of the estimator.
-    """
+
+def results_of(estimators: Sequence[Any], case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    """Return the values of the variables and coordinates of some estimators, by name, and of the `AVERAGED`."""
     derived = {name: value for one in estimators for name, value in one.results(case, averages).items()}
-    means = [name for one in estimators for name in one.VARIABLES if name in averages and name not in derived]
+    variables = {*AVERAGED, *case.own, *(name for one in estimators for name in one.VARIABLES)}
+    means = [name for name in averages.places if name in variables and name not in derived]
     return with_intervals({name: averages.estimate(name) for name in means} | derived)

@@ -24,7 +24,7 @@ REPLICATES = 1999  # the 2.5 % and 97.5 % quantiles are then the 50th value from
 FEWEST_FOR_INTERVAL = 10  # runs; with fewer its coverage is unknown for a skewed quantity
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
-_AT_ONCE = 512  # columns in a chunk
+_AT_ONCE = 512  # columns in a matrix product, to bound its memory
 _OTHER = 2**62  # first seed of a second, independent set of weights, far beyond the first set
 _NORMAL_975 = 1.959963984540054
 
@@ -50,42 +50,19 @@ class Estimate(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over runs of d = x - pivot for C quantities x, and of d^2, with the B replicates of both."""
+    """Sums over runs of d = x - pivot for C quantities x, and of d^2: of all runs first, then of the B replicates."""
 
-    runs: int
     pivot: np.ndarray  # (C,) near the mean, so that no digits are lost
-    first: np.ndarray  # (C,) sum of d
-    second: np.ndarray  # (C,) sum of d^2
-    weight: np.ndarray  # (B,) sum of the weights w
-    drawn_first: np.ndarray  # (B, C) sum of w d
-    drawn_second: np.ndarray  # (B, C) sum of w d^2
+    weight: np.ndarray  # (1 + B,) number of runs; sum of the weights w
+    first: np.ndarray  # (1 + B, C) sum of d; of w d
+    second: np.ndarray  # (1 + B, C) sum of d^2; of w d^2
 
 
-def columns_of(sums: Sums, columns: slice) -> Sums:
-    """Return the sums of some of the quantities."""
-    names = ("pivot", "first", "second", "drawn_first", "drawn_second")
-    return sums._replace(**{name: getattr(sums, name)[..., columns] for name in names})
-
-
-def mean_of(sums: Sums) -> np.ndarray:
-    """Return the means (C,) over runs."""
-    return sums.pivot + sums.first / sums.runs
-
-
-def drawn_mean(sums: Sums) -> np.ndarray:
-    """Return the means (B, C) over the runs of each replicate; NaN for a replicate without runs."""
-    return sums.pivot + _per_run(sums.drawn_first, sums.weight)
-
-
-def drawn_variance(sums: Sums) -> np.ndarray:
-    """Return the variances (B, C) over the n runs of each replicate, divided by n, not n - 1."""
-    first, second = (_per_run(drawn, sums.weight) for drawn in (sums.drawn_first, sums.drawn_second))
-    return second - np.square(first)
-
-
-def variance_of(sums: Sums) -> np.ndarray:
-    """Return the variances (C,) over n runs, divided by n, not n - 1."""
-    return np.maximum(sums.second / sums.runs - np.square(sums.first / sums.runs), 0.0)
+def moments(sums: Sums, replicates: int = REPLICATES) -> tuple[np.ndarray, np.ndarray]:
+    """Return means and variances (1 + `replicates`, C), divided by n, not n - 1; NaN for a replicate without runs."""
+    rows = slice(1 + replicates)
+    first, second = (total[rows] / _or_nan(sums.weight[rows])[:, None] for total in (sums.first, sums.second))
+    return sums.pivot + first, np.maximum(second - np.square(first), 0.0)
 
 
 def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums:
@@ -96,32 +73,20 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
     """
     columns = np.asarray(columns, float)
     if sums is None:
-        pivot, size = columns[0] + _total(columns - columns[0]) / len(seeds), (REPLICATES, columns.shape[1])
-        arrays = np.zeros_like(pivot), np.zeros_like(pivot), np.zeros(REPLICATES), np.zeros(size), np.zeros(size)
-        sums = Sums(0, pivot, *arrays)
-    rows = np.asarray(seeds) % SEEDS_PER_BLOCK
-    weights = _weights(int(seeds[0]) // SEEDS_PER_BLOCK)[:, rows[0] : rows[-1] + 1]
-    there, deviation = np.zeros(weights.shape[1], np.float32), np.zeros((weights.shape[1], columns.shape[1]))
-    there[rows - rows[0]] = 1.0
-    deviation[rows - rows[0]] = columns - sums.pivot  # 0 for seeds without a run
-    weight = sums.weight + weights @ there
-    moments = (deviation, sums.first, sums.drawn_first), (deviation**2, sums.second, sums.drawn_second)
-    for terms, total, drawn in moments:
-        total += _total(terms)
-        for chunk in _chunks(terms.shape[1]):
+        size = 1 + REPLICATES, columns.shape[1]
+        pivot = columns[0] + (columns - columns[0]).mean(axis=0)
+        sums = Sums(pivot, np.zeros(size[0]), np.zeros(size), np.zeros(size))
+    blocks, places = np.divmod(seeds, SEEDS_PER_BLOCK)
+    weights, deviation = _weights(int(blocks[0]))[:, places], columns - sums.pivot
+    sums.weight[0] += len(seeds)
+    sums.weight[1:] += weights.sum(axis=1)
+    for terms, total in ((deviation, sums.first), (deviation**2, sums.second)):
+        total[0] += terms.sum(axis=0)
+        for start in range(0, terms.shape[1], _AT_ONCE):
+            chunk = slice(start, start + _AT_ONCE)
             steps, unit = _on_a_grid(terms[:, chunk])
-            drawn[:, chunk] += (weights @ steps) * unit
-    return sums._replace(runs=sums.runs + len(seeds), weight=weight)
-
-
-def _total(terms: np.ndarray) -> np.ndarray:
-    """Sums (K,) over rows (n, K), added up in the same order for any number of columns."""
-    return np.cumsum(terms, axis=0)[-1]
-
-
-def _chunks(columns: int) -> list[slice]:
-    """Columns in chunks of _AT_ONCE, to bound the memory of intermediate arrays."""
-    return [slice(start, min(start + _AT_ONCE, columns)) for start in range(0, columns, _AT_ONCE)]
+            total[1:, chunk] += (weights @ steps) * unit
+    return sums
 
 
 @lru_cache(maxsize=4)
@@ -152,34 +117,22 @@ def _on_a_grid(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)) -> Estimate:
     """Return the Estimate of a function of means over runs, arrays (C,), by default of one mean; bootstrap-t interval.
 
-    of: from the means and then the variances (..., C) of all `sums` to the value and n - 1 times its squared error.
+    of: from the means and then the variances of all `sums`, each (1 + B, C), to the value and n - 1 times its squared
+        error.
 
     r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard error, which makes
     the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 10 runs
     (B. Efron, Can. J. Stat. 9, 139 (1981)). NaN ends below FEWEST_FOR_INTERVAL runs.
     """
-    parts = [_estimate([columns_of(one, chunk) for one in sums], of) for chunk in _chunks(len(sums[0].pivot))]
-    return Estimate(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _estimate(sums: list[Sums], of: Callable) -> Estimate:
-    """The Estimate of a chunk of the columns."""
-    runs, degrees = sums[0].runs, _or_nan(sums[0].weight - 1)[:, None]
-    value, variance = of(*map(mean_of, sums), *map(variance_of, sums))
-    error = np.sqrt(variance / (runs - 1)) if runs > 1 else np.full_like(value, np.nan)
-    if runs < FEWEST_FOR_INTERVAL:
-        return Estimate(value, error, *np.full((2, *value.shape), np.nan))
-    drawn, variance = of(*map(drawn_mean, sums), *map(drawn_variance, sums))
-    varies = variance / degrees > 0.0
-    t = np.where(varies, (drawn - value) / np.sqrt(np.where(varies, variance / degrees, 1.0)), 0.0)
+    means, variances = zip(*map(moments, sums), strict=True)
+    value, variance = of(*means, *variances)
+    error = np.sqrt(variance / _or_nan(sums[0].weight - 1)[:, None])
+    if sums[0].weight[0] < FEWEST_FOR_INTERVAL:
+        return Estimate(value[0], error[0], *np.full((2, *value[0].shape), np.nan))
+    t = np.divide(value[1:] - value[0], error[1:], out=np.zeros_like(value[1:]), where=error[1:] > 0.0)
     t.sort(axis=0)
     tail = (REPLICATES + 1) // 40
-    return Estimate(value, error, value - t[-tail] * error, value - t[tail - 1] * error)
-
-
-def _per_run(drawn: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Weighted sums (B, K) over the sums of weights (B,)."""
-    return drawn / _or_nan(weight)[:, None]
+    return Estimate(value[0], error[0], value[0] - t[-tail] * error[0], value[0] - t[tail - 1] * error[0])
 
 
 def _or_nan(count: np.ndarray) -> np.ndarray:
@@ -206,8 +159,8 @@ def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
     The replicates are those of `resample`; with `other` a second set, independent of the first.
     """
     samples = np.asarray(samples, float)
-    sums = _added_up(np.arange(len(samples)) + _OTHER * other, samples)
-    return drawn_mean(sums) - mean_of(sums)
+    mean, _ = moments(_added_up(np.arange(len(samples)) + _OTHER * other, samples))
+    return mean[1:] - mean[0]
 
 
 def _added_up(seeds: np.ndarray, columns: np.ndarray) -> Sums:

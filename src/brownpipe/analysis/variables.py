@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.resampling import Estimate
+from brownpipe.observables import ARRAYS
 
 SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt depends on dt by round-off
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
@@ -86,7 +87,12 @@ def with_intervals(values: Mapping[str, ArrayLike | Estimate]) -> dict[str, Any]
 SEED = (*EACH, "seed")
 STATUS = {"flag_values": np.array([KEPT, FAILED, MISSING], np.int8), "flag_meanings": "kept failed missing"}
 
-VARIABLES = {  # numbers and health of the runs; every estimator has a table of its own
+AVERAGED = (  # observables whose averages over runs are of interest as they are
+    *("bath_velocity_autocorrelation", "species_energy", "density_profile"),
+    *("orientational_order", "orientational_order_squared"),
+)
+VARIABLES = {name: Mean((*EACH, *ARRAYS[name].dims), *ARRAYS[name][1:3]) for name in AVERAGED}
+VARIABLES |= {  # numbers and health of the runs
     "runs": Variable(EACH, "1", "number of runs averaged", (), np.int64, 0),
     "failed_runs": Variable(EACH, "1", "number of runs left out: not healthy, or unable to go on", (), np.int64, 0),
     "energy_drift": Variable(SEED, "1", "relative change of the energy over the run"),
