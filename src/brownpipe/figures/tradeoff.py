@@ -137,8 +137,8 @@ REMARK = (
     "bias: relative to exact, ± one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
     "distance: total variation distance of the displacement distributions at the end.\n"
     "departs: median time at which the tracer leaves the exact trajectory.\n"
-    "front: CPU times at which no other setting has a smaller expected error of the MSD (Pareto front), with\n"
-    "unresolved biases at their 95 % upper bound.\n"
+    "front: CPU times at which no other setting has a smaller expected error of the MSD (Pareto front);\n"
+    "unresolved biases are at their 95 % upper bound.\n"
 )
 
 

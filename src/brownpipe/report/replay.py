@@ -4,7 +4,6 @@ Disks move straight from one collision to the next, so that the state at t = 0 a
 position at every time. The page gets these numbers, and `replay.js` computes the positions.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -65,7 +64,7 @@ def replay_page(replay: Replay, record: Record) -> bytes:
     shades = shades_of(scene)
     pair = np.stack([events.a, events.b], axis=1)  # a disk and its partner, or a wall: -1 left, -2 right, ...
     return filled(
-        Path(__file__).with_suffix(".html"),
+        "replay.html",
         title=f"{scene.name}, N = {scene.particles}, seed {replay.seed}",
         note=_note(replay),
         legend=legend_entries(scene, shades),
