@@ -40,7 +40,7 @@ def add_simulate(add: Callable) -> None:
     for definition in DEFINITIONS.values():
         for key, setting in definition.settings.items():
             what = f"of {definition.name}: {setting.help}"
-            add(option(key), type=typed(setting.kind), metavar=setting.metavar, help=what)
+            add(option(key), type=typed(setting.kind), help=what)
     what = "tracer (default: its positions), velocity (of the tracer, too), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what)
     some = f"some of {', '.join(OBSERVABLES)}, or a function of your own, my_module:my_function"
