@@ -20,7 +20,7 @@ from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.units import State, motion_of
 from brownpipe.errors import RequestError
-from brownpipe.scene.scene import HEAVIEST, SMALLEST_RADIUS, overlap
+from brownpipe.scene.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS, overlap
 from test_exact import FEW, P, W, box, crystal, explicit, make, note_scene
 
 BOTH = pytest.mark.parametrize("boundary", [W, P])
@@ -366,8 +366,8 @@ def test_the_largest_mass_ratio(boundary):
 
     At equal temperature: a disk so heavy that moved would squeeze a light one against a wall in 1e100 collisions.
     """
-    kinds = [(9, 0.1, 1 / HEAVIEST), (1, 0.1, HEAVIEST)]
-    scene = make(box(2, 2, boundary), kinds, 500.0, velocities={"temperature": 1 / HEAVIEST})
+    kinds = [(9, 0.1, 1.0), (1, 0.1, LARGEST_MASS_RATIO)]
+    scene = make(box(2, 2, boundary), kinds, 500.0, velocities={"temperature": 1.0})
     for run in (simulate(scene, [1], {"all"}), timestep.simulate(scene, [1], {"all"}, time_step=0.01)):
         seen = {key: column[0] for key, column in run.observables.items()}
         assert not seen["failed"]
