@@ -97,11 +97,8 @@ OTHERS = {  # keys with another value than in config/small.yaml
 @pytest.mark.parametrize("key", Study.model_fields.keys() - {"batch", "allow_failed"})
 def test_every_key_decides_runs_or_a_later_step(key):
     """But for those that results do not depend on."""
-    before = small()
-    if key == "average":  # which these scenes do not have
-        after = before.model_copy(update={key: OTHERS[key]})
-    else:
-        after = small(**{key: OTHERS[key]})
+    before, replaced = small(), {key: OTHERS[key]}
+    after = before.model_copy(update=replaced) if key == "average" else small(**replaced)  # these scenes have none
     assert (commands(before).keys(), digests(before)) != (commands(after).keys(), digests(after))
 
 
