@@ -62,7 +62,7 @@ def test_study_of_several_engines(tmp_path):
     ]  # fmt: skip
     assert "gamma = 2.02 to 7.35" in "\n".join(lines)
     assert len(cautions(lines)) == 1
-    assert "360 runs in 6 jobs" in lines[-2]
+    assert [line for line in lines if line.startswith("total ")][0].startswith("total     360 runs in 6 jobs")
 
 
 SIZES = {"x": [0.0, 6.0], "y": [0.0, 6.0]}
@@ -189,6 +189,9 @@ def test_remarks_are_on_the_engine_of_the_study(tmp_path):
     assert cautions(report(tmp_path, study | {"engines": [langevin]}, "study")) == []
     (caution,) = cautions(report(tmp_path, study | {"engines": ["exact", langevin]}, "study"))
     assert caution.startswith("crowd, N = 76: random placement is expected to fail in every run")
+    asked = {"observables": ["square_displacement", "pair_distribution"], "engines": [langevin]}
+    (caution,) = cautions(report(tmp_path, study | asked, "study"))
+    assert caution == "langevin moves the tracer alone, and does not measure pair_distribution"
 
 
 def sampled(samples, particles=30, boundary="reflecting"):

@@ -96,7 +96,7 @@ def _study(study: Study) -> list[str]:
     for engine in study.engines:
         cases = [runs.case for runs in sets if runs.engine == engine]
         lines.append(f"engine    {engine.label}: {engine.model(cases)}")
-    cautions = [runs.engine.definition.caution(runs.case) for runs in sets]
+    cautions: list[str | None] = [line for runs in sets for line in runs.engine.cautions(runs.case, study.observables)]
     cautions += [forecast.settling_caution(case) for case in study.cases]
     starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
     cautions += [friction.window_caution(window, starts) for window in study.fit_windows or ()]

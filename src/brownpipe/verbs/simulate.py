@@ -82,8 +82,8 @@ def simulate(arguments: Namespace) -> int:
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
     refuse_if_too_large(output, len(seeds) * cost.recorded)
 
-    if remark := engine.definition.caution(scene):
-        say(remark, DONE)
+    for caution in engine.cautions(scene, arguments.observables):
+        say(caution, DONE)
     checkpoint = f"{output}.checkpoint"
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
     with progress.shown("simulate"):
