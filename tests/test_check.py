@@ -62,7 +62,7 @@ def test_study_of_several_engines(tmp_path):
     ]  # fmt: skip
     assert "gamma = 2.02 to 7.35" in "\n".join(lines)
     assert len(cautions(lines)) == 1
-    assert [line for line in lines if line.startswith("total ")][0].startswith("total     360 runs in 6 jobs")
+    assert next(line for line in lines if line.startswith("total ")).startswith("total     360 runs in 6 jobs")
 
 
 SIZES = {"x": [0.0, 6.0], "y": [0.0, 6.0]}

@@ -144,6 +144,8 @@ def test_the_catalogue_lists_every_figure_there_is():
     assert drawing == set(NAMES)
     captions = {path.stem for path in folder.glob("*.rst")}
     assert captions >= drawing
+    documents = provenance.PACKAGE / "interface.py", provenance.PACKAGE.parents[1] / "config" / "README.md"
+    assert all(drawing <= set(re.findall(r"\w+", document.read_text())) for document in documents)
 
 
 @pytest.mark.parametrize("name", OF_OBSERVABLES)
