@@ -16,7 +16,7 @@ from brownpipe.figures.render import Drawing, drawing_of
 from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, log_axis
 from brownpipe.progress import tracked
 from brownpipe.text import in_lines
-from brownpipe.tradeoff.front import FEWEST_RUNS, MeasuredSetting, pareto_front, settings_of, total_error
+from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ LABELS: dict[str, Any] = {"xycoords": "axes fraction", "va": "center", "fontsize
 # From a curve to its label
 LEADER = {"arrowstyle": "-", "linewidth": 0.6, "relpos": (0, 0.5), "shrinkA": 1, "shrinkB": 0}
 REMARK_LINE = 105  # characters
-POINTS = 400  # of a curve
+POINTS = 2000  # of a curve
 
 
 def draw(dataset: Dataset, scene: str) -> Figure:
@@ -49,25 +49,26 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
     colours = dict(zip(dict.fromkeys(["exact", *(interval.label for interval in front)]), COLOURS * 9, strict=False))
     for setting in settings:
-        bound = _unresolved_bound(dataset.sel(scene=scene, setting=setting.label))
-        _line(axes, times, setting, bound, colours.get(setting.label, GREY))
-    for interval in front:  # in bold, while it is on the Pareto front
-        (best,) = (setting for setting in settings if setting.label == interval.label)
-        start, end = np.clip([interval.start, interval.end], times[0], times[-1])
-        inside = np.geomspace(start, end, POINTS)
-        looks: dict[str, Any] = {"color": colours[best.label], "linewidth": 4.0, "solid_capstyle": "round"}
-        axes.plot(inside, total_error(best, inside), label=best.label, **looks)
+        error, on_front = total_error(setting, times), np.zeros(len(times), bool)
+        for interval in front:
+            on_front |= (interval.label == setting.label) & (times >= interval.start) & (times <= interval.end)
+        unresolved = error < _unresolved_bound(dataset.sel(scene=scene, setting=setting.label))
+        colour, bold = colours.get(setting.label, GREY), {"linewidth": 4.0, "solid_capstyle": "round"}
+        lines = (~unresolved, {"alpha": 0.8}), (unresolved, {"linestyle": DOTTED}), (on_front, bold)
+        for shown, looks in lines:
+            line: dict[str, Any] = {"color": colour, "linewidth": 1.0, "label": setting.label} | looks
+            axes.plot(times, np.where(shown, error, np.nan), **line)
     last = {setting.label: float(total_error(setting, times[-1])) for setting in settings}
-    shown = {label: error for label, error in last.items() if error <= 1.0}
+    inside = {label: error for label, error in last.items() if error <= 1.0}
     log_axis(axes, "x", times[0], times[-1])
-    log_axis(axes, "y", min(shown.values(), default=0.1) / 1.5, 1.0)
+    log_axis(axes, "y", min(inside.values(), default=0.1) / 1.5, 1.0)
     axes.set_xlabel("CPU time on this machine (s)")
     axes.set_ylabel("expected relative error of $\\langle r^2 \\rangle$ at the end of a run")
-    remark = _remark([label for label in last if label not in shown])
+    remark = _remark([label for label in last if label not in inside])
     axes.set_title(f"{scene}: cost-accuracy trade-off", pad=11 + LABEL_DISTANCE * len(remark))
     place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
     axes.annotate("\n".join(remark), (0, 1), (0, 6), color=GREY, fontsize=8.8, **place)
-    _direct_labels(axes, shown, colours, LABEL_DISTANCE / 72 / (figure.get_figheight() - FRAME))
+    _direct_labels(axes, inside, colours, LABEL_DISTANCE / 72 / (figure.get_figheight() - FRAME))
     return figure
 
 
@@ -82,14 +83,6 @@ def _unresolved_bound(setting: Dataset) -> float:
     """The 95 % upper bound of the size of the MSD's bias if that is not resolved from 0; 0 if it is."""
     low, high = float(setting.msd_bias_low), float(setting.msd_bias_high)
     return max(-low, high) if low < 0.0 < high else 0.0
-
-
-def _line(axes: Axes, times: np.ndarray, setting: MeasuredSetting, bound: float, colour: str) -> None:
-    """Draw the expected error of a setting, dotted where it is below the bound of its unresolved bias."""
-    error = total_error(setting, times)
-    looks: dict[str, Any] = {"color": colour, "linewidth": 1.0, "label": setting.label}
-    axes.plot(times, np.where(error >= bound, error, np.nan), alpha=0.8, **looks)
-    axes.plot(times, np.where(error < bound, error, np.nan), linestyle=DOTTED, **looks)
 
 
 def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float) -> None:
