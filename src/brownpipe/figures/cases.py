@@ -271,11 +271,6 @@ def label_of(case: Dataset) -> dict[str, str | int]:
     return {name: case[name].item() for name in labels_of_cases(case)}
 
 
-def to_csv(table: DataFrame) -> bytes:
-    """Return a table as UTF-8 text: the shortest digits that give each number back, nothing for NaN, LF line ends."""
-    return table.to_csv(index=False, lineterminator="\n").encode()
-
-
 def aligned(columns: Sequence[Sequence[str]]) -> list[str]:
     """Return the lines of a text table, given its columns; every column is as wide as its widest cell."""
     widths = [max(map(len, column)) for column in columns]

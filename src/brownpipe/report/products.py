@@ -11,7 +11,6 @@ from xarray import Dataset
 
 from brownpipe.errors import FigureError, WrongFileError
 from brownpipe.figures import render, tradeoff
-from brownpipe.figures.cases import to_csv
 from brownpipe.figures.origin import RECORD, Record, closing_lines, metadata, read_record, record_of, record_text
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.processes import calculated
@@ -59,7 +58,7 @@ def write(
         page_of = page_of_study
         name, text = "summary.txt", summary(dataset, record["figures"] or (), record["title"] or "")
     files = {f"{one.name}.{suffix}": image for one in drawings for suffix, image in one.images.items()}
-    files |= {f"{name}.csv": to_csv(table) for name, table in tables.items()}
+    files |= {f"{one}.csv": table.to_csv(index=False, lineterminator="\n").encode() for one, table in tables.items()}
     files[name] = (text + closing_lines(record)).encode()
     products: dict[str | Path, bytes] = {folder / name: contents for name, contents in files.items()}
     products[folder / RECORD] = record_text(record, files).encode()
