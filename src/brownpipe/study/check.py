@@ -12,7 +12,7 @@ from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.reading import read_yaml
 from brownpipe.scene.scene import is_study
 from brownpipe.study import Study, read_study
-from brownpipe.study.run_sets import describe_workload, run_sets, with_assumed_runs
+from brownpipe.study.run_sets import describe_workload, run_sets
 from brownpipe.text import in_bytes, in_lines, in_time
 
 
@@ -78,8 +78,7 @@ def _study(study: Study) -> list[str]:
     """Return the lines of the report on a study: a table of its runs, its engines and the whole workload."""
     import pandas as pd  # takes 0.2 s
 
-    assumed = with_assumed_runs(study)
-    sets = run_sets(assumed)
+    sets = run_sets(study)
     rows = [
         {
             "scene": runs.case.name,
@@ -103,8 +102,8 @@ def _study(study: Study) -> list[str]:
     lines += _cautions(cautions)
     if study.tolerance is not None:
         goal = f"{study.target} to {100 * study.tolerance:g} %"
-        lines.append(f"seeds     as many as {goal} needs, by pilot runs; here assumed {len(assumed.seeds):,}")
-    return [*lines, f"total     {describe_workload(assumed)}", f"figures   {', '.join(study.figures)}"]
+        lines.append(f"seeds     as many as {goal} needs, by pilot runs; here assumed {len(study.seeds):,}")
+    return [*lines, f"total     {describe_workload(study)}", f"figures   {', '.join(study.figures)}"]
 
 
 def _cautions(cautions: list[str | None]) -> list[str]:

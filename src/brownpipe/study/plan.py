@@ -71,7 +71,7 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     squares = SQUARES if SQUARES in observables and target != DISTRIBUTION else None
     if squares is None and "tracer" not in record:
         raise RequestError(f"{study.name}: the target {target} needs record: tracer, or {SQUARES} for msd and d")
-    cost, first = engine.forecast(scene, *study.recording), next(iter(study.seeds), 0)
+    cost, first = engine.forecast(scene, *study.recording), study.seeds[0]
     number = int(np.clip(PILOT_SECONDS / cost.seconds, FEWEST_PILOT_RUNS, MOST_PILOT_RUNS))
     wanted = run_set(study, scene, engine, range(first, first + number))
     seeds = np.asarray(wanted.seeds)
@@ -228,7 +228,7 @@ def _percent(share: float) -> str:
 def write_study(study: Study, study_file: str | Path, path: str | Path, offer: Offer, comment: str) -> None:
     """Write a study below a line of comment, all or nothing: what another study runs, with the runs of an offer."""
     mapping: dict[str, Any] = {key: value for key, value in read_yaml(study_file).items() if key not in NOT_INHERITED}
-    folder, first = Path(path).resolve().parent, next(iter(study.seeds), 0)
+    folder, first = Path(path).resolve().parent, study.seeds[0]
     mapping["scenes"] = [os.path.relpath(scene, folder) for scene in study.scenes]
     mapping["observables"] = [os.path.relpath(name, folder) if is_own(name) else name for name in study.observables]
     mapping["engines"] = [{"name": offer.engine.name, **dict(offer.engine.settings)}]

@@ -85,7 +85,7 @@ def _power_of_two(number: float) -> int:
 
 
 def run_sets(study: Study) -> list[RunSet]:
-    """Return the runs of a study, case by case; their seeds must be known, or there are none yet."""
+    """Return the runs of a study, case by case."""
     return [run_set(study, use.case, use.engine, use.seeds or study.seeds) for use in study.uses]
 
 
@@ -146,7 +146,8 @@ def figure_options(study: Study) -> list[str]:
 
 def digests(study: Study) -> dict[str, str]:
     """Return the first digits of a SHA-256 over all that each step of the workflow after `simulate` is made from."""
-    runs = [*listed_runs(study), study.tolerance, study.target, study.fit_windows[0]]
+    unknown = {"seeds": ()} if study.tolerance else {}
+    runs = [*listed_runs(study.model_copy(update=unknown)), study.tolerance, study.target, study.fit_windows[0]]
     rings = study.rings and [study.rings.dr, study.rings.count]
     windows = study.fit_windows, "fit_windows" in study.model_fields_set  # the dataset says if they were asked for
     analysis = [*windows, study.displacement_times, rings, [*study.vary], study.vary_together]
@@ -170,18 +171,8 @@ def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
     return jobs * (forecast.START_UP + cost.once) + runs * cost.seconds
 
 
-def with_assumed_runs(study: Study) -> Study:
-    """Return a study with a tolerance with the runs of a quantity whose standard deviation is its mean, as r^2 has it.
-
-    One that has seeds is returned unchanged.
-    """
-    if study.tolerance is None or study.seeds:
-        return study
-    return study.model_copy(update={"seeds": range(math.ceil(study.tolerance**-2))})
-
-
 def describe_workload(study: Study) -> str:
-    """Return the workload of the whole study in one line. Its seeds must be known."""
+    """Return the workload of the whole study in one line."""
     sets = run_sets(study)
     total = counted(sum(len(runs.seeds) for runs in sets), "run")
     jobs = counted(sum(len(runs.jobs) for runs in sets), "job")
@@ -192,7 +183,7 @@ def describe_workload(study: Study) -> str:
 
 def requests(study: Study) -> dict[str, dict[str, object]]:
     """Return the `resources` of each rule: functions of wildcards and attempt, each twice as large."""
-    sets = run_sets(with_assumed_runs(study))
+    sets = run_sets(study)
     costs = {runs.key: runs.cost for runs in sets}
     memory = ANALYSIS + max((REPLICATES + COPIES * max(runs.jobs)) * runs.cost.kept for runs in sets)
     exact = [REFERENCE.forecast(case, *study.recording) for case in study.cases]

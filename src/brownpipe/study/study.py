@@ -4,6 +4,7 @@ Its fields are the keys of study files, with their bounds.
 """
 
 import json
+import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -191,12 +192,15 @@ class Study(Record):
         self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)), uses=tuple(by_case))
 
     def _check_seeds(self) -> None:
-        """A study has seeds, or a tolerance that says how many."""
+        """A study has seeds, or a tolerance that says how many.
+
+        Until that is known, they are as many as a quantity needs whose standard deviation is its mean, as r^2 has it.
+        """
         if (self.tolerance is None) == (self.seeds is None):
             refuse("must be given, or a tolerance in their place; not both", "seeds")
         if self.tolerance is not None and (reason := why_no_relative_error(self.cases)):
             refuse(f"{reason}; must be seeds: 1", "tolerance")
-        self._resolve(seeds=self.seeds or ())
+        self._resolve(seeds=self.seeds or range(math.ceil(self.tolerance**-2)))
         for case, runs in ((use.case, len(use.seeds or self.seeds)) for use in self.uses):
             if case.listed and runs > 1:
                 refuse(_repetition(case.name, runs), "seeds")
