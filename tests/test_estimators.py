@@ -43,16 +43,18 @@ def block(seeds, tracer, seen):
     return Ensemble(seeds, np.zeros(0), tracer, seen, {}, {}, {}, {})
 
 
-def found_of(one, case, seen):
+def found_of(case, seen, *estimators):
     """What the arrays `seen`, (n, ...) each, add up to."""
-    seeds = np.arange(len(next(iter(seen.values()))))
-    columns = one.columns(case, block(seeds, None, seen))
-    return estimator.Averages().add(seeds, columns)
+    n, averages = len(next(iter(seen.values()))), estimator.Averages()
+    for seeds in np.split(np.arange(n), range(1024, n, 1024)):
+        part = block(seeds, None, {name: array[seeds] for name, array in seen.items()})
+        averages.add(seeds, estimator.columns_of(estimators, case, part))
+    return averages
 
 
-def values_of(one, case, seen):
-    """The variables that an estimator makes of the arrays `seen`."""
-    return estimator.results_of([one], case, found_of(one, case, seen))
+def values_of(case, seen, *estimators):
+    """The variables that estimators make of the arrays `seen`."""
+    return estimator.results_of(estimators, case, found_of(case, seen, *estimators))
 
 
 # --- real runs
@@ -132,19 +134,6 @@ def observed(position, velocity):
     }
 
 
-def estimates(scene, seen):
-    """The variables of both measures, of runs with the arrays `seen`."""
-    case, n = case_of(scene), len(seen["square_displacement"])
-    values = {}
-    for one in (displacement, velocity):
-        found = estimator.Averages()
-        for seeds in np.split(np.arange(n), range(1024, n, 1024)):
-            part = block(seeds, None, {name: array[seeds] for name, array in seen.items()})
-            found.add(seeds, one.columns(case, part))
-        values |= estimator.results_of([one], case, found)
-    return values
-
-
 @pytest.mark.parametrize("start", [1.0, 4.0])
 def test_routes_to_d_have_no_error_of_the_sample_interval(start):
     """10,240 Ornstein-Uhlenbeck velocities sampled once a relaxation time: D(t) is exact, by both routes.
@@ -155,7 +144,7 @@ def test_routes_to_d_have_no_error_of_the_sample_interval(start):
     scene = gas(duration=4.0, sample_interval=1.0)
     t, n = scene.times, 10_240
     seen = observed(*langevin_runs(t, 1.0, start, n, 11))
-    found = estimates(scene, seen)
+    found = values_of(case_of(scene), seen, displacement, velocity)
     growing = (start - 1) * np.exp(-t) * (1 - np.exp(-t)) + 1 - np.exp(-t)  # d<r^2>/dt / 4
     integral = start * (1 - np.exp(-t))
     off = {"diffusion_running": found["diffusion_running"] - growing, "green_kubo": found["green_kubo"] - integral}
@@ -176,14 +165,9 @@ def test_non_gaussian_parameter_and_its_control_variate():
     case, late = case_of(scene)._replace(rings=(np.arange(4.0),)), scene.times > 1.0
     v2, r2 = np.random.default_rng(4).exponential(2.0, (2, n, 1))
     squared = np.where(late, r2, v2 * scene.times**2)
-    of_runs = block(np.arange(n), None, {"square_displacement": squared, "quartic_displacement": squared**2})
-    parts = [one.columns(case, of_runs) for one in (displacement, distribution)]
-    columns = estimator.Columns(parts[0].means | parts[1].means)
-    averages = estimator.Averages().add(of_runs.seeds, columns)
-    found = {
-        name.replace("non_gaussian_parameter", "alpha"): values
-        for name, values in estimator.results_of([distribution], case, averages).items()
-    }
+    seen = {"square_displacement": squared, "quartic_displacement": squared**2}
+    values = values_of(case, seen, displacement, distribution)
+    found = {name.replace("non_gaussian_parameter", "alpha"): value for name, value in values.items()}
     without = [np.delete(squared, k, axis=0)[:, [5, -1]] for k in range(n)]
     alpha = np.array([(one**2).mean(axis=0) / (2 * one.mean(axis=0) ** 2) - 1 for one in without])
     assert found["alpha"][[5, -1]] == pytest.approx(alpha.mean(axis=0), abs=1e-3)  # bias of order 1/n
@@ -204,7 +188,7 @@ def decaying(scene, rate, runs=12):
 
 def slope_of(scene, seen):
     """The slope at 0, its stated error, and the ends of its interval."""
-    values = values_of(velocity, case_of(scene), seen)
+    values = values_of(case_of(scene), seen, velocity)
     return [float(values[f"vacf_initial_slope{part}"]) for part in ("", "_standard_error", "_low", "_high")]
 
 
@@ -250,7 +234,7 @@ def test_expected_slope_is_enskogs_friction():
     case, n = case_of(gas(tracer={"radius": 1.0, "mass": 3.0})), 0.25
     rate = theory.collision_rate(n, 1.5, 1.3, 0.75, 1.0)
     correlation = np.full((12, len(case.times)), 2 / 3)
-    found = found_of(velocity, case, {"velocity_autocorrelation": correlation})
+    found = found_of(case, {"velocity_autocorrelation": correlation}, velocity)
     assert np.isnan(velocity.expected_slope(case, found))
     both = {"tracer_collisions": np.full(12, rate * case.times[-1]), "velocity_autocorrelation": correlation}
     found = estimator.Averages().add(np.arange(12), estimator.Columns(both))
@@ -299,7 +283,7 @@ def test_initial_slope_of_a_real_gas():
     stated = []
     for each in (2, 5, 10, 25):
         case = case_of(scene)._replace(times=scene.times[::each], average="disks")
-        found = found_of(velocity, case, {"velocity_autocorrelation": seen["velocity_autocorrelation"][:, ::each]})
+        found = found_of(case, {"velocity_autocorrelation": seen["velocity_autocorrelation"][:, ::each]}, velocity)
         slope = velocity.initial_slope(case, found)
         stated.append(bool(np.isfinite(slope.mean)))
         assert not stated[-1] or abs(slope.mean - exactly) < SIGMAS * slope.standard_error < 0.9 * abs(exactly)
@@ -323,7 +307,7 @@ def snapshots(scene, held=None, runs=300):
 
 def g_of(scene, seen):
     """g(r) and its standard error (P, R)."""
-    values = values_of(pairs, case_of(scene), seen)
+    values = values_of(case_of(scene), seen, pairs)
     return values["pair_distribution"], values["pair_distribution_standard_error"]
 
 
@@ -374,7 +358,7 @@ def test_points_around_a_tracer_off_centre_have_no_structure(off_centre):
 def test_contact_value_around_a_tracer_off_centre(off_centre):
     """A gas of points has 1 at contact, too, though walls cut the ring of contact around the tracer."""
     scene, seen = off_centre
-    found = found_of(pairs, case_of(scene), seen)
+    found = found_of(case_of(scene), seen, pairs)
     values = estimator.results_of([pairs], case_of(scene), found)
     assert values["contact_value_standard_error"][1] < 0.1
     assert values["contact_value"][1] == pytest.approx(1, abs=4 * values["contact_value_standard_error"][1])
@@ -432,7 +416,7 @@ def test_contact_value_of_the_fluid_is_that_of_its_collisions(phi, time, samples
     scene = scene.replace(**{"disks.placement": "lattice"})
     found = exact.simulate(scene, np.arange(16), frozenset({"none"}), observables=("pair_distribution",)).observables
     case = case_of(scene)
-    values = values_of(pairs, case, found)
+    values = values_of(case, found, pairs)
     both = np.hypot(values["contact_value_standard_error"], values["contact_value_rate_standard_error"])
     assert np.abs(values["contact_value"] - values["contact_value_rate"]) < 3 * both
     assert both < 0.02 * values["contact_value_rate"]  # of 16 runs it is 0.3 to 1.4 %

@@ -302,7 +302,7 @@ def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, 
 )
 def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, words, message):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plan, "performance_of", None)
+        patch.setattr("brownpipe.verbs.studies.performance_of", None)
         try:
             status = cli.main(["plan", str(study_file(seeds=5)), *words])
         except SystemExit as end:

@@ -21,11 +21,6 @@ CERTAIN = 0.95
 Pairs = tuple[np.ndarray, np.ndarray]  # (n,), (n,) rows of the runs of equal seeds in two samples
 
 
-def no_bias(shape: tuple[int, ...]) -> Estimate:
-    """Return the bias of the exact runs themselves: 0, without uncertainty."""
-    return Estimate(*np.zeros((4, *shape)))
-
-
 def square(bias: Estimate) -> np.ndarray:
     """Return an unbiased estimate of the squared bias, but not below 0: max(b^2 - se^2, 0)."""
     return np.maximum(bias.mean**2 - bias.standard_error**2, 0.0)
@@ -87,10 +82,18 @@ def _corrected(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None) 
     if pairs is None:
         return approximate, np.zeros(approximate.shape[1])
     paired, partner = approximate[pairs[0]], exact[pairs[1]]
-    centred = partner - partner.mean(axis=0)
-    square = (centred**2).sum(axis=0)
-    slope = np.divide((centred * paired).sum(axis=0), square, out=np.zeros(len(square)), where=square > 0.0)
+    slope = _slope(paired, partner, axis=0)
     return paired - slope * partner, slope
+
+
+def _slope(paired: np.ndarray, partner: np.ndarray, axis: int | None) -> np.ndarray:
+    """Slope of the regression of runs (n, Q) on partners (n, Q): of each quantity (axis 0), or one for all (None).
+
+    It is exactly 1 for runs that are their own partners.
+    """
+    centred, reference = (runs - runs.mean(axis=0) for runs in (paired, partner))
+    square = (reference**2).sum(axis=axis)
+    return np.divide((reference * centred).sum(axis=axis), square, out=np.zeros_like(square), where=square > 0.0)
 
 
 def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Estimate:
@@ -105,10 +108,10 @@ def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | N
     edges = np.quantile(exact, np.linspace(0.0, 1.0, RINGS + 1))
     edges[0], edges[-1] = 0.0, np.inf
     residual, reference = _indicators(approximate, edges), _indicators(exact, edges)
-    slope = 0.0
+    slope: np.ndarray | float = 0.0  # one for all rings, so that the differences of shares still sum to 0
     if pairs is not None:
         paired, partner = residual[pairs[0]], reference[pairs[1]]
-        slope = _common_slope(paired, partner)
+        slope = _slope(paired, partner, axis=None)
         residual = paired - slope * partner
     distance = _half_sum(residual.mean(axis=0) - (1.0 - slope) * reference.mean(axis=0))
     noise = np.sort(_half_sum(replicates(residual) - (1.0 - slope) * replicates(reference, other=True)))
@@ -165,13 +168,6 @@ def _indicators(distance: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """(S, K): 1.0 for the ring in which each run ended."""
     ring = np.searchsorted(edges, distance, side="right") - 1
     return np.eye(len(edges) - 1)[np.minimum(ring, len(edges) - 2)]
-
-
-def _common_slope(paired: np.ndarray, partner: np.ndarray) -> float:
-    """One regression slope for all rings, so that the differences of shares still sum to 0."""
-    centred = partner - partner.mean(axis=0)
-    square = (centred**2).sum()
-    return float((centred * paired).sum() / square) if square > 0.0 else 0.0
 
 
 def _half_sum(differences: np.ndarray) -> np.ndarray:

@@ -108,7 +108,8 @@ def compare(
         "worst_overlap": runs.worst_overlap.max(),
         "departure_time": np.nan if pairs is None else _departure(runs, exact, pairs),
         **_biases(runs, exact, pairs, window),
-        **_distances(runs, exact, pairs),
+        "displacement_bias": bias.total_variation(np.sqrt(runs.squared[:, -1]), np.sqrt(exact.squared[:, -1]), pairs),
+        "displacement_spread": bias.spread_of_shares(),
         **_contact(runs, exact, pairs),
     }
     return with_intervals(values)
@@ -127,7 +128,7 @@ def refuse_unfit(exact: EngineRuns, *others: EngineRuns) -> None:
 def _biases(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]) -> dict[str, Any]:
     """MSD at the end and D in the window, in one resampling."""
     samples, references = _per_run(runs, window), _per_run(exact, window)
-    biases = bias.no_bias(references.shape[1:]) if runs is exact else bias.relative_bias(samples, references, pairs)
+    biases = bias.relative_bias(samples, references, pairs)
     values: dict[str, Any] = {}
     for name, column in TARGET_COLUMNS.items():
         values[f"{name}_bias"] = biases.at(column)
@@ -141,20 +142,12 @@ def _per_run(runs: EngineRuns, window: tuple[float, float]) -> np.ndarray:
     return np.concatenate([runs.squared[:, -1:], slope], axis=1)
 
 
-def _distances(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Any]:
-    """The displacement distribution at the end."""
-    ends = np.sqrt(runs.squared[:, -1]), np.sqrt(exact.squared[:, -1])
-    distance = bias.no_bias(()) if runs is exact else bias.total_variation(*ends, pairs)
-    noise, spread = distance.standard_error, bias.spread_of_shares()
-    return {"displacement_bias": distance, "displacement_bias_noise": noise, "displacement_spread": spread}
-
-
 def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Estimate]:
     """g(r) near contact; {} without pair counts, or if the two sets of runs have different bins."""
     counts, reference = runs.pair_counts, exact.pair_counts
     if counts is None or reference is None or counts.shape[1:] != reference.shape[1:]:
         return {}
-    deviation = bias.no_bias(()) if runs is exact else bias.contact_deviation(counts, reference, pairs)
+    deviation = bias.contact_deviation(counts, reference, pairs)
     return {} if deviation is None else {"contact_bias": deviation}
 
 

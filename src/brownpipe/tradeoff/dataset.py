@@ -63,7 +63,6 @@ _TABLE = {
     "d_bias": Mean(SETTING, "1", f"relative bias of {D}"),
     "d_spread": Variable(SETTING, "1", f"relative standard deviation of {D} in one run"),
     "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted", ENDS),
-    "displacement_bias_noise": Variable(SETTING, "1", f"mean of the {DISTRIBUTION}, due to noise alone"),
     "displacement_spread": Variable(SETTING, "1", "mean distance due to noise in the distribution of one run"),
     "contact_bias": Mean(SETTING, "1", "most significant relative deviation of g(r) near contact"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),

@@ -26,16 +26,16 @@ class Ratio(NamedTuple):
     high: float
 
 
-def seconds_per_run(engine: Engine, scene: Scene, repeats: int = REPEATS) -> float:
+def seconds_per_run(engine: Engine, scene: Scene) -> float:
     """Return the CPU seconds of a run, from drawing its state to its last sample, without writing the file.
 
-    The median of `repeats` measurements with runs of different seeds, all in this process and after a first call that
+    The median of REPEATS measurements with runs of different seeds, all in this process and after a first call that
     does not count, as it may have to compile. The fixed part of a call (such as measuring a friction rate) is left out:
     a measurement is the difference of a call with many runs and one with a single run. Other work on the machine still
     affects it, by its use of cache and memory bandwidth.
     """
-    measurement, estimate = _ready(engine, scene)
-    return float(np.median([measurement() for _ in range(_repeats(repeats, estimate))]))
+    measurement, repeats = _ready(engine, scene)
+    return float(np.median([measurement() for _ in range(repeats)]))
 
 
 def ratio_to(reference: tuple[Engine, Scene], engine: Engine, scene: Scene) -> Ratio:
@@ -44,18 +44,14 @@ def ratio_to(reference: tuple[Engine, Scene], engine: Engine, scene: Scene) -> R
     The speed of a shared machine changes from minute to minute; the ratio of two measurements, one after the other,
     varies less.
     """
-    measurement, estimate = _ready(engine, scene)
+    measurement, repeats = _ready(engine, scene)
     reference_measurement, _ = _ready(*reference)
-    ratios = np.array([measurement() / reference_measurement() for _ in range(_repeats(REPEATS, estimate))])
+    ratios = np.array([measurement() / reference_measurement() for _ in range(repeats)])
     return Ratio(float(np.median(ratios)), float(ratios.min()), float(ratios.max()))
 
 
-def _repeats(repeats: int, estimate: float) -> int:
-    return min(repeats, FEWER) if estimate > LONG else repeats
-
-
-def _ready(engine: Engine, scene: Scene) -> tuple[Callable[[], float], float]:
-    """A function that measures the CPU seconds of a run, and an estimate of them."""
+def _ready(engine: Engine, scene: Scene) -> tuple[Callable[[], float], int]:
+    """A function that measures the CPU seconds of a run, and how often to call it."""
     seeds = count(FIRST_TIMED_SEED)
     _seconds(engine, scene, seeds, 1)
     single, five = _seconds(engine, scene, seeds, 1), _seconds(engine, scene, seeds, 5)
@@ -66,7 +62,7 @@ def _ready(engine: Engine, scene: Scene) -> tuple[Callable[[], float], float]:
         alone = _seconds(engine, scene, seeds, 1)
         return max((_seconds(engine, scene, seeds, 1 + runs) - alone) / runs, 1e-9)
 
-    return measurement, estimate
+    return measurement, FEWER if estimate > LONG else REPEATS
 
 
 def _seconds(engine: Engine, scene: Scene, seeds: Iterator[int], runs: int) -> float:
