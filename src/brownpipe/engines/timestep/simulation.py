@@ -100,8 +100,8 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: Workspace) -> Workspace:
     """Return the workspace in its present state with lists of twice the capacity."""
-    larger = prepare(*setup[:-1], capacity=2 * w.capacity)
-    names = ("capacity", "pairs", "candidate", "contact_time", "contact_key", "contact_pair")
+    larger = prepare(*setup[:-1], capacity=2 * len(w.within.a))
+    names = ("within", "across", "candidate", "contact_time", "contact_key", "contact_pair")
     return w._replace(**{name: getattr(larger, name) for name in names})
 
 
@@ -116,7 +116,10 @@ def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -
     x, y = ((np.array((box.x[0], box.y[0])) - frame.origin) / frame.length).tolist()
     width, height = box.width / frame.length, box.height / frame.length
     capacity = max(capacity, 16 * n + 64)
-    pairs = (np.zeros(2 * capacity, kind) for kind in (np.uint32, np.uint32, float, float, float))
+
+    def pairs(capacity: int) -> PairList:
+        return PairList(*(np.zeros(capacity, kind) for kind in (np.uint32, np.uint32, float, float, float)))
+
     return Workspace(
         box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
         step=settings.time_step / frame.time,
@@ -131,8 +134,8 @@ def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -
         mass=scene.mass[frame.order] / frame.mass,
         straight_since=np.zeros(n),
         cell_start=np.zeros(4 * n + 9, np.int32),
-        capacity=capacity,
-        pairs=PairList(*pairs),
+        within=pairs(capacity),
+        across=pairs(capacity if box.periodic else 0),
         candidate=np.zeros(2 * capacity, np.uint32),
         contact_time=np.zeros(2 * capacity),
         contact_key=np.zeros(2 * capacity, np.int64),
