@@ -22,7 +22,7 @@ from bench_exact import ROOT, Case, scene_of
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.timestep import COLLISIONS
+from brownpipe.engines.timestep import COLLISIONS, Settings
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.tradeoff.compare import APART, departure_time
@@ -92,7 +92,7 @@ def runs_of_the_note(effort):
 
 def milliseconds(scene, states, dt, collisions, effort):
     """Median CPU time of a run from each of the states [ms]."""
-    engine = timestep.prepared(scene, dt, collisions)
+    engine = timestep.prepared(scene, Settings(dt, collisions))
     all_runs = seconds(lambda: [timestep.run(engine, state, scene.times) for state in states], effort.repeats)
     return 1e3 * all_runs / len(states)
 
@@ -115,7 +115,7 @@ def box(scene, effort):
     alone = milliseconds_of_time(lambda times: exactly(engine, state, times), long, effort)
     pairs = exactly(engine, state, long).observables["pair_collisions"]
     for dt, collisions in product(effort.box_steps, COLLISIONS):
-        stepping = timestep.prepared(scene, dt, collisions)
+        stepping = timestep.prepared(scene, Settings(dt, collisions))
         stepped = milliseconds_of_time(partial(timestep.run, stepping, state), long, effort)
         found = timestep.run(stepping, state, long).observables["pair_collisions"]
         bias, error = 100 * (found / pairs - 1), 100 * np.sqrt(1 / found + 1 / pairs)

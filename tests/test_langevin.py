@@ -13,7 +13,7 @@ from brownpipe.analysis import thermodynamics
 from brownpipe.engines import friction
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw, draw_tracer, noise
-from brownpipe.engines.langevin import RATE_COLLISIONS, caution, refuse_unfit
+from brownpipe.engines.langevin import RATE_COLLISIONS, Settings, caution, refuse_unfit
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.engines.langevin.simulation import step_weights
 from brownpipe.errors import RequestError
@@ -475,7 +475,7 @@ def test_where_friction_and_noise_are_no_bath(changes, record, message):
         langevin.simulate(scene_of(**changes), [0], frozenset({record}))
     assert message in str(refusal.value)
     if changes is CROWD:  # a dense bath is measured or nothing
-        refuse_unfit(scene_of(**CROWD), {"friction": "measured"}, frozenset())
+        refuse_unfit(scene_of(**CROWD), Settings("measured"), frozenset())
 
 
 @pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])

@@ -11,7 +11,7 @@ from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.timestep import COLLISIONS, largest_step
+from brownpipe.engines.timestep import COLLISIONS, Settings, largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
@@ -144,12 +144,14 @@ def test_every_step_is_that_of_the_plain_twin(name, collisions):
 def test_how_neighbours_are_found_changes_no_bit(name, collisions):
     """Long and short lists, lists that are renewed at every step, and lists that have too little room at first."""
     scene = SCENES[name]
-    engine = timestep.prepared(scene, DT, collisions)
+    engine = timestep.prepared(scene, Settings(DT, collisions))
+    wide = np.ones(4)
     runs = []
     for skin in (engine.workspace.skin, 0.0, 0.3, 10.0):
         w = engine.workspace._replace(skin=skin)
         if skin == 10.0:
-            w = w._replace(capacity=4)
+            few = [column[:4] if j < 2 else wide.copy() for j, column in enumerate(w.within)]
+            w = w._replace(within=type(w.within)(*few))
         runs.append(timestep.run(engine._replace(workspace=w), draw(scene, 2), scene.times, {"all"}))
     for other in runs[1:]:
         assert np.array_equal(other.whole.position, runs[0].whole.position)
@@ -337,7 +339,7 @@ def test_energy_and_momentum_are_conserved_to_round_off(name, collisions):
 
 
 def test_what_is_no_number_has_failed():
-    engine = timestep.prepared(SCENES["walls"], DT)
+    engine = timestep.prepared(SCENES["walls"], Settings(DT))
     state = draw(SCENES["walls"], 0)
     state.velocity[3] = np.nan
     assert timestep.run(engine, state, np.array([0.1])).observables["failed"]

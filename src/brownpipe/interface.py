@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 BATCHES = 16  # of seeds for each core: so unlike runs are shared evenly, and progress is shown
-SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings]  # of engines
+SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings._fields]  # of engines
 
 
 def Scene(  # noqa: N802  # makes what its name says, like a class

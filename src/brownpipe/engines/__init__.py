@@ -6,9 +6,9 @@ A new engine is a package with a `Definition` and its entry in DEFINITIONS. Its 
 from collections.abc import Callable, Collection, Sequence
 from functools import cache
 from importlib import import_module
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_type_hints
 
-from pydantic import Field, create_model
+from pydantic import create_model
 
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
@@ -38,7 +38,7 @@ class Engine(NamedTuple):
     @property
     def label(self) -> str:
         """The name in folders, datasets and figures, like timestep-0.001-late, without settings at their default."""
-        defaults = _defaults(self.definition)
+        defaults = self.definition.settings._field_defaults
         return "-".join([self.name, *(str(value) for key, value in self.settings if defaults.get(key) != value)])
 
     @property
@@ -46,9 +46,14 @@ class Engine(NamedTuple):
         """The engine as the value of `brownpipe simulate --engine`, followed by an option for each setting."""
         return " ".join([self.name, *(f"{option(key)} {value}" for key, value in self.settings)])
 
+    @property
+    def values(self) -> Any:
+        """The settings as the engine's own record."""
+        return self.definition.settings(**dict(self.settings))
+
     def model(self, scenes: Sequence[Scene]) -> str:
         """Return in a few words how the engine models the scenes."""
-        return self.definition.model(scenes, dict(self.settings))
+        return self.definition.model(scenes, self.values)
 
     def cautions(self, scene: Scene, observables: Collection[str] = ()) -> list[str]:
         """Return a line on the limits of the results in a scene, and one on observables that are not measured."""
@@ -59,13 +64,13 @@ class Engine(NamedTuple):
 
     def refuse_unfit(self, scene: Scene, record: Collection[str] = TRACER) -> None:
         """Raise RequestError if the engine cannot run the scene or cannot record `record` of it."""
-        self.definition.refuse_unfit(scene, dict(self.settings), frozenset(record))
+        self.definition.refuse_unfit(scene, self.values, frozenset(record))
 
     def forecast(
         self, scene: Scene, record: Collection[str] = TRACER, observables: Collection[str] = (), average: str = "runs"
     ) -> Cost:
         """Return the forecast for one run of a scene that the engine does not refuse."""
-        return self.definition.forecast(scene, dict(self.settings), record, observables, average)
+        return self.definition.forecast(scene, self.values, record, observables, average)
 
     def simulate(
         self,
@@ -93,11 +98,6 @@ def read_record(text: str, option: str) -> frozenset[str]:
     return names if "none" in names else names | TRACER
 
 
-def _defaults(definition: Definition) -> dict[str, object]:
-    """Return the settings that have a default."""
-    return {key: setting.default for key, setting in definition.settings.items() if setting.default is not None}
-
-
 def option(setting: str) -> str:
     """Return the option of the command line for a setting: --time-step for time_step."""
     return f"--{setting.replace('_', '-')}"
@@ -105,11 +105,10 @@ def option(setting: str) -> str:
 
 @cache
 def settings_of(name: str) -> type[Record]:
-    """Return the record of the settings of an engine, after its name."""
-    keys: dict[str, Any] = {"name": (Literal[name], name)}
-    for key, setting in DEFINITIONS[name].settings.items():
-        default = ... if setting.default is None else setting.default
-        keys[key] = (setting.kind, Field(default, description=setting.help))
+    """Return the record of the settings of an engine in a file, after its name."""
+    settings, keys = DEFINITIONS[name].settings, dict[str, Any](name=(Literal[name], name))
+    for key, kind in get_type_hints(settings, include_extras=True).items():
+        keys[key] = (kind, settings._field_defaults.get(key, ...))
     return create_model(name, __base__=Record, __doc__=DEFINITIONS[name].summary, **keys)
 
 
@@ -130,13 +129,13 @@ def requested(name: str, values: dict[str, object], option: Callable[[str], str]
     Raises RequestError, naming it, for a setting that the engine lacks, that is missing or that is not allowed.
     """
     definition = DEFINITIONS[validated(Literal[tuple(DEFINITIONS)], name, key=option("engine"))]
-    settings = definition.settings
-    defaults = _defaults(definition)
-    for key in values.keys() - settings.keys():
-        owners = [other.name for other in DEFINITIONS.values() if key in other.settings]
+    kinds = get_type_hints(definition.settings, include_extras=True)
+    defaults = definition.settings._field_defaults
+    for key in values.keys() - kinds.keys():
+        owners = [other.name for other in DEFINITIONS.values() if key in other.settings._fields]
         wrong = f"the {name} engine has no such setting; must go with {' or '.join(owners)}"
         raise RequestError(f"{option(key)} {values[key]}: {wrong}")
-    for key in settings.keys() - values.keys() - defaults.keys():
+    for key in kinds.keys() - values.keys() - defaults.keys():
         raise RequestError(f"{option(key)}: missing; must be given with {option('engine')} {name}")
     given = defaults | values
-    return Engine(name, tuple((key, validated(s.kind, given[key], key=option(key))) for key, s in settings.items()))
+    return Engine(name, tuple((key, validated(kind, given[key], key=option(key))) for key, kind in kinds.items()))

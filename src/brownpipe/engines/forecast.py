@@ -57,26 +57,18 @@ class Cost(NamedTuple):
     once: float = 0.0  # CPU seconds in each process before its first run, besides START_UP
 
 
-class Setting(NamedTuple):
-    """A setting of an engine."""
-
-    kind: Any  # the type of its values, for pydantic
-    help: str  # of the option: the values, in a few words
-    default: object = None  # None: it must be given
-
-
 class Definition(NamedTuple):
-    """An engine. The functions take `settings`, a mapping with a value for each setting of the engine."""
+    """An engine. The functions take `settings`, a record with a value for each setting of the engine."""
 
     name: str
     summary: str  # for the help of the command line
     simulation: str  # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
-    settings: dict[str, Setting]
-    model: Callable[[Sequence[Scene], dict], str]  # (scenes, settings): the model, in a few words
+    settings: Any  # the class of this record, a NamedTuple: types with descriptions for pydantic, and defaults
+    model: Callable[[Sequence[Scene], Any], str]  # (scenes, settings): the model, in a few words
     caution: Callable[[Scene], str | None]  # one line on the limits of its results in the scene, or None
     forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
     # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
-    refuse_unfit: Callable[[Scene, dict, frozenset[str]], None] = lambda scene, settings, record: None
+    refuse_unfit: Callable[[Scene, Any, frozenset[str]], None] = lambda scene, settings, record: None
     moves_all_disks: bool = True  # otherwise it moves the tracer alone, and counts no collisions
     keeps_checkpoints: bool = False
 

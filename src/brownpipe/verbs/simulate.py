@@ -4,12 +4,12 @@ import math
 import time
 from argparse import Namespace
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
 from brownpipe import progress
-from brownpipe.engines import DEFINITIONS, Engine, option, read_record, requested
+from brownpipe.engines import DEFINITIONS, Engine, option, read_record, requested, settings_of
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
@@ -38,9 +38,9 @@ def add_simulate(add: Callable) -> None:
     names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
     add("--engine", default=first.name, metavar="NAME", help="; ".join(names))
     for definition in DEFINITIONS.values():
-        for key, setting in definition.settings.items():
-            what = f"of {definition.name}: {setting.help}"
-            add(option(key), type=typed(setting.kind), help=what)
+        for key, kind in get_type_hints(definition.settings, include_extras=True).items():
+            what = f"of {definition.name}: {settings_of(definition.name).model_fields[key].description}"
+            add(option(key), type=typed(kind), help=what)
     what = "tracer (default: its positions), velocity (of the tracer, too), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what)
     some = f"some of {', '.join(OBSERVABLES)}, or a function of your own, my_module:my_function"
@@ -112,7 +112,8 @@ def _made(output: str, ensemble: Ensemble, seconds: float) -> str:
 
 def engine_of(arguments: Namespace) -> Engine:
     """Return the requested engine with its settings. Raises RequestError for checkpoints of an engine without them."""
-    settings = {key: getattr(arguments, key) for definition in DEFINITIONS.values() for key in definition.settings}
+    keys = [key for definition in DEFINITIONS.values() for key in definition.settings._fields]
+    settings = {key: getattr(arguments, key) for key in keys}
     engine = requested(arguments.engine, {key: value for key, value in settings.items() if value is not None})
     if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
         keepers = " or ".join(definition.name for definition in DEFINITIONS.values() if definition.keeps_checkpoints)

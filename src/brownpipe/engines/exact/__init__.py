@@ -3,6 +3,8 @@
 `simulation` makes runs. Kernels advance the disks from collision to collision (`events`) in a `workspace`.
 """
 
+from typing import NamedTuple
+
 from brownpipe.engines import forecast
 from brownpipe.engines.forecast import Definition
 
@@ -10,7 +12,7 @@ EXACT = Definition(
     name="exact",
     summary="event by event",
     simulation="brownpipe.engines.exact.simulation",
-    settings={},
+    settings=NamedTuple("Settings", []),
     model=lambda scenes, settings: "from collision to collision",
     caution=forecast.caution,
     forecast=lambda scene, settings, *recorded: forecast.of_run(scene, *recorded),

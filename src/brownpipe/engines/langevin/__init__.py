@@ -9,14 +9,15 @@ bath the neighbours form a cage; neither tail nor cage is modelled. docs/theory.
 
 import math
 from collections.abc import Collection, Sequence
-from typing import Literal, NoReturn
+from typing import Annotated, Literal, NamedTuple, NoReturn
 
 from brownpipe.engines import forecast
-from brownpipe.engines.forecast import Definition, Setting
+from brownpipe.engines.forecast import Definition
 from brownpipe.engines.friction import DENSEST, bath_of, bath_share, followed, friction_rate, moves, partners_of
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables import of_tracer
+from brownpipe.scene.reading import key
 from brownpipe.scene.scene import Scene
 
 LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
@@ -32,7 +33,13 @@ BYTES_PER_SAMPLE = 180.0  # of memory, during a run: random numbers, the path an
 Friction = Literal["enskog", "boltzmann", "measured"]
 
 
-def refuse_unfit(scene: Scene, settings: dict, record: Collection[str] = frozenset({"tracer"})) -> None:
+class Settings(NamedTuple):
+    """The settings of the engine."""
+
+    friction: Annotated[Friction, key("enskog, boltzmann or measured")]
+
+
+def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str] = frozenset({"tracer"})) -> None:
     """Raise RequestError if the scene's bath cannot be replaced by this friction, or if `record` needs the bath."""
     if bath_records := {"all", "events"}.intersection(record):
         raise RequestError(
@@ -48,7 +55,7 @@ def refuse_unfit(scene: Scene, settings: dict, record: Collection[str] = frozens
     energy = bath_of(scene).temperature
     if moves(scene) and not SMALLEST_NORMAL <= min(energy, energy / followed(scene).mass) <= energy < math.inf:
         _refuse(scene, f"needs kT and kT/m from {SMALLEST_NORMAL:.3g} to 1.8e308, found kT = {energy:.3g}")
-    if settings["friction"] == "enskog" and scene.packing_fraction > DENSEST:
+    if settings.friction == "enskog" and scene.packing_fraction > DENSEST:
         phi = f"the packing fraction is {scene.packing_fraction:.4g}; must be at most {DENSEST:g}"
         _refuse(scene, f"has no contact value for --friction enskog: {phi}, or --friction measured")
 
@@ -82,16 +89,16 @@ def _refuse(scene: Scene, why: str) -> NoReturn:
     raise RequestError(f"{scene.name}, N = {scene.particles}: --engine langevin {why}")
 
 
-def _model(scenes: Sequence[Scene], settings: dict) -> str:
+def _model(scenes: Sequence[Scene], settings: Settings) -> str:
     """Return the model in a few words, with the range of the scenes' friction rates."""
-    friction = settings["friction"]
+    friction = settings.friction
     rates = [] if friction == "measured" else sorted(friction_rate(scene, friction) for scene in scenes)
     gamma = " to ".join(dict.fromkeys(f"{rate:.3g}" for rate in rates[:1] + rates[-1:])) or "as measured"
     return f"the tracer alone, gamma = {gamma}; no 1/t tail of the velocity autocorrelation, no cage"
 
 
 def _forecast(
-    scene: Scene, settings: dict, record: Collection[str], observables: Collection[str], average: str
+    scene: Scene, settings: Settings, record: Collection[str], observables: Collection[str], average: str
 ) -> forecast.Cost:
     """Return the cost of a run; measuring the friction by runs of the exact engine costs once per process."""
     names, average = of_tracer(observables, average)
@@ -99,7 +106,7 @@ def _forecast(
     seconds = SECONDS_PER_RUN + forecast.seconds_to_record(len(scene.times), exact.recorded)
     seconds += forecast.seconds_to_measure(scene, names, average)
     once, working = 0.0, BYTES_PER_SAMPLE * len(scene.times)
-    if rate_scene := scene_of_rate(scene, settings["friction"]):
+    if rate_scene := scene_of_rate(scene, settings.friction):
         rate = forecast.of_run(rate_scene)
         once, working = RATE_RUNS * rate.seconds, max(rate.working, working)
     return forecast.Cost(0.0, 0.0, seconds, exact.recorded, exact.kept, working, once)
@@ -129,7 +136,7 @@ LANGEVIN = Definition(
     name="langevin",
     summary="the tracer alone, in friction and noise",
     simulation="brownpipe.engines.langevin.simulation",
-    settings={"friction": Setting(Friction, "enskog, boltzmann or measured")},
+    settings=Settings,
     model=_model,
     refuse_unfit=refuse_unfit,
     caution=caution,

@@ -24,7 +24,7 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
 from brownpipe.engines.kernels import compile_all, entry_point
-from brownpipe.engines.langevin import RATE_RUNS, refuse_unfit, scene_of_rate
+from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
 from brownpipe.observables.tracks import Track
@@ -41,7 +41,7 @@ def simulate(
     *,
     observables: Collection[str] = (),
     average: str = "runs",
-    friction: str = "enskog",
+    friction: Friction = "enskog",
 ) -> Ensemble:
     """Follow the tracer of the scene once for every seed; `friction` as in `friction.friction_rate`.
 
@@ -50,7 +50,7 @@ def simulate(
     for that time. Of `observables`, those that need other disks are left out.
     Raises RequestError for a scene or record that the engine refuses, RunError if measuring the friction fails.
     """
-    refuse_unfit(scene, {"friction": friction}, record)
+    refuse_unfit(scene, Settings(friction), record)
     gamma = rate_of(scene, friction)
     before = scene.equilibrate.time if scene.equilibrate.tracer == "free" else 0.0
     steps = np.diff(scene.times, prepend=-before)

@@ -5,29 +5,37 @@ This file has its `Definition`, and the time steps that a scene can be run with;
 
 import math
 from collections.abc import Collection
-from typing import Literal
+from typing import Annotated, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from brownpipe.engines import forecast
-from brownpipe.engines.forecast import Definition, Setting
+from brownpipe.engines.forecast import Definition
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
-from brownpipe.scene.reading import Positive
+from brownpipe.scene.reading import Positive, key
 from brownpipe.scene.scene import Scene
 
-COLLISIONS = ("at_contact", "late")
+When = Literal["at_contact", "late"]
+COLLISIONS = get_args(When)
 MOST_STEPS = 1e10  # in a run
 FINEST = 64  # shortest path of a disk in a step, in units of the round-off of the largest coordinate
 SECONDS_PER_DISK_STEP = 1.5e-9  # CPU seconds per disk and time step
 SECONDS_PER_CROSSING = 5e-7  # CPU seconds for lists of pairs while a disk moves by the distance of neighbours
 
 
-def refuse_unfit(scene: Scene, settings: dict, record: Collection[str]) -> None:
+class Settings(NamedTuple):
+    """The settings of the engine."""
+
+    time_step: Annotated[Positive, key("must be given")]
+    collisions: Annotated[When, key("at_contact (default) or late")] = "at_contact"
+
+
+def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str]) -> None:
     """Raise RequestError for unknown words, a time step that does not fit the scene, or a record of events."""
-    if settings["collisions"] not in COLLISIONS:
-        raise RequestError(f"collisions: must be one of {', '.join(COLLISIONS)}, found {settings['collisions']!r}")
-    time_step, most, least = settings["time_step"], largest_step(scene), smallest_step(scene)
+    if settings.collisions not in COLLISIONS:
+        raise RequestError(f"collisions: must be one of {', '.join(COLLISIONS)}, found {settings.collisions!r}")
+    time_step, most, least = settings.time_step, largest_step(scene), smallest_step(scene)
     if not time_step <= most:  # NaN, too
         raise RequestError(
             f"{scene.name}: time_step: must be at most {most:.4g}, in which a disk at rms speed covers its radius, "
@@ -70,11 +78,11 @@ def smallest_step(scene: Scene) -> float:
 
 
 def _forecast(
-    scene: Scene, settings: dict, record: Collection[str], observables: Collection[str], average: str
+    scene: Scene, settings: Settings, record: Collection[str], observables: Collection[str], average: str
 ) -> forecast.Cost:
     """Return the cost of a run: that of an exact one, plus that of the time steps and of the lists of pairs."""
     exact = forecast.of_run(scene, record, observables, average)
-    steps = scene.duration / settings["time_step"]
+    steps = scene.duration / settings.time_step
     seconds = SECONDS_PER_DISK_STEP * scene.particles * steps
     seconds += SECONDS_PER_CROSSING * scene.duration * forecast.crossing_rate(scene)
     return exact._replace(seconds=exact.seconds + seconds)
@@ -84,10 +92,7 @@ TIMESTEP = Definition(
     name="timestep",
     summary="in steps",
     simulation="brownpipe.engines.timestep.simulation",
-    settings={
-        "time_step": Setting(Positive, "must be given"),
-        "collisions": Setting(Literal[COLLISIONS], "at_contact (default) or late", "at_contact"),
-    },
+    settings=Settings,
     model=lambda scenes, settings: "all disks, in time steps",
     refuse_unfit=refuse_unfit,
     caution=forecast.caution,

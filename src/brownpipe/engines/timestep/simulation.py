@@ -20,7 +20,7 @@ from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
 from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.recording import blank_samples, conservation, images_fit, report, report_nothing, tracks_of
-from brownpipe.engines.timestep import refuse_unfit
+from brownpipe.engines.timestep import Settings, refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.steps import advance
 from brownpipe.engines.timestep.workspace import EngineBox, PairList, Workspace
@@ -39,8 +39,7 @@ class SteppingSetup(NamedTuple):
 
     scene: Scene
     frame: Frame
-    time_step: float  # [time]
-    collisions: str
+    settings: Settings
     workspace: Workspace
 
 
@@ -51,8 +50,7 @@ def simulate(
     *,
     observables: Collection[str] = (),
     average: str = "runs",
-    time_step: float,
-    collisions: str = "at_contact",
+    **settings: Any,
 ) -> Ensemble:
     """Run the scene once for every seed, from the same initial states as the exact engine.
 
@@ -64,9 +62,9 @@ def simulate(
     Raises RequestError for a time step or record that the engine refuses, and if the scene leaves no place for its
     disks in any run.
     """
-    refuse_unfit(scene, {"time_step": time_step, "collisions": collisions}, record)
+    refuse_unfit(scene, Settings(**settings), record)
     batch = new_batch(scene, seeds, record, observables, average)
-    equilibrator, setup = prepare_equilibration(scene), prepared(scene, time_step, collisions)
+    equilibrator, setup = prepare_equilibration(scene), prepared(scene, Settings(**settings))
 
     def run_of(column: int) -> RunResult:
         drawn = draw(scene, int(batch.ensemble.seeds[column]))
@@ -75,24 +73,24 @@ def simulate(
     return make_runs(batch, run_of)
 
 
-def prepared(scene: Scene, time_step: float, collisions: str = "at_contact") -> SteppingSetup:
+def prepared(scene: Scene, settings: Settings) -> SteppingSetup:
     """Return the setup for runs of a scene, with its kernels compiled."""
     frame = frame_of(scene)
-    w = prepare(scene, frame, time_step, collisions)
-    no_samples = recorder(scene, frame, time_step, scene.times[:0], ())
+    w = prepare(scene, frame, settings)
+    no_samples = recorder(scene, frame, settings.time_step, scene.times[:0], ())
     compile_all(insert_nothing, report_nothing, partial(advance, w, no_samples, 0))
-    return SteppingSetup(scene, frame, time_step, collisions, w)
+    return SteppingSetup(scene, frame, settings, w)
 
 
 def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> RunResult:
     """Run from a state and sample at the given times (T,). Full lists are replaced by lists of twice the capacity."""
     scene, frame, w = setup.scene, setup.frame, setup.workspace
-    samples = recorder(scene, frame, setup.time_step, times, record)
+    samples = recorder(scene, frame, setup.settings.time_step, times, record)
     first = motion_of(state, frame)
     begin(w, first)
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
     while (outcome := advance(w, samples, steps)) != ws.DONE:
-        elapsed = int(w.counters[ws.STEP]) * setup.time_step
+        elapsed = int(w.counters[ws.STEP]) * setup.settings.time_step
         progress.within((scene.equilibrate.time + elapsed) / (scene.equilibrate.time + scene.duration))
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
@@ -102,15 +100,15 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: Workspace) -> Workspace:
     """Return the workspace in its present state with lists of twice the capacity."""
-    larger = prepare(*setup[:-1], capacity=2 * w.capacity)
-    names = ("capacity", "pairs", "candidate", "contact_time", "contact_key", "contact_pair")
+    larger = prepare(*setup[:-1], capacity=2 * len(w.within.a))
+    names = ("within", "across", "candidate", "contact_time", "contact_key", "contact_pair")
     return w._replace(**{name: getattr(larger, name) for name in names})
 
 
 # -- the workspace of a scene ----------------------------------------------------------------------------------------
 
 
-def prepare(scene: Scene, frame: Frame, time_step: float, collisions: str, capacity: int = 0) -> Workspace:
+def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -> Workspace:
     """Return a workspace for the runs of a scene; `capacity` of the lists of pairs where the default was too small."""
     n, box = scene.particles, scene.box
     radius = scene.radius[frame.order] / frame.length
@@ -118,12 +116,15 @@ def prepare(scene: Scene, frame: Frame, time_step: float, collisions: str, capac
     x, y = ((np.array((box.x[0], box.y[0])) - frame.origin) / frame.length).tolist()
     width, height = box.width / frame.length, box.height / frame.length
     capacity = max(capacity, 16 * n + 64)
-    pairs = (np.zeros(2 * capacity, kind) for kind in (np.uint32, np.uint32, float, float, float))
+
+    def pairs(capacity: int) -> PairList:
+        return PairList(*(np.zeros(capacity, kind) for kind in (np.uint32, np.uint32, float, float, float)))
+
     return Workspace(
         box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
-        step=time_step / frame.time,
-        late=collisions == "late",
-        skin=2 * common * skin_of(scene, time_step),
+        step=settings.time_step / frame.time,
+        late=settings.collisions == "late",
+        skin=2 * common * skin_of(scene, settings.time_step),
         common_radius=float(common),
         big=int(np.count_nonzero(radius > common)),
         tracer=int(frame.back[0]) if n else 0,
@@ -133,8 +134,8 @@ def prepare(scene: Scene, frame: Frame, time_step: float, collisions: str, capac
         mass=scene.mass[frame.order] / frame.mass,
         straight_since=np.zeros(n),
         cell_start=np.zeros(4 * n + 9, np.int32),
-        capacity=capacity,
-        pairs=PairList(*pairs),
+        within=pairs(capacity),
+        across=pairs(capacity if box.periodic else 0),
         candidate=np.zeros(2 * capacity, np.uint32),
         contact_time=np.zeros(2 * capacity),
         contact_key=np.zeros(2 * capacity, np.int64),
