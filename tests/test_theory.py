@@ -27,24 +27,6 @@ def propagator(r, t, diffusion):
     return np.exp(-np.square(r) / square) / (np.pi * square)
 
 
-def pair_distance_density(r, width, height):
-    """Return the density [1/length] of the distance of two independent uniform points in one rectangle.
-
-    0 beyond the diagonal: p(r) = 4 r/(w h)^2 times the integral of (w - r cos q)(h - r sin q) over the directions q for
-    which both factors are positive. For r up to the side S of a square it is (2 r/S^2)(pi - 4 r/S + r^2/S^2).
-    """
-    r = np.asarray(r, float)
-    inside = (r > 0.0) & (r < np.hypot(width, height))
-    d = np.where(inside, r, 1.0)
-    first, last = np.arccos(np.minimum(1.0, width / d)), np.arcsin(np.minimum(1.0, height / d))
-
-    def antiderivative(q):
-        return width * height * q - height * d * np.sin(q) + width * d * np.cos(q) + 0.5 * (d * np.sin(q)) ** 2
-
-    ring = 4.0 * d / (width * height) ** 2 * (antiderivative(last) - antiderivative(first))
-    return np.where(inside, ring, 0.0)
-
-
 def integral(f, low, high, points=20001):
     x = np.linspace(low, high, points)
     return np.trapezoid(f(x), x)
@@ -196,12 +178,6 @@ def test_diffusion_of_equal_disks():
 
 
 # --- two sizes of disks
-
-
-def test_distance_of_two_points_in_one_rectangle_is_the_closed_form():
-    r = np.linspace(0, 5.5, 111)
-    one = theory.pair_distance_density_between(r, (3.0, 4.5), (3.0, 4.5))
-    assert one == pytest.approx(pair_distance_density(r, 3.0, 4.5), abs=1e-13)
 
 
 def test_distance_of_points_in_two_rectangles():

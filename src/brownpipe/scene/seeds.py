@@ -33,6 +33,8 @@ def _seeds(value: Any) -> Sequence[int]:
     if None in found or not 0 < min(sizes, default=0) <= sum(sizes) <= MOST_SEEDS:
         allowed = "seeds" if isinstance(value, str) else "a count like 2400, or seeds"
         refuse(f"must be {allowed} like 17, 0-2399 or 3,5,9, ascending, at most {MOST_SEEDS}, not {shown(value)}")
+    if len(ends) == 1:  # without 10 s of sorting for the most seeds
+        return range(ends[0][0], ends[0][1] + 1)
     seeds = np.unique(np.concatenate([np.arange(first, last + 1) for first, last in ends]))
     consecutive = range(int(seeds[0]), int(seeds[-1]) + 1)
     return consecutive if len(consecutive) == len(seeds) else tuple(seeds.tolist())
