@@ -110,6 +110,7 @@ def test_keys_together_share_a_dimension():
     vary = {MASS: [1.0, 4.0, 9.0], "disks.tracer.radius": [0.5, 0.6, 0.7]}
     result = bp.scan(bp.Scene(**FLUID), vary, seeds=2, together=True, quiet=True)
     assert result.sizes["tracer_mass"] == 3 and "tracer_radius" not in result.dims
+    assert (result.tracer_mass.units, result.tracer_radius.units) == ("mass", "length")
     assert result.tracer_radius.dims == ("tracer_mass",) and result.tracer_radius.values.tolist() == [0.5, 0.6, 0.7]
 
 
