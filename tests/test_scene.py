@@ -240,13 +240,10 @@ def test_defaults_follow_another_value_of_a_key():
     keys = {"box": BOX, "disks": {"tracer": {"radius": 0.3, "mass": 1}, "species": [kind(9)]}, "duration": 1}
     keys |= {"velocities": {"temperature": 1}, "samples": {"per_decade": 3}, "equilibrate": {"time": 1}}
     scene, periodic = parse_scene(keys, "test.yaml"), BOX | {"boundary": "periodic"}
-    for path, new in (
-        ("box.boundary", {"box": periodic}),
-        ("duration", {"duration": 2}),
-        ("disks.tracer", {"disks": {"species": [kind(9)]}}),
-    ):
-        value = {"box.boundary": "periodic", "duration": 2, "disks.tracer": None}[path]
-        assert scene.replace(**{path: value}).text == parse_scene(keys | new, "test.yaml").text
+    without = {"disks": {"species": [kind(9)]}}
+    new = [("box.boundary", "periodic", {"box": periodic}), ("duration", 2, {"duration": 2})]
+    for path, value, part in [*new, ("disks.tracer", None, without)]:
+        assert scene.replace(**{path: value}) == parse_scene(keys | part, "test.yaml")
     taken = {"velocities": scene.velocities, "equilibrate": scene.equilibrate}
     assert scene.replace(box=periodic, **taken) == scene.replace(box=periodic)
 

@@ -75,28 +75,14 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (SPECIES, "1.6", "1, zero_momentum: yes", 9, "velocities.zero_momentum", "true or false, not 'yes'"),
     (SPECIES, "duration: 1", "duration: 10 s", 10, "duration", "a number, not '10 s'; without quotes, unit or comma"),
     (SPECIES, "duration: 1", "duration: .inf", 10, "duration", "a finite number, not inf"),
-    (
-        SPECIES,
-        "sample_interval: 0.1",
-        "sample_interval: 1e-8",
-        11,
-        "sample_interval",
-        "at least 1e-07, for",
-    ),
+    (SPECIES, "sample_interval: 0.1", "sample_interval: 1e-8", 11, "sample_interval", "at least 1e-07, for"),
     (SPECIES, "sample_interval: 0.1", "sample_interval: 2", 11, "sample_interval", "at most the duration, 1.0"),
     (SPECIES, "sample_interval: 0.1", "samples: {first: 0.1}", 11, "samples.per_decade", "missing"),
     (SPECIES, "sample_interval: 0.1", "samples: {per_decade: 2, first: 1}", 11, "samples.first", "below the duration"),
     (SPECIES, "0.1\n", "0.1\nsamples: {per_decade: 2}\n", 12, "samples", "not be given with sample_interval"),
     (SPECIES, "0.1\n", "0.1\nequilibrate: {tracer: free}\n", 12, "equilibrate.time", "missing"),
     (LISTED, "radius: 0.1", "radius: 0.95", 3, "disks", "disk 0 at [0.0, 0.0] and disk 1 at [1.0, 0.0] overlap"),
-    (
-        LISTED,
-        "disks:\n",
-        "disks:\n- 3\n",
-        4,
-        "disks[0]",
-        "keys position, velocity, radius, mass, not 3",
-    ),
+    (LISTED, "disks:\n", "disks:\n- 3\n", 4, "disks[0]", "keys position, velocity, radius, mass, not 3"),
     (LISTED, "duration: 1", "duration: 1\nparticles: 3", 3, "particles", "must be 2, the number of disks in"),
     (LISTED, "duration: 1", "duration: 1\nvelocities: {temperature: 1}", 3, "velocities", "explicit list of disks"),
     (LISTED, "duration: 1", "duration: 1\nequilibrate: 1", 3, "equilibrate", "explicit list of disks"),
@@ -108,13 +94,7 @@ STUDIES = [
     ("seeds: 60", "seeds: 3\ntolerance: 2%", 8, "seeds", "or a tolerance in their place; not both"),
     ("seeds: 60", "tolerance: 2%\ntarget: mds", 9, "target", "did you mean msd?"),
     ("particles: [50, 150]", "particles: [50, 50]", 4, "particles", "differ"),
-    (
-        "particles: [50, 150]",
-        "particles: 2000",
-        2,
-        "scenes[0]",
-        "line 9: disks: 2000 disks cover 1.752 times",
-    ),
+    ("particles: [50, 150]", "particles: 2000", 2, "scenes[0]", "line 9: disks: 2000 disks cover 1.752 times"),
     ("scenes:\n", "scenes:\n- absent.yaml\n", 2, "scenes[0]", "absent.yaml: cannot be read: No such file"),
     ("harrison2020_thermal", "harrison2020", 1, "scenes", "values that differ"),
     ("harrison2020_thermal", "../scenes/harrison2020", 3, "scenes[1]", "a name (file stem) of its own"),
@@ -267,16 +247,7 @@ def test_a_value_of_the_command_line_has_no_line(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [
-        ("1e-3", 1e-3),
-        ("010", 10),
-        ("0x1F", "0x1F"),
-        ("no", "no"),
-        ("2020-09-28", "2020-09-28"),
-        ("~", None),
-        ("", None),
-        ('"a\\nb"', "a\nb"),
-    ],
+    [("1e-3", 1e-3), ("010", 10), ("0x1F", "0x1F"), ("no", "no"), ("~", None), ("", None), ('"a\\nb"', "a\nb")],
 )
 def test_scalars_are_those_of_yaml_1_2(tmp_path, text, value):
     path = tmp_path / "file.yaml"

@@ -189,6 +189,7 @@ class Scene(Record):
         self._resolve(given=self.model_dump(exclude_unset=True))
         self._resolve_times()
         self._resolve_disks()
+        self._resolve_each_disk()
         self._resolve_start()
         self._check_packing()
         return self
@@ -208,7 +209,7 @@ class Scene(Record):
         self._resolve(sample_interval=interval)
 
     def _resolve_disks(self) -> None:
-        """Resolve the number of disks, the `rest`, and what follows for each disk; refuse disks that do not fit."""
+        """Resolve the number of disks and the `rest`; refuse disks that do not fit into the box."""
         groups: dict[tuple, Any] = {}  # species or disks, by their paths of keys
         if isinstance(self.disks, Mixture):
             groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
@@ -230,9 +231,13 @@ class Scene(Record):
             self._check_disk(group, *path)
             if group.count == "rest":
                 group._resolve(count=total - known)
-        counts = np.array([group.count for group in groups.values()], int)
+
+    def _resolve_each_disk(self) -> None:
+        """Resolve radius and mass of each disk and the packing fraction; refuse masses too different for one run."""
+        groups = self.listed or self.species
+        counts = np.array([group.count for group in groups], int)
         for field in ("radius", "mass"):
-            of_each_disk = np.repeat(np.array([getattr(group, field) for group in groups.values()], float), counts)
+            of_each_disk = np.repeat(np.array([getattr(group, field) for group in groups], float), counts)
             of_each_disk.flags.writeable = False
             self._resolve(**{field: of_each_disk})
         shares = (self.radius / self.box.width) * (self.radius / self.box.height)
@@ -244,12 +249,10 @@ class Scene(Record):
     def _resolve_start(self) -> None:
         """Resolve the motion of the tracer before t = 0 and the total momentum."""
         start, velocities = self.equilibrate, self.velocities
-        held = "free"
-        if isinstance(self.disks, Mixture):
-            held = "pinned" if self.disks.tracer else "free"
-            if velocities is None:
-                refuse("missing; must be given with species", "velocities")
-        elif velocities is not None or start.time > 0:
+        held = "pinned" if isinstance(self.disks, Mixture) and self.disks.tracer else "free"
+        if self.placement and velocities is None:
+            refuse("missing; must be given with species", "velocities")
+        if not self.placement and (velocities is not None or start.time > 0):
             given = "equilibrate" if velocities is None else "velocities"
             refuse("must not be given with an explicit list of disks, which says it all", given)
         if start.tracer is None or start.time == 0:
@@ -330,7 +333,7 @@ class Scene(Record):
 
     def as_mapping(self) -> dict:
         """Return the scene as a mapping like that of a scene file, with every default written out."""
-        left_out = set() if isinstance(self.disks, Mixture) else {"particles", "velocities", "equilibrate"}
+        left_out = set() if self.placement else {"particles", "velocities", "equilibrate"}
         return self.model_dump(exclude={*left_out, "samples" if self.samples is None else "sample_interval"})
 
     @cached_property

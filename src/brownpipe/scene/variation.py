@@ -5,6 +5,7 @@ A key is a path such as `disks.tracer.mass`, `disks.species.bath.count` (a speci
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -19,8 +20,6 @@ from brownpipe.scene.scene import Scene, parse_scene
 
 PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
-UNITS = {"mass": "mass", "radius": "length", "temperature": "energy", "standard_deviation": "length/time"}
-UNITS |= dict.fromkeys(("time", "duration", "sample_interval"), "time")
 DIGITS = 12  # of a value in names and coordinates: 0.3 is 0.3, although the box is calculated from it
 
 
@@ -103,8 +102,11 @@ def value_of(scene: Scene, path: str) -> Any:
 
 
 def unit_of(path: str) -> str:
-    """Return the unit of a varied key."""
-    return UNITS.get(path.split(".")[-1], "1")
+    """Return the unit of a varied key, which the meaning of the key has in brackets."""
+    schema = Scene.model_json_schema()
+    keys = {name: key for part in (schema, *schema["$defs"].values()) for name, key in part["properties"].items()}
+    meaning = keys.get(path.split(".")[-1], {}).get("description", "")
+    return next(iter(re.findall(r"\[([\w/]+)\]", meaning)), "1")
 
 
 def is_number(value: Any) -> bool:
