@@ -11,8 +11,7 @@ from brownpipe.figures.origin import RECORD
 from brownpipe.progress import tracked
 from brownpipe.scene.seeds import brief_seed_text, read_seeds
 from brownpipe.storage.datasets import read_contents
-from brownpipe.storage.store import DIGITS, stored_batches, without
-from brownpipe.storage.trajectories import Trajectories
+from brownpipe.storage.store import read_stored, stored_batches, without
 
 
 def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]:
@@ -28,27 +27,22 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     files = sorted(path for path in folder.rglob("*") if path.suffix in (".h5", ".nc"))
     if not files and not runs:
         raise WrongFileError(f"{folder}: has no results of a study; must be results/STUDY, or files")
-    missing, named = [], dict[Path, tuple[int, int]]()
+    missing, stored = [], set[Path]()
     for record in folder.glob(f"*/{RECORD}"):
         figures = [record.parent / name for name in json.loads(record.read_text())["files"]]
         missing += [str(path) for path in figures if not path.is_file()]
     for line in sorted(runs):
         where, text = line.rsplit(" ", 1)
         place, seeds = Path(os.path.relpath(folder.absolute().parents[1] / where)), np.asarray(read_seeds(text))
-        stored = stored_batches(place, seeds)
-        named |= {place / f"{first}-{last}.h5": (first, last) for first, last in stored}
-        if len(left := without(seeds, stored)):
+        batches = stored_batches(place, seeds)
+        stored |= {place / f"{first}-{last}.h5" for first, last in batches}
+        if len(left := without(seeds, batches)):
             missing.append(f"{where}: seeds {brief_seed_text(left)}")
     damaged = []
-    files += named
+    files += sorted(stored)
     for file in tracked(files, "files"):
         try:
-            contents = read_contents(file)
-            if isinstance(contents, Trajectories) and file in named:
-                first, last = named[file]
-                is_named = file.parent.name.endswith(contents.digest[:DIGITS])
-                if not is_named or [*contents.ensemble.seeds] != [*range(first, last + 1)]:
-                    raise StorageError(f"{file}: holds other runs than its name says")
+            (read_stored if file in stored else read_contents)(file)
         except StorageError:
             damaged.append(file)
     return [str(file) for file in files if file not in damaged], [*map(str, damaged)], missing
