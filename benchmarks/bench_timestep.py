@@ -60,12 +60,18 @@ def seconds(run, repeats):
     return float(np.median(spent))
 
 
+def exactly(engine, state, times, record=()):
+    """A run of the exact engine from a state, sampled at these times."""
+    recorder = exact_run.new_recorder(engine, times, record)
+    return exact_run.to_end(engine, exact_run.beginning(engine, state), recorder)
+
+
 def runs_of_the_note(effort):
     """Time per run, bias and departure against the time step, in the note's scene."""
     scene, seeds = read_scene(ROOT / "config/scenes/harrison2020.yaml"), effort.seeds
     states, there = [draw(scene, seed) for seed in range(effort.states)], exact.simulate(scene, range(seeds))
     reference = exact_run.prepare_scene(scene)
-    alone = seconds(lambda: [exact_run.run(reference, state, scene.times) for state in states], effort.repeats)
+    alone = seconds(lambda: [exactly(reference, state, scene.times) for state in states], effort.repeats)
     alone *= 1e3 / len(states)
     pairs = there.observables["pair_collisions"]
     yield f"exact: {alone:.3f} ms a run, {pairs.mean():.1f} pair collisions\n"
@@ -104,10 +110,10 @@ def boxes(effort):
 def box(scene, effort):
     """The lines of one box, whose long run lasts as long as the scene."""
     engine, n, long = exact_run.prepare_scene(scene), scene.particles, scene.times[-1:]
-    melted = exact_run.run(engine, draw(scene, 0), np.array([effort.melting]), {"all"}).whole
+    melted = exactly(engine, draw(scene, 0), np.array([effort.melting]), {"all"}).whole
     state = draw(scene, 0)._replace(position=melted.position[-1], velocity=melted.velocity[-1])
-    alone = milliseconds_of_time(lambda times: exact_run.run(engine, state, times), long, effort)
-    pairs = exact_run.run(engine, state, long).observables["pair_collisions"]
+    alone = milliseconds_of_time(lambda times: exactly(engine, state, times), long, effort)
+    pairs = exactly(engine, state, long).observables["pair_collisions"]
     for dt, collisions in product(effort.box_steps, COLLISIONS):
         stepping = timestep.prepared(scene, dt, collisions)
         stepped = milliseconds_of_time(partial(timestep.run, stepping, state), long, effort)

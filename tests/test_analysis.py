@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from brownpipe import theory
-from brownpipe.analysis import aggregate, displacement, distribution, goodness
+from brownpipe.analysis import aggregate, displacement, distribution
 from brownpipe.analysis.displacement import initial_square_speed
 from brownpipe.engines.ensemble import Track
 from brownpipe.engines.initial_state import draw
@@ -62,20 +62,6 @@ def test_line_that_is_not_defined_is_nan(window):
 def test_rings_are_half_open_and_count_everybody():
     edges = distribution.ring_edges(0.5, 3)
     assert distribution.ring_of(np.array([0.0, 0.49, 0.5, 1.4, 1.5, 9.0]), edges).tolist() == [0, 0, 1, 2, 3, 3]
-
-
-# --- chi-square
-
-
-def test_sparse_bins_are_pooled():
-    sparse = goodness.chi_square([1, 2, 9, 10, 3, 1], [2.0, 4.0, 7.0, 9.0, 3.0, 1.0])
-    assert sparse == goodness.chi_square([3, 9, 14], [6.0, 7.0, 13.0])
-    assert sparse.degrees_of_freedom == 2
-
-
-def test_chi_square_without_freedom_is_nan():
-    assert np.isnan(goodness.chi_square([3, 4], [3.0, 4.0]).p)
-    assert np.isnan(goodness.chi_square([30, 40, 50], [np.nan] * 3).p)
 
 
 # --- the tracer's first steps

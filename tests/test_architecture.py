@@ -10,6 +10,7 @@ from functools import cache
 import pytest
 
 from brownpipe import provenance
+from brownpipe.analysis.dataset import ESTIMATORS
 from brownpipe.engines import DEFINITIONS
 
 LAYERS = [  # each may import those before it
@@ -131,3 +132,11 @@ def test_an_edit_is_another_source_but_line_ends_are_not(tmp_path):
     for name, text in (("one.py", b"A = 1\r\n"), ("three.py", b""), ("layer/two.py~", b""), ("layer/inner/x.py", b"")):
         (tmp_path / name).write_bytes(text)
         assert digest() == digests[-1]
+
+
+def test_every_estimator_is_listed():
+    """One that is not would never run."""
+    files = {
+        file.stem for file in (provenance.PACKAGE / "analysis").glob("*.py") if "\ndef results(" in file.read_text()
+    }
+    assert files == {one.__name__.rpartition(".")[2] for one in ESTIMATORS}

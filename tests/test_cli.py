@@ -97,7 +97,7 @@ def test_nobody_reads_on():
 
 RUN_IT = f"{STUDY}: is a study, not a scene; run it with brownpipe run {STUDY}"
 SIMULATE_IT = f"{SCENE}: is a scene, not a study; run it with brownpipe simulate {SCENE}, or list it in a study"
-NO_RESULTS = "is not a trajectory file or dataset of brownpipe"
+NO_RESULTS = "is cut short or damaged, or not a file of brownpipe"
 COMMAS = "several values of an option are joined by commas"
 
 
@@ -136,9 +136,9 @@ COMMAS = "several values of an option are joined by commas"
         (["simulate", STUDY], RUN_IT),
         (["tradeoff", SCENE], SIMULATE_IT),
         (["tradeoff", STUDY], f"{STUDY}: has no results yet; run it first: brownpipe run {STUDY}"),
-        (["aggregate", SCENE, "--output", "a.nc"], f"{SCENE}: {NO_RESULTS}"),
-        (["aggregate", "DATASET", "--output", "a.nc"], "is a file of brownpipe, but not a"),
-        (["figures", "RUNS", "--output", "f"], "is a file of brownpipe, but not a"),
+        (["aggregate", SCENE, "--output", "a.nc"], NO_RESULTS),
+        (["aggregate", "DATASET", "--output", "a.nc"], "not a trajectory file"),
+        (["figures", "RUNS", "--output", "f"], "not a dataset"),
         (["simulate", "RUNS"], "it is an HDF5 file: brownpipe inspect "),
         # what is in them
         (["aggregate", "RUNS", "RUNS", "--output", "a.nc"], "seed 0 is already in"),

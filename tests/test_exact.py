@@ -417,39 +417,11 @@ def test_lists_are_right_from_block_to_block():
         assert seen["worst_overlap"][0] <= 1e-12
 
 
-def test_a_workspace_that_had_to_grow_changes_nothing():
-    scene = swarm(0.5)
-    run = simulate(scene, [1, 2], {"tracer", "all"})
-    assert np.array_equal(run.whole[1].position, run.whole[2].position)
-    assert np.array_equal(run.tracer.position[:, 0], run.tracer.position[:, 1])
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("candidates_fit_cache", [0, 20_000], ids=["candidates", "no candidates"])
-@pytest.mark.parametrize("phi", [0.14, 0.65])
-def test_prefetching_changes_no_bit(phi, candidates_fit_cache, monkeypatch):
-    """With cells and with lists, as for many disks and as for few."""
-    side = np.sqrt(1200 * np.pi / 4 / phi)
-    disks = {"species": species((1200, 0.5, 1.0)), "placement": "random" if phi < 0.3 else "lattice"}
-    mapping = {"box": box(float(side), float(side), P), "disks": disks, "velocities": {"temperature": 1.0}}
-    scene = parse_scene(mapping | {"duration": 3.0 / phi}, "many.yaml")
-    plain = simulate(scene, [1], {"all"})
-    monkeypatch.setattr(layout, "FITS_CACHE", 0)
-    monkeypatch.setattr(layout, "CANDIDATES_FIT_CACHE", candidates_fit_cache)
-    w = layout.prepare(scene, units.frame_of(scene))
-    assert w.deferred.with_candidates == (candidates_fit_cache == 0 or w.lists is not None)
-    assert all(array.ctypes.data % 64 == 0 for array in (w.disk, w.link, w.bucket, w.cell))
-    prefetched = simulate(scene, [1], {"all"})
-    assert plain.observables["pair_collisions"][0] > 5000
-    assert np.array_equal(plain.whole[1].position, prefetched.whole[1].position)
-    assert plain.observables == prefetched.observables
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fits_cache", [0, 10_000], ids=["deferred", "at once"])
+@pytest.mark.parametrize("fits_cache", [0, 10_000], ids=["prefetched", "as few disks"])
 @pytest.mark.parametrize(("phi", "boundary"), [(0.14, P), (0.65, P), (0.14, W)])
-def test_buckets_that_become_shorter_or_longer_change_no_bit(phi, boundary, fits_cache, monkeypatch):
-    """Within a block, with the events of all disks in the queue."""
+def test_prefetching_and_other_buckets_change_no_bit(phi, boundary, fits_cache, monkeypatch):
+    """With cells and with lists; buckets become shorter or longer with the events of all disks in the queue."""
     scene = crowded(box(30.0, 30.0, boundary), [(int(phi * 900 / (np.pi / 4)), 0.5, 1.0)], 12.0)
     usual = simulate(scene, [1], {"all", "events"})
     checks, fitting = [], layout.with_fitting_buckets
@@ -463,8 +435,13 @@ def test_buckets_that_become_shorter_or_longer_change_no_bit(phi, boundary, fits
     monkeypatch.setattr(exact_run, "FEW_EVENTS", 100)
     monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 500)
     monkeypatch.setattr(layout, "FITS_CACHE", fits_cache)
+    monkeypatch.setattr(layout, "CANDIDATES_FIT_CACHE", 2 * fits_cache)
+    w = layout.prepare(scene, units.frame_of(scene))
+    assert (w.deferred is None) == (fits_cache > 0) and (w.lists is None) == (phi < 0.6)
+    assert all(array.ctypes.data % 64 == 0 for array in (w.disk, w.link, w.bucket, w.cell))
     other = simulate(scene, [1], {"all", "events"})
     assert {(1.0, 4.0), (4.0, 16.0), (16.0, 1.0)} <= {*pairwise(checks)}
+    assert usual.observables["pair_collisions"][0] > 1000
     assert np.array_equal(usual.whole[1].position, other.whole[1].position)
     assert all(np.array_equal(*pair) for pair in zip(usual.events[1], other.events[1], strict=True))
     assert usual.observables == other.observables

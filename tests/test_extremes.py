@@ -4,11 +4,9 @@ Each with the exact answer, or with the refusal that names what is wrong.
 """
 
 import math
-import subprocess
-import sys
+import signal
 from fractions import Fraction
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +20,7 @@ from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.units import State, motion_of
 from brownpipe.errors import RequestError
-from brownpipe.scene.scene import HEAVIEST, SMALLEST_RADIUS, overlap
+from brownpipe.scene.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS, overlap
 from test_exact import FEW, P, W, box, crystal, explicit, make, note_scene
 
 BOTH = pytest.mark.parametrize("boundary", [W, P])
@@ -198,7 +196,7 @@ def neighbours(scene):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14])
+@pytest.mark.parametrize("gap", [1e-2, 1e-6, 1e-10, 1e-14])
 def test_a_packing_keeps_its_neighbours(gap):
     """400,000 collisions in which nobody collides with anyone but its six neighbours at the start.
 
@@ -218,27 +216,13 @@ def test_a_packing_keeps_its_neighbours(gap):
     assert abs(result.observables["energy_drift"][0]) <= 2e-13
 
 
-NO_ROOM = """
-import resource
-resource.setrlimit(resource.RLIMIT_AS, (4 * 2**30, resource.getrlimit(resource.RLIMIT_AS)[1]))
-from brownpipe.engines.exact.simulation import simulate
-from test_exact import crystal
-for record in (set(), {"events"}):
-    for seed, reason in simulate(crystal(6, 0.0, 1.0), [7], record).stopped.items():
-        print(f"seed {seed}: {reason}")
-"""
-
-
-@pytest.mark.slow
-def test_disks_that_touch_all_round_end_with_an_error():
-    """In a process of its own, with limits of time and memory: others run for ever at time 0."""
-    done = subprocess.run(
-        [sys.executable, "-c", NO_ROOM], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=300
-    )
-    assert done.stderr == ""
-    messages = done.stdout.splitlines()
-    assert len(messages) == 2
-    assert all("seed 7" in message and "no progress at t = " in message for message in messages)
+@pytest.mark.parametrize("record", [set(), {"events"}], ids=str)
+def test_disks_that_touch_all_round_end_with_an_error(record):
+    """Others run for ever at time 0: then an alarm ends the process."""
+    signal.alarm(30)
+    stopped = simulate(crystal(6, 0.0, 1.0), [7], record).stopped
+    signal.alarm(0)
+    assert stopped.keys() == {7} and "no progress at t = " in stopped[7]
 
 
 # -- masses, speeds, times ------------------------------------------------------------------------------------------
@@ -382,8 +366,8 @@ def test_the_largest_mass_ratio(boundary):
 
     At equal temperature: a disk so heavy that moved would squeeze a light one against a wall in 1e100 collisions.
     """
-    kinds = [(9, 0.1, 1 / HEAVIEST), (1, 0.1, HEAVIEST)]
-    scene = make(box(2, 2, boundary), kinds, 500.0, velocities={"temperature": 1 / HEAVIEST})
+    kinds = [(9, 0.1, 1.0), (1, 0.1, LARGEST_MASS_RATIO)]
+    scene = make(box(2, 2, boundary), kinds, 500.0, velocities={"temperature": 1.0})
     for run in (simulate(scene, [1], {"all"}), timestep.simulate(scene, [1], {"all"}, time_step=0.01)):
         seen = {key: column[0] for key, column in run.observables.items()}
         assert not seen["failed"]
@@ -438,10 +422,9 @@ def test_pi_collisions(digits):
     [
         ([(10, 0.1, 1.0)], 1e-12),
         ([(5, 0.1, 1.0), (5, 0.1, 7.3)], 1e-12),
-        ([(5, 0.1, 1.0), (5, 0.1, 1e3)], 1e-12),
         ([(9, 0.1, 1.0), (1, 0.1, 1e12)], 1e-9),
     ],
-    ids=["equal", "7.3", "1e3", "1e12"],
+    ids=["equal", "7.3", "1e12"],
 )
 @BOTH
 def test_energy_over_a_million_events(boundary, kinds, bound):

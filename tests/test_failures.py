@@ -15,6 +15,7 @@ from brownpipe.analysis import aggregate
 from brownpipe.analysis.runs import groups_of
 from brownpipe.analysis.varied import failed_runs
 from brownpipe.engines import Engine
+from brownpipe.engines.ensemble import select
 from brownpipe.engines.exact import layout
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact_simulation
@@ -70,16 +71,8 @@ def whole(crowd):
 
 def part(whole, seeds):
     """A batch of some of the seeds, as the engine returns it."""
-    stopped = {seed: whole.stopped[seed] for seed in seeds if seed in whole.stopped}
-    names = ["failed"] if len(stopped) == len(seeds) else [*whole.observables]
-    return whole._replace(
-        seeds=np.array(seeds),
-        tracer=whole.tracer.of(seeds),
-        observables={name: whole.observables[name][seeds] for name in names},
-        whole={seed: track for seed, track in whole.whole.items() if seed in seeds},
-        events={seed: events for seed, events in whole.events.items() if seed in seeds},
-        stopped=stopped,
-    )
+    runs = select(whole, np.array(seeds))
+    return runs if len(runs.stopped) < len(seeds) else runs._replace(observables={"failed": runs.observables["failed"]})
 
 
 def written(path, scene, ensemble, engine=ENGINES[0]):
@@ -99,23 +92,22 @@ def arrays_of(ensemble, seed):
 
 @pytest.mark.parametrize("engine", ENGINES, ids=lambda engine: engine.name)
 def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, engine, faults):
-    """Batches of random seeds in random order."""
-    for _ in range(1):
-        seeds = faults.random.sample(SEEDS, 7)
-        batch = engine.simulate(crowd, seeds, {"tracer", "all"})
-        expected = {seed: reason for one in seeds for seed, reason in alone(engine, one).stopped.items()}
-        assert dict(batch.stopped) == expected
-        assert all(reason.startswith("disks: only ") for reason in expected.values())
-        assert batch.observables["failed"].tolist() == [seed in expected for seed in seeds]
-        assert batch.whole.keys() == set(seeds) - expected.keys()
-        for seed in batch.whole:
-            own, other = arrays_of(batch, seed), arrays_of(alone(engine, seed), seed)
-            assert own.keys() == other.keys()
-            assert all(own[name].tobytes() == other[name].tobytes() for name in own), seed
-        for seed in expected:
-            column = seeds.index(seed)
-            assert np.isnan(batch.tracer.position[:, column]).all() and not batch.tracer.image[:, column].any()
-            assert all(np.isnan(values[column]) for values in batch.observables.values() if values.dtype.kind == "f")
+    """A batch of random seeds in random order."""
+    seeds = faults.random.sample(SEEDS, 7)
+    batch = engine.simulate(crowd, seeds, {"tracer", "all"})
+    expected = {seed: reason for one in seeds for seed, reason in alone(engine, one).stopped.items()}
+    assert dict(batch.stopped) == expected
+    assert all(reason.startswith("disks: only ") for reason in expected.values())
+    assert batch.observables["failed"].tolist() == [seed in expected for seed in seeds]
+    assert batch.whole.keys() == set(seeds) - expected.keys()
+    for seed in batch.whole:
+        own, other = arrays_of(batch, seed), arrays_of(alone(engine, seed), seed)
+        assert own.keys() == other.keys()
+        assert all(own[name].tobytes() == other[name].tobytes() for name in own), seed
+    for seed in expected:
+        column = seeds.index(seed)
+        assert np.isnan(batch.tracer.position[:, column]).all() and not batch.tracer.image[:, column].any()
+        assert all(np.isnan(values[column]) for values in batch.observables.values() if values.dtype.kind == "f")
 
 
 def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(monkeypatch):

@@ -10,6 +10,7 @@ from brownpipe.analysis.displacement import line_weights
 
 TIMES = np.arange(0, 1.01, 0.05)
 SETS = 600
+KNOWN = goodness.Estimated(np.zeros(6), np.zeros(6), 0.0)  # a D that does not depend on the counts
 
 
 def ensembles(runs, edges, sets=SETS, seed=1, sample=-1):
@@ -64,7 +65,7 @@ def test_power_is_the_share_of_tests_that_reject_a_wrong_d():
         if set_ < 20:  # it hardly differs from set to set
             models = [model(ring, one, edges)[1:] for one in estimates]
             wrong = [distribution.expected_ring_counts(2400, edges, 1.0, one.mean() / 4 * 1.05) for one in estimates]
-            said.append([goodness.power(one[0], other, one[1]) for one, other in zip(models, wrong, strict=True)])
+            said.append([goodness.power(one[0], other) for one, other in zip(models, wrong, strict=True)])
     share, stated = np.mean(shares, axis=0), np.mean(said, axis=0)
     assert np.all(np.abs(share - stated) < 4 * np.sqrt(stated * (1 - stated) / 300) + 0.03)
     assert np.all(stated > 0.02)
@@ -74,9 +75,16 @@ def test_a_known_d_gives_pearsons_chi_square():
     from scipy.stats import chisquare
 
     observed, expected = [18, 25, 30, 27], [20.0, 20.0, 35.0, 25.0]
-    test = goodness.chi_square(observed, expected)
+    test = goodness.chi_square(observed, expected, KNOWN)
     assert (test.statistic, test.p) == pytest.approx(tuple(chisquare(observed, expected)))
-    assert test.degrees_of_freedom == 3
+
+
+def test_sparse_bins_are_pooled():
+    sparse = goodness.chi_square([1, 2, 9, 10, 3, 1], [2.0, 4.0, 7.0, 9.0, 3.0, 1.0], KNOWN)
+    assert sparse == goodness.chi_square([3, 9, 14], [6.0, 7.0, 13.0], KNOWN)
+    assert sparse.degrees_of_freedom == 1
+    assert np.isnan(goodness.chi_square([3, 4], [3.0, 4.0], KNOWN).p)
+    assert np.isnan(goodness.chi_square([30, 40, 50], [np.nan] * 3, KNOWN).p)
 
 
 def test_a_d_fitted_to_the_counts_costs_one_degree_of_freedom():

@@ -7,11 +7,9 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from contextlib import suppress
-from pathlib import Path
 
 import psutil
 import pytest
@@ -63,22 +61,20 @@ CROWD = {
 @pytest.mark.slow
 def test_a_signal_at_a_random_moment_ends_a_simulation(tmp_path, faults):
     """While it compiles or loads machine code, runs and writes."""
-    for attempt in range(2):
-        number, status, word = ENDS[attempt % 2]
-        apart = {} if faults.random.random() < 0.5 else {"NUMBA_CACHE_DIR": str(tmp_path / "cache" / str(attempt))}
-        with tempfile.TemporaryDirectory(dir=tmp_path) as folder:
-            (Path(folder) / "scene.yaml").write_text(json.dumps(CROWD))
-            command, pipe = [*MODULE, "simulate", "scene.yaml", "--record", "all"], subprocess.PIPE
-            process = subprocess.Popen(command, cwd=folder, env=os.environ | apart, stderr=pipe, text=True)
-            time.sleep(faults.random.uniform(1.0, 9.0 if apart else 3.0))
-            process.send_signal(number)
-            _, err = process.communicate(timeout=LONGEST)
-            assert process.returncode in (0, status) and "Traceback" not in err, err
-            assert process.returncode == 0 or re.search(rf"^brownpipe: {word}\n\Z", err, re.MULTILINE)
-            left = {path.name for path in Path(folder).rglob("*.*") if path.suffix in (".h5", ".part", ".checkpoint")}
-            assert left == {"scene.h5"} if process.returncode == 0 else left <= {"scene.h5"}, (left, process.returncode)
-            for file in left:
-                read_sealed(f"{folder}/{file}")
+    (tmp_path / "scene.yaml").write_text(json.dumps(CROWD))
+    number, status, word = faults.random.choice(ENDS)
+    apart = {} if faults.random.random() < 0.5 else {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command, pipe = [*MODULE, "simulate", "scene.yaml", "--record", "all"], subprocess.PIPE
+    process = subprocess.Popen(command, cwd=tmp_path, env=os.environ | apart, stderr=pipe, text=True)
+    time.sleep(faults.random.uniform(1.0, 9.0 if apart else 3.0))
+    process.send_signal(number)
+    _, err = process.communicate(timeout=LONGEST)
+    assert process.returncode in (0, status) and "Traceback" not in err, err
+    assert process.returncode == 0 or re.search(rf"^brownpipe: {word}\n\Z", err, re.MULTILINE)
+    left = {path.name for path in tmp_path.glob("*.*") if path.suffix in (".h5", ".part", ".checkpoint")}
+    assert left == {"scene.h5"} if process.returncode == 0 else left <= {"scene.h5"}, (left, process.returncode)
+    for file in left:
+        read_sealed(tmp_path / file)
 
 
 @pytest.fixture(scope="module")
@@ -99,17 +95,16 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_killed_study_goes_on_where_it_was(folder, tmp_path, faults):
-    for number in range(1):
-        study = shutil.copytree(folder, tmp_path / str(number))
-        kill, wanted = faults.random.choice(KILLS), faults.random.randint(1, 4)
-        lost = killed(study, kill, wanted, faults.random.uniform(0, 1))
-        assert len(lost) <= 2, (kill, faults.seed)  # at most one for each core
-        there = batches(study)
-        snakemake(study, "--cores", "2")
-        after = batches(study)
-        assert len(after) == 6 and len(there.items() - after.items()) <= 2, (kill, faults.seed)
-        assert all(file.read_bytes() == (folder / "whole" / file.name).read_bytes() for file in trajectories(study))
-        assert main(["verify", str(study / "results" / "study")]) == DONE
+    study = shutil.copytree(folder, tmp_path / "study")
+    kill, wanted = faults.random.choice(KILLS), faults.random.randint(1, 4)
+    lost = killed(study, kill, wanted, faults.random.uniform(0, 1))
+    assert len(lost) <= 2, kill  # at most one for each core
+    there = batches(study)
+    snakemake(study, "--cores", "2")
+    after = batches(study)
+    assert len(after) == 6 and len(there.items() - after.items()) <= 2, kill
+    assert all(file.read_bytes() == (folder / "whole" / file.name).read_bytes() for file in trajectories(study))
+    assert main(["verify", str(study / "results" / "study")]) == DONE
 
 
 def killed(study, kill, wanted, pause):

@@ -15,8 +15,8 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.forecast import START_UP, Cost
 from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError, RequestError, StorageError
 from brownpipe.study import plan, read_study
-from brownpipe.study.plan import Performance, offers
-from brownpipe.study.run_sets import MOST_PILOT_RUNS, files_of, run_sets
+from brownpipe.study.plan import MOST_PILOT_RUNS, Performance, offers
+from brownpipe.study.run_sets import files_of, run_sets
 from ensembles import make_scene
 
 EXACT = Engine("exact")
@@ -69,7 +69,7 @@ def test_cheapest_that_meets_the_tolerance_comes_first():
 
 def test_bias_and_what_is_not_known_of_it_count_as_error(study_file, here, monkeypatch):
     """Each alone is below the tolerance of 2 %; together they are sqrt(0.015^2 + 0.018^2) = 2.3 %."""
-    monkeypatch.setattr("brownpipe.study.run_sets.MOST_PILOT_RUNS", 10)
+    monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 10)
     values = {"msd_bias": 0.015, "msd_bias_standard_error": 0.018, "msd_spread": 1.0}
     monkeypatch.setattr(tradeoff, "compare", lambda *_: values)
     study = read_study(study_file(seeds=5))
@@ -180,12 +180,12 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file,
     assert (again, pilot.made) == (runs, 0) and [*Path("results/runs").rglob("*.h5")] == [file]
     assert cli.main(["plan", str(path), "--write", "planned.yaml"]) == DONE
     said = capsys.readouterr().out
-    assert f"exact: {runs:,} runs" in said and str(file.parent) in said and "no pilot run had to be made" in said
+    assert f"exact: {runs:,} runs" in said and str(file.parent) in said and "0 pilot runs made" in said
     assert files_of(read_study("planned.yaml"))[0].path == file
 
 
 def test_only_engines_of_the_study_are_considered_in_their_order(study_file, here, monkeypatch, capsys):
-    monkeypatch.setattr("brownpipe.study.run_sets.MOST_PILOT_RUNS", 20)
+    monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 20)
     (here / "scenes" / "few.yaml").write_text(SCENE.replace("mass: 1.0", "mass: 5.0"))
     langevin = {"name": "langevin", "friction": "enskog"}
     for engines in (["exact"], [langevin], [langevin, "exact"]):
@@ -256,14 +256,10 @@ sample_interval: 0.5
         ({"seeds": 5, "tolerance": 0.02}, "seeds: must be given, or a tolerance in their place; not both"),
         ({}, "seeds: must be given, or a tolerance in their place; not both"),
         ({"tolerance": 0}, "tolerance: must be >= 0.000316"),
-        ({"tolerance": "0%"}, "tolerance: must be >= 0.000316"),
-        ({"tolerance": 1e-300}, "tolerance: must be >= 0.000316"),
         ({"tolerance": "200%"}, "tolerance: must be < 1"),
         ({"tolerance": True}, "tolerance: must be a number"),
         ({"tolerance": 0.02, "target": "energy"}, "target: must be 'msd', 'd' or"),
-        ({"seeds": 5, "instead_of": {"many": "few"}}, "instead_of.many: must be a scene of the study"),
         ({"seeds": 5, "instead_of": {"few": "few"}}, "instead_of.few: must be other scenes with the sample times"),
-        ({"seeds": 5, "engines": [{"name": "exact", "scenes": "many"}]}, "engines[0].scenes: must be a scene of"),
         ({"seeds": 5, "engines": ["exact", {"name": "exact", "seeds": 3}]}, "engines: must be engines or settings"),
     ],
 )
@@ -331,7 +327,7 @@ sample_interval: 0.5
     [("0.1", "within the runs: not equilibrated; try equilibrate.time: "), ("10", "no drift found")],
 )
 def test_a_plan_says_whether_its_pilot_runs_are_settled(study_file, here, capsys, monkeypatch, time, said):
-    monkeypatch.setattr("brownpipe.study.run_sets.MOST_PILOT_RUNS", 50)
+    monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 50)
     path = study_file(seeds=10)
     (path.parent / "scenes" / "few.yaml").write_text(LATTICE.replace("TIME", time))
     assert cli.main(["plan", str(path), "--tolerance", "20%"]) == DONE

@@ -67,7 +67,8 @@ def test_digest_is_of_the_physics_alone():
 
 
 lengths = st.floats(1e-3, 0.3)
-masses = st.floats(1e-100, 1e100)
+heaviest = st.floats(1e-100, 1e300)
+ratios = st.floats(1e-200, 1)
 components = st.floats(-1e160, 1e160)
 
 
@@ -77,6 +78,8 @@ def scenes(draw) -> Scene:
     low, duration = draw(st.floats(-1e6, 1e6)), draw(st.floats(1e-150, 1e9))
     box = {"x": [low, low + 7], "y": [0.0, 9.0], "boundary": draw(st.sampled_from(["reflecting", "periodic"]))}
     mapping = {"box": box, "duration": duration, "sample_interval": duration / draw(st.integers(1, 1000))}
+    most = draw(heaviest)
+    masses = ratios.map(lambda ratio: max(ratio * most, 1.001e-200 * most))
     if draw(st.booleans()):
         disks = [
             disk(low + 1 + i, 1.0, draw(lengths), draw(masses), (draw(components), draw(components))) for i in range(3)
@@ -89,7 +92,7 @@ def scenes(draw) -> Scene:
         disks["tracer"] |= draw(st.sampled_from([{}, {"position": [low + 1, 1.0]}]))
         mapping["equilibrate"] = {"time": draw(st.sampled_from([0, 2.5])), "tracer": "free"}
     spread = draw(st.sampled_from(["standard_deviation", "temperature"]))
-    energy = st.floats(1e-5, 1e100)
+    energy = st.floats(1e-5, 1e5).map(lambda square: square * most)
     sizes = {"standard_deviation": st.floats(0, 1e160), "temperature": st.just(0.0) | energy}
     velocities = {spread: draw(sizes[spread]), "zero_momentum": draw(st.booleans())}
     return parse_scene(mapping | {"disks": disks, "velocities": velocities}, "drawn.yaml")
@@ -201,6 +204,19 @@ def test_more_disks_than_can_fit_are_refused(boundary):
         species(kind(1040), box=box)
     closed = {"x": [0, 2.0], "y": [0, 2 * math.sqrt(3)], "boundary": boundary}  # hexagonal, if it is periodic
     assert species(kind(200, radius=0.1), box=closed).packing_fraction == pytest.approx(0.9069, 1e-4)
+
+
+# -- what floating-point numbers can tell apart ---
+
+
+@pytest.mark.parametrize("masses", [(1e-100, 1e100), (1e100, 1e300), (1e-300, 1e-100)])
+def test_masses_up_to_a_factor_of_1e200(masses):
+    """Engines: `test_extremes.test_the_largest_mass_ratio`."""
+    light, heavy = masses
+    assert explicit(disk(mass=light), disk(x=1, mass=heavy)).particles == 2
+    assert species(kind(1, mass=1.0), kind(0, name="none", mass=1e300)).particles == 1
+    with pytest.raises(RequestError, match=r"^test.yaml: disks: must be masses within a factor of 1e\+200, not "):
+        explicit(disk(mass=1.01 * heavy), disk(x=1, mass=light))
 
 
 def test_a_scene_with_another_value_of_a_key():

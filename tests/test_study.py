@@ -14,7 +14,7 @@ from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.scene.seeds import ranges, read_seeds, seed_text
 from brownpipe.storage.store import stored_batches, without
-from brownpipe.study import read_study
+from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import batches, batches_of, commands, digests, figure_options, files_of, run_sets
 from brownpipe.study.study import Rings
 from brownpipe.study.workflow import from_command_line
@@ -83,6 +83,23 @@ def test_title_note_and_panel_concern_the_figures_alone():
     assert figure_options(masses) == ["--panel", "tracer_mass"]
     before, after = digests(small()), digests(study)
     assert {step for step in before if before[step] != after[step]} == {"figures"}
+
+
+OTHERS = {  # keys with another value than in config/small.yaml
+    "scenes": "scenes/harrison2020.yaml", "particles": [50], "vary": {"duration": [1, 2]}, "vary_together": True,
+    "shown_particles": 50, "engines": [{"name": "timestep", "time_step": 0.001}], "seeds": 7, "tolerance": 0.1,
+    "target": "d", "record": "none", "observables": "species_energy", "average": "origins", "title": "A", "note": "B",
+    "figures": "msd", "panel": "scene", "displacement_times": [0.5], "fit_windows": [[0.2, 1]],
+    "rings": {"dr": 0.1, "count": 9}, "instead_of": {"harrison2020": "harrison2020_thermal"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("key", Study.model_fields.keys() - {"batch", "allow_failed"})
+def test_every_key_decides_runs_or_a_later_step(key):
+    """But for those that results do not depend on."""
+    before, replaced = small(), {key: OTHERS[key]}
+    after = before.model_copy(update=replaced) if key == "average" else small(**replaced)  # these scenes have none
+    assert (commands(before).keys(), digests(before)) != (commands(after).keys(), digests(after))
 
 
 @pytest.mark.parametrize(("figure", "observables"), [("thermodynamics", []), ("energy", "species_energy")])

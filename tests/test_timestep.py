@@ -145,13 +145,11 @@ def test_how_neighbours_are_found_changes_no_bit(name, collisions):
     """Long and short lists, lists that are renewed at every step, and lists that have too little room at first."""
     scene = SCENES[name]
     engine = timestep.prepared(scene, DT, collisions)
-    wide = np.ones(4)
     runs = []
     for skin in (engine.workspace.skin, 0.0, 0.3, 10.0):
         w = engine.workspace._replace(skin=skin)
         if skin == 10.0:
-            few = [column[:4] if j < 2 else wide.copy() for j, column in enumerate(w.within)]
-            w = w._replace(within=type(w.within)(*few))
+            w = w._replace(capacity=4)
         runs.append(timestep.run(engine._replace(workspace=w), draw(scene, 2), scene.times, {"all"}))
     for other in runs[1:]:
         assert np.array_equal(other.whole.position, runs[0].whole.position)

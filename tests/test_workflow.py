@@ -38,6 +38,7 @@ scenes: [scenes/hot.yaml, scenes/thermal.yaml]
 particles: [8, 12]
 seeds: 10
 batch: 10
+figures: [msd, displacement_distribution, health]
 """
 PICTURES = ("*.png", "*.svg", "*.csv", "*.txt", "*.html")
 pytestmark = pytest.mark.slow
@@ -150,21 +151,23 @@ FIGURES = {"simulate": 0, "aggregate": 0, "figures": 1}
 ANALYSIS = {"simulate": 0, "aggregate": 1, "figures": 1}
 
 
-@pytest.mark.parametrize("is_remembered", [True, False])
+CHANGES = (
+    ("scenes/hot.yaml", "# a hot tracer", "# another comment", NOTHING),
+    ("study.yaml", "[msd, displacement_distribution, health]", "[msd]", FIGURES),
+    ("results/study/figures/health.svg", "", "deleted", FIGURES),
+    ("scenes/hot.yaml", "mass: 0.4", "mass: 0.5", HALF),
+    ("study.yaml", "seeds: 10", "seeds: 20", ALL),  # the second batch of each case
+    ("study.yaml", "seeds: 10", "seeds: 7", ANALYSIS),
+    ("study.yaml", "seeds: 10", "seeds: 10\nfit_windows: [[0.2, 1.0]]", ANALYSIS),
+    ("study.yaml", "seeds: 10", "seeds: 10\nobservables: [square_displacement]", ALL),
+    ("results/runs/hot/N8/*/0-9.h5", "", "deleted", ONE),
+    ("results/study/aggregate/study.nc", "", "deleted", ANALYSIS),
+)
+
+
 @pytest.mark.parametrize(
-    ("file", "old", "new", "jobs"),
-    [
-        ("scenes/hot.yaml", "# a hot tracer", "# another comment", NOTHING),
-        ("scenes/hot.yaml", "mass: 0.4", "mass: 0.5", HALF),
-        ("study.yaml", "seeds: 10", "seeds: 20", ALL),  # the second batch of each case
-        ("study.yaml", "seeds: 10", "seeds: 7", ANALYSIS),
-        ("study.yaml", "seeds: 10", "seeds: 10\nfit_windows: [[0.2, 1.0]]", ANALYSIS),
-        ("study.yaml", "seeds: 10", "seeds: 10\nfigures: [msd]", FIGURES),
-        ("study.yaml", "seeds: 10", "seeds: 10\nobservables: [square_displacement]", ALL),
-        ("results/runs/hot/N8/*/0-9.h5", "", "deleted", ONE),
-        ("results/study/aggregate/study.nc", "", "deleted", ANALYSIS),
-        ("results/study/figures/health.svg", "", "deleted", FIGURES),
-    ],
+    ("file", "old", "new", "jobs", "is_remembered"),
+    [(*change, False) for change in CHANGES] + [(*change, True) for change in CHANGES[:3]],
 )
 def test_a_change_makes_what_depends_on_it_and_nothing_else(study, file, old, new, jobs, is_remembered):
     """Also in a folder that was copied without times, with results from the future, and without `.snakemake`."""
@@ -221,62 +224,54 @@ def test_added_seeds_run_alone_and_other_studies_and_keys_use_the_same_runs(stud
     assert "simulate" not in done.printed.partition("Job stats:")[2]
 
 
-def test_a_run_file_in_the_place_of_another_is_refused_by_name(study):
-    one, other = sorted((study / "results/runs/hot").rglob("*.h5"))
-    shutil.copy(one, other)
-    (study / "results/study/aggregate/study.nc").unlink()
-    assert f"{other.relative_to(study)}: holds other runs than its name says" in snakemake(study, "-j1", fails=True)
+def due(study, verb):
+    """The words of the only job of a verb that is due."""
+    printed = snakemake(study, "--dry-run")
+    (command,) = re.findall(rf"brownpipe ({verb} .*) > ", printed)
+    return shlex.split(command)
 
 
-def test_a_dataset_in_the_place_of_another_is_refused_by_name(study):
-    dataset = study / "results/study/aggregate/study.nc"
-    assert main(["aggregate", str(next((study / "results/runs/hot").rglob("*.h5"))), "--output", str(dataset)]) == DONE
-    (study / "results/study/figures/health.svg").unlink()
-    assert f"{dataset.relative_to(study)}: is not of this study" in snakemake(study, "-j1", fails=True)
-
-
-def test_a_scene_that_is_edited_while_its_study_runs_is_refused(study, monkeypatch, capsys):
-    (study / "results/runs/hot/N8").rename(study / "gone")
-    (command,) = re.findall(r"^Shell command: brownpipe (simulate .*) > ", snakemake(study, "--dry-run"), re.MULTILINE)
-    (study / "scenes/hot.yaml").write_text(SCENE.replace("mass: 0.4", "mass: 0.5"))
+def test_a_file_in_the_place_of_another_and_a_scene_that_is_edited_meanwhile_are_refused(study, monkeypatch, capsys):
     monkeypatch.chdir(study)
-    assert main(shlex.split(command)) == WRONG_REQUEST
+    one, other = sorted(Path("results/runs/hot").rglob("*.h5"))
+    dataset, figure = Path("results/study/aggregate/study.nc"), Path("results/study/figures/health.svg")
+    figure.unlink()
+    command = due(study, "figures")
+    assert main(["aggregate", str(one), "--output", str(dataset)]) == DONE
+    assert main(command) == WRONG_REQUEST and f"{dataset}: is not of this study" in capsys.readouterr().err
+    dataset.unlink()
+    shutil.copy(one, other)
+    assert main(due(study, "aggregate")) != DONE
+    assert f"{other}: holds other runs than its name says" in capsys.readouterr().err
+    other.unlink()
+    command = due(study, "simulate")
+    Path("scenes/hot.yaml").write_text(SCENE.replace("mass: 0.4", "mass: 0.5"))
+    assert main(command) == WRONG_REQUEST
     assert "scenes/hot.yaml: has changed since the study was planned" in capsys.readouterr().err
 
 
 def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_is(study):
+    file = next((study / "results/runs/hot/N8").rglob("*.h5"))
+    file.unlink()
+    words = "--cores", "1", str(file.relative_to(study))
     (study / ".snakemake/locks").mkdir()
     for name in ("0.input.lock", "0.output.lock"):
-        (study / ".snakemake/locks" / name).write_text("results/study/report.html\n")
-    (study / "results/study/report.html").unlink()
+        (study / ".snakemake/locks" / name).write_text(f"{words[-1]}\n")
     with open(study / ".snakemake/brownpipe.lock", "w") as alive:
         fcntl.flock(alive, fcntl.LOCK_SH)
-        assert "another run writes in this folder" in snakemake(study, "--cores", "1", fails=True)
-    snakemake(study, "--cores", "1")
-    assert (study / "results/study/report.html").is_file()
+        assert "another run writes in this folder" in snakemake(study, *words, fails=True)
+    snakemake(study, *words)
+    assert file.is_file()
 
 
 # -- what goes wrong ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--config", "sed=3"], "study.yaml with sed replaced: sed: unknown key; did you mean seeds?"),
-        (["--config", "batch=-1"], "batch: must be >= 1, not -1"),
-        (["--config", "scenes=scenes/absent.yaml"], "scenes/absent.yaml: cannot be read: No such file or directory"),
-    ],
-)
-def test_a_wrong_study_is_refused_in_one_line(tmp_path, arguments, message):
-    printed = snakemake(write_study(tmp_path / "study"), "--dry-run", *arguments, fails=True)
-    lines = [line for line in printed.splitlines() if not line.startswith("Using ")]
-    assert len(lines) == 1
-    assert lines[0].startswith("brownpipe: ")
-    assert message in lines[0]
+def test_a_wrong_study_is_refused_in_one_line(tmp_path):
+    printed = snakemake(write_study(tmp_path / "study"), "--dry-run", "--config", "sed=3", fails=True)
+    (line,) = (line for line in printed.splitlines() if not line.startswith("Using "))
+    assert line.startswith("brownpipe: ") and "study.yaml with sed replaced: sed: unknown key; did you mean" in line
     assert not (tmp_path / "study" / "results").exists()
-
-
-# -- report and style -----------------------------------------------------------------------------------------------
 
 
 # -- style ----------------------------------------------------------------------------------------------------------

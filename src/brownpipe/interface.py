@@ -148,8 +148,8 @@ def simulate(
     numbers = read_seeds(plain(seeds))
     cores = validated(AtLeastOne, plain(cores), key="cores")
     forecast_of_runs(chosen, scene, numbers, recorded, names, average)
-    if remark := chosen.definition.caution(scene):
-        warnings.warn(remark, stacklevel=3)
+    for caution in chosen.cautions(scene, names):
+        warnings.warn(caution, stacklevel=3)
     make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average)
     with progress.shown("simulate", silent=quiet):
         parts = stored_runs(scene, chosen, runs_digest(scene, chosen, recorded, names, average), np.asarray(numbers))

@@ -16,13 +16,11 @@ MOST_EVENTS = 1_000_000_000  # a run that is stuck ends here
 
 
 def note_loop(start: Start, duration: float, most_events: int = MOST_EVENTS) -> Outcome:
-    """Run by the note's loop."""
-    position, velocity = start.state.position.copy(), start.state.velocity.copy()
+    """Run by the note's loop, which is compiled once, for arrays of one type."""
+    position, velocity, radius, mass = (np.array(column, order="C") for column in start.state)
     walls, counts, impulse = np.array((*start.x, *start.y)), np.zeros(2, np.int64), np.zeros(4)
     with np.errstate(all="ignore"):
-        depth = _loop(
-            position, velocity, start.state.radius, start.state.mass, walls, duration, most_events, counts, impulse
-        )
+        depth = _loop(position, velocity, radius, mass, walls, float(duration), most_events, counts, impulse)
     return measured(start, position, velocity, counts, impulse, depth)
 
 

@@ -187,7 +187,7 @@ def _test(
         "degrees_of_freedom": test.degrees_of_freedom,
         "p_value": test.p,
         "p_value_joint": goodness.both(test.p, of_shape),
-        "power_5_percent": min(goodness.power(expected, other, source, level) for other in wrong),
+        "power_5_percent": min(goodness.power(expected, other, level) for other in wrong),
     }
 
 

@@ -20,7 +20,8 @@ from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import settling_time
-from brownpipe.observables.quarters import ARRAYS, claims_equilibrium, ends_of_quarters
+from brownpipe.observables import ARRAYS
+from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
@@ -29,7 +30,7 @@ FEWEST_RUNS = 8
 TOO_FEW = f"too few runs, samples or collisions to tell whether it is in equilibrium; {FEWEST_RUNS} runs are needed"
 POWER = 0.9
 LONGER = 2.0
-COUNTED = ("kinetic_energy", *ARRAYS)  # numbers of a run
+COUNTED = ("kinetic_energy", *(name for name, array in ARRAYS.items() if "quarter" in array.dims))  # in every run
 
 
 class Drift(NamedTuple):

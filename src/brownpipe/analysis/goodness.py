@@ -43,28 +43,25 @@ class Estimated(NamedTuple):
     variance: float  # of s_i/<s> over runs
 
 
-def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | None = None) -> ChiSquare:
+def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated) -> ChiSquare:
     """Return Pearson's test of counts (K,) against expected counts (K,) of the same total.
 
     Neighbouring bins are pooled until each expects FEWEST_EXPECTED. The nominal number of degrees of freedom is that of
-    the pooled bins minus one for the total and one for a D that is `Estimated`; p follows from the distribution at the
-    head of this module.
+    the pooled bins minus one for the total and one for D; p follows from the distribution at the head of this module.
     """
     from scipy.special import gammaincc
 
     pools = _pools(expected)
     observed, expected = _pooled(observed, pools), _pooled(expected, pools)
-    freedom = len(expected) - 1 - (source is not None)
+    freedom = len(expected) - 2
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
-    weights = np.ones(2)
-    if source is not None:
-        runs, root = expected.sum(), np.sqrt(expected)
-        b, c = _pooled(source.change, pools) / root, _pooled(source.shared, pools) / root / runs
-        bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
-        middle = source.variance / runs * bb / 2 - bc
-        apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
-        weights = np.maximum([1 + middle + apart, 1 + middle - apart], 0.0)
+    runs, root = expected.sum(), np.sqrt(expected)
+    b, c = _pooled(source.change, pools) / root, _pooled(source.shared, pools) / root / runs
+    bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
+    middle = source.variance / runs * bb / 2 - bc
+    apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
+    weights = np.maximum([1 + middle + apart, 1 + middle - apart], 0.0)
     statistic = ((observed - expected) ** 2 / expected).sum()
     powers = weights, weights**2, weights**3
     first, second, third = (len(expected) - 3 + power.sum() for power in powers)
@@ -73,7 +70,7 @@ def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated | N
     return ChiSquare(statistic, freedom, float(gammaincc(degrees / 2, max(scaled, 0.0) / 2)))
 
 
-def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = None, level: float = LEVEL) -> float:
+def power(expected: np.ndarray, others: np.ndarray, level: float = LEVEL) -> float:
     """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,) holds.
 
     X^2 is then taken for a noncentral chi-square with the nominal number of degrees of freedom. For a D from the same
@@ -84,7 +81,7 @@ def power(expected: np.ndarray, others: np.ndarray, source: Estimated | None = N
 
     pools = _pools(expected)
     expected, others = _pooled(expected, pools), _pooled(others, pools)
-    freedom = len(expected) - 1 - (source is not None)
+    freedom = len(expected) - 2
     if freedom < 1 or not np.all(np.isfinite(expected + others)):
         return np.nan
     return float(1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum()))

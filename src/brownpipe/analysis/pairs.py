@@ -4,6 +4,8 @@ P pairs of species, R bins of distance, K species, B bins of distance from a wal
 section 3.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -30,17 +32,22 @@ FEW = 20  # pairs in a bin, of all runs together
 NORMAL = 1.96  # standard errors in half a 95 % interval
 
 
-def numbers_of_pairs(scene: Scene) -> tuple:
-    """Return the table of species, and for every pair of them, a <= b, (a, b, number of pairs of disks)."""
-    table = species_table(scene)
-    every = np.triu(np.outer(table.number, table.number)) - np.diag(table.number * (table.number + 1) / 2)
-    return table, [(a, b, every[a, b]) for a, b in species_pairs(table)]
+class SpeciesPairs(NamedTuple):
+    """The P pairs of species."""
+
+    a: np.ndarray  # (P,) index of a species
+    b: np.ndarray  # (P,) that of the other, a <= b
+    number: np.ndarray  # (P,) pairs of disks
+    contact: np.ndarray  # (P,) distance of the two disks at contact [length]
 
 
-def contact_distances(scene: Scene) -> list[float]:
-    """Return the distance [length] of the two disks at contact for every pair of species."""
-    kinds, pairs = numbers_of_pairs(scene)
-    return [kinds.radius[a] + kinds.radius[b] for a, b, _ in pairs]
+def pairs_in(scene: Scene) -> SpeciesPairs:
+    """Return the pairs of species in a scene."""
+    _, number, radius, *_ = table = species_table(scene)
+    a, b = np.array(species_pairs(table), int).reshape(-1, 2).T
+    return SpeciesPairs(
+        a, b, np.where(a == b, number[a] * (number[a] - 1) / 2, number[a] * number[b]), radius[a] + radius[b]
+    )
 
 
 def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
@@ -48,23 +55,14 @@ def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
 
     Periodic box: the area of the ring over that of the box. Walls: two uniform points, each in the rectangle accessible
     to its species, so that g(r) = 1 for an ideal gas at all distances. A lone disk need not be distributed uniformly:
-    see `_of_ideal`.
+    see `_per_lone`.
     """
-    kinds, pairs = numbers_of_pairs(scene)
+    a, b, number, _ = pairs_in(scene)
     if scene.box.periodic:
-        share = np.pi * np.diff(edges**2) / scene.box.area
-        return np.array([number * share for _, _, number in pairs])
-    areas = [scene.box.accessible(radius)[1] for radius in kinds.radius]
-    return np.array([number * theory.pair_distance_probability(edges, areas[a], areas[b]) for a, b, number in pairs])
-
-
-def decays(scene: Scene) -> np.ndarray:
-    """Return -d ln g/dr (P,) [1/contact distance] just beyond contact, approximately."""
-    kinds, pairs = numbers_of_pairs(scene)
-    phi = min(scene.packing_fraction, DENSEST)
-    density = kinds.number / scene.box.area * (phi / scene.packing_fraction)
-    chi = theory.mixture_contact_values(density, 2 * kinds.radius)
-    return np.array([DECAY * phi * chi[a, b] for a, b, _ in pairs])
+        return number[:, None] * np.pi * np.diff(edges**2) / scene.box.area
+    areas = [scene.box.accessible(radius)[1] for radius in species_table(scene).radius]
+    shares = [theory.pair_distance_probability(edges, areas[k], areas[m]) for k, m in zip(a, b, strict=True)]
+    return number[:, None] * shares
 
 
 def contact_weights(edges: np.ndarray, contact: float, decay: float, flat: bool = False) -> np.ndarray:
@@ -72,38 +70,23 @@ def contact_weights(edges: np.ndarray, contact: float, decay: float, flat: bool 
 
     With x = r/contact - 1, a polynomial of degree ORDER in x times (1 + decay x/16)^-16, nearly exponential, is fitted
     to the averages of g over the areas of the bins up to NEAR, by least squares with the areas as weights. The bins are
-    rings, or strips along a wall if `flat`. NaN if there are too few bins for the next degree.
+    rings, or strips along a wall if `flat`. Averages are taken by three-point Gauss-Legendre quadrature. NaN if there
+    are too few bins for the next degree.
     """
     inside = (edges[:-1] >= contact * (1 - 1e-9)) & (edges[1:] <= contact * NEAR * (1 + 1e-9))
     weights = np.zeros((2, len(inside)))
     if np.count_nonzero(inside) < ORDER + 2:
         return np.full(weights.shape, np.nan)
-    low, high = edges[:-1][inside] / contact, edges[1:][inside] / contact
-    area = high - low if flat else high**2 - low**2
-    basis: list[tuple[np.ndarray, float]] = []  # orthonormal columns, and the value of each at contact
-    for degree in range(ORDER + 2):
-        column, at_contact = _bin_averages(low, high, degree, decay, flat), float(degree == 0)
-        for other, value in basis:  # Gram-Schmidt
-            along = (area * column * other).sum()
-            column, at_contact = column - along * other, at_contact - along * value
-        norm = np.sqrt((area * column**2).sum())
-        basis.append((column / norm, at_contact / norm))
-        weights[int(degree > ORDER), inside] += area * basis[-1][0] * basis[-1][1]
+    low, high = (ends[inside, None] / contact - 1 for ends in (edges[:-1], edges[1:]))
+    node, share = np.polynomial.legendre.leggauss(3)
+    x = ((1 - node) * low + (1 + node) * high) / 2  # (bins, nodes)
+    area = (high - low) * share * (1 if flat else 1 + x)
+    powers = (x[..., None] / (NEAR - 1)) ** np.arange(ORDER + 2)
+    averages = ((area / (1 + decay * x / 16) ** 16)[..., None] * powers).sum(axis=1) / area.sum(axis=1, keepdims=True)
+    root = np.sqrt(area.sum(axis=1))
+    of_order, of_next = (np.linalg.pinv(root[:, None] * averages[:, :n])[0] * root for n in (ORDER + 1, ORDER + 2))
+    weights[:, inside] = of_order, of_next - of_order
     return weights
-
-
-def _bin_averages(low: np.ndarray, high: np.ndarray, degree: int, decay: float, flat: bool) -> np.ndarray:
-    """Averages over the areas of bins of x^degree (1 + decay x/16)^-16, by three-point Gauss-Legendre quadrature."""
-    total = np.zeros(len(low))
-    for node, weight in ((-np.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (np.sqrt(0.6), 5 / 18)):
-        r = (low + high) / 2 + node * (high - low) / 2
-        f = 1.0 / (1.0 + decay * (r - 1.0) / 16)
-        for _ in range(4):
-            f = f * f
-        for _ in range(degree):
-            f = f * (r - 1.0)
-        total = total + weight * (f if flat else r * f)
-    return total if flat else total / ((low + high) / 2)
 
 
 def wall_weights(scene: Scene) -> np.ndarray:
@@ -118,16 +101,15 @@ def wall_weights(scene: Scene) -> np.ndarray:
     return np.stack([contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1)
 
 
-def truncation(following: Estimate) -> np.ndarray:
-    """Return the truncation error from the next order: sqrt(mean^2 - standard error^2), or 0."""
-    return np.sqrt(np.maximum(following.mean**2 - following.standard_error**2, 0.0))
+def widened(estimate: Estimate, following: Estimate) -> Estimate:
+    """Return the Estimate with the truncation error added in quadrature to its standard error and interval.
 
-
-def widened(estimate: Estimate, error: np.ndarray) -> Estimate:
-    """Return the Estimate with a systematic `error` added in quadrature to its standard error and interval."""
-    reach = [np.sqrt((end - estimate.mean) ** 2 + (NORMAL * error) ** 2) for end in (estimate.low, estimate.high)]
-    total = np.sqrt(estimate.standard_error**2 + error**2)
-    return Estimate(estimate.mean, total, estimate.mean - reach[0], estimate.mean + reach[1])
+    This error is that of the next order, whose own noise is subtracted: sqrt(mean^2 - standard error^2), or 0.
+    """
+    square = np.maximum(following.mean**2 - following.standard_error**2, 0.0)
+    reach = [np.sqrt((end - estimate.mean) ** 2 + NORMAL**2 * square) for end in (estimate.low, estimate.high)]
+    error = np.sqrt(estimate.standard_error**2 + square)
+    return Estimate(estimate.mean, error, estimate.mean - reach[0], estimate.mean + reach[1])
 
 
 def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, duration: float) -> np.ndarray:
@@ -138,17 +120,15 @@ def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, dura
     Mathematical Theory of Non-Uniform Gases, ch. 5, in two dimensions). At the constant energy of a run the mean speed
     is larger by 1/`thermodynamics.mean_root`.
     """
-    kinds, pairs = numbers_of_pairs(scene)
-    areas = [scene.box.accessible(radius)[1] for radius in kinds.radius]
-    chi = np.full(collisions.shape, np.nan)
-    for k, (a, b, number) in enumerate(pairs):
-        contact, mu = kinds.radius[a] + kinds.radius[b], theory.reduced_mass(kinds.mass[a], kinds.mass[b])
-        near = 2 * np.pi * contact / scene.box.area
-        p = near if scene.box.periodic else float(theory.pair_distance_density_between(contact, areas[a], areas[b]))
-        if number > 0 and p > 0:
-            expected = duration * number * p * np.sqrt(kt / (2 * np.pi * mu)) / mean_root(scene)
-            chi[:, k] = collisions[:, k] / expected
-    return chi
+    (_, _, radius, mass, _), (a, b, number, contact) = species_table(scene), pairs_in(scene)
+    if scene.box.periodic:
+        p = 2 * np.pi * contact / scene.box.area
+    else:
+        areas = [scene.box.accessible(one)[1] for one in radius]
+        each = zip(contact, a, b, strict=True)
+        p = np.array([theory.pair_distance_density_between(one, areas[k], areas[m]) for one, k, m in each], float)
+    rate = p * np.sqrt(kt[:, None] / (2 * np.pi * theory.reduced_mass(mass[a], mass[b]))) / mean_root(scene)
+    return _over(collisions, duration * number * rate)
 
 
 def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
@@ -179,31 +159,35 @@ def bin_edges(scene: Scene) -> np.ndarray:
 
 def weights_of(scene: Scene) -> np.ndarray:
     """Return the `contact_weights` (2, P, R) of every pair of species."""
-    edges, pairs = bin_edges(scene), zip(contact_distances(scene), decays(scene), strict=True)
-    return np.stack([contact_weights(edges, *pair) for pair in pairs], axis=1)
+    a, b, _, contact = pairs_in(scene)
+    _, number, radius, *_ = species_table(scene)
+    phi = min(scene.packing_fraction, DENSEST)
+    density = number / scene.box.area * (phi / scene.packing_fraction)
+    decays = DECAY * phi * theory.mixture_contact_values(density, 2 * radius)[a, b]
+    edges = bin_edges(scene)
+    return np.stack([contact_weights(edges, *pair) for pair in zip(contact, decays, strict=True)], axis=1)
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return g(r), contact values, and the density at the walls; in the totals numbers of pairs."""
-    by_rate, seen = _by_rate(case, runs) | _wall_columns(case, runs), runs.observables
+    seen = runs.observables
+    means = _by_rate(case, runs)
+    if "density_profile" in seen:
+        means |= _extrapolated("contact_density", seen["density_profile"], wall_weights(case.scene))
     if "pair_counts" not in seen:
-        return Columns(by_rate)
-    uniform = ideal(case.scene, bin_edges(case.scene)) * np.asarray(seen["pair_snapshots"], float)[:, None, None]
+        return Columns(means)
+    uniform = ideal(case.scene, bin_edges(case.scene)) * seen["pair_snapshots"][:, None, None]
     counts = np.asarray(seen["pair_counts"], float)
     g, around_lone = _over(counts, uniform), _over(seen.get("pair_expected", np.full_like(counts, np.nan)), uniform)
-    value, following = ((g * of_order).sum(axis=-1) for of_order in weights_of(case.scene))
-    means = {"pair_distribution": g, "contact_value": value, "contact_value_following": following}
+    means |= {"pair_distribution": g} | _extrapolated("contact_value", g, weights_of(case.scene))
     totals = {"pairs": counts, "one_pair": _over(np.ones_like(uniform), uniform), "around_lone": around_lone}
-    return Columns(means | by_rate, {name: values.sum(axis=0) for name, values in totals.items()})
+    return Columns(means, {name: values.sum(axis=0) for name, values in totals.items()})
 
 
-def _wall_columns(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
-    """Columns of the density at the walls and of its change by the next order, (n, K)."""
-    if "density_profile" not in runs.observables:
-        return {}
-    density = np.asarray(runs.observables["density_profile"], float)
-    contact, following = ((density * weights).sum(axis=-1) for weights in wall_weights(case.scene))
-    return {"contact_density": contact, "contact_density_following": following}
+def _extrapolated(name: str, values: np.ndarray, weights: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of the value at contact, and of its change by the next order, for `weights` (2, ...)."""
+    of_order, following = ((values * of_one).sum(axis=-1) for of_one in weights)
+    return {name: of_order, f"{name}_following": following}
 
 
 def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -227,7 +211,7 @@ def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate
     """
     estimate = averages.estimate("pair_distribution").scaled(_per_lone(around_lone))
     pairs, one = averages.totals["pairs"], averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone)
-    beyond = bin_edges(case.scene)[1:] > np.array(contact_distances(case.scene))[:, None]
+    beyond = bin_edges(case.scene)[1:] > pairs_in(case.scene).contact[:, None]
     few = (pairs < FEW) & beyond & np.isfinite(estimate.low)
     low, high = (np.where(few, end * one, np.nan) for end in resampling.wilson_interval(pairs))
     return estimate._replace(low=np.fmin(estimate.low, low), high=np.fmax(estimate.high, high))
@@ -240,17 +224,16 @@ def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> Esti
     following = averages.estimate("contact_value_following")
     of_ideal = np.where(np.isfinite(of_lone), estimate.mean * following_of_lone, 0.0)
     following = following._replace(mean=following.mean - of_ideal).scaled(_per_lone(of_lone))
-    return widened(estimate, truncation(following))
+    return widened(estimate, following)
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
     """Return g(r), the contact values and the density at the walls with the errors of extrapolation."""
     values: dict[str, ArrayLike | Estimate] = {}
     if "contact_density" in averages:
-        error = truncation(averages.estimate("contact_density_following"))
-        values["contact_density"] = widened(averages.estimate("contact_density"), error)
+        values["contact_density"] = widened(*map(averages.estimate, ("contact_density", "contact_density_following")))
     if {"pair_distribution", "contact_value_rate"} & averages.places.keys():
-        values["contact_distance"] = contact_distances(case.scene)
+        values["contact_distance"] = pairs_in(case.scene).contact
     if "pair_distribution" in averages:
         around_lone = averages.totals["around_lone"] / averages.runs
         values["pair_distribution"] = _of_few(case, averages, around_lone)

@@ -32,15 +32,15 @@ def _moving(scene: Scene) -> int:
     return scene.particles - (scene.box.periodic and scene.velocities is not None and scene.velocities.zero_momentum)
 
 
-def rate_at(temperature: float, scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
-    """Return collision rates (n,) of runs with kinetic temperatures `kt` (n,), scaled to the mean at `temperature`.
+def rate_at_temperature(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
+    """Return collision rates (n,) of runs with kinetic temperatures `kt` (n,), scaled to the mean at the scene's.
 
     If all velocities are multiplied by a factor, hard disks follow the same paths, faster by this factor: rates are
-    proportional to sqrt(kt). Over runs with velocities drawn at `temperature` the mean of sqrt(kt/temperature) is
+    proportional to sqrt(kt). Over runs with velocities drawn at this temperature the mean of sqrt(kt/temperature) is
     slightly below 1 (`mean_root`). With this factor the scaled rate has, in equilibrium, the canonical mean of the
     rate, without the spread due to the temperatures of the runs.
     """
-    return rate * np.sqrt(temperature / kt) * mean_root(scene)
+    return rate * np.sqrt(scene.velocities.temperature / kt) * mean_root(scene)
 
 
 def mean_root(scene: Scene) -> float:
@@ -57,15 +57,10 @@ def compressibility(scene: Scene, virial: np.ndarray, kt: np.ndarray, duration: 
 
         2 N kT + W/T = P [h (w - 2R) + w (h - 2R)],  so that  Z = Z_wall (1 - R/w - R/h),
 
-    with Z_wall = P/(n kT) of `wall_compressibility`. With several species R is the mean radius weighted by the momentum
-    transferred to the walls.
+    with Z_wall = P/(n kT), n = N/A, A the area of the box. With several species R is the mean radius weighted by the
+    momentum transferred to the walls.
     """
     return 1.0 + virial / (2.0 * scene.particles * kt * duration)
-
-
-def wall_compressibility(scene: Scene, pressure: np.ndarray, kt: np.ndarray) -> np.ndarray:
-    """Return Z_wall = P/(n kT) (n,) with the `pressure` P on the walls and n = N/A, A the area of the box."""
-    return pressure * scene.box.area / (scene.particles * kt)
 
 
 def compressibility_from_rate(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
@@ -75,11 +70,6 @@ def compressibility_from_rate(scene: Scene, rate: np.ndarray, kt: np.ndarray) ->
     the constant energy of a run the mean relative speed is larger by 1/`mean_root`.
     """
     return 1.0 + mean_root(scene) * rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
-
-
-def has_equal_disks(scene: Scene) -> bool:
-    """Return whether there are two or more disks, all of one radius and mass."""
-    return scene.particles > 1 and np.ptp(scene.radius) == 0 and np.ptp(scene.mass) == 0
 
 
 def enskog(scene: Scene, with_bath: bool = True) -> dict[str, float]:
@@ -116,20 +106,19 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     means = {name: seen[name] for name in COLLISION_COUNTS}
     means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
     means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
-    if "wall_impulse" in seen:
-        means["wall_pressure"] = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
     if "kinetic_energy" not in seen:
         return Columns(means)
-    kt = means["kinetic_temperature"] = temperature(scene, seen["kinetic_energy"])
-    kt = np.where(kt > 0, kt, np.nan)  # nothing moves
-    means["compressibility"] = compressibility(scene, seen["virial"], kt, duration)
-    if "wall_pressure" in means:
-        means["wall_compressibility"] = wall_compressibility(scene, means["wall_pressure"], kt)
-    if has_equal_disks(scene):
-        means["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], kt)
+    kt = temperature(scene, seen["kinetic_energy"])
+    hot = np.where(kt > 0, kt, np.nan)  # NaN: nothing moves
+    if scene.particles > 1 and np.ptp(scene.radius) == np.ptp(scene.mass) == 0:
+        means["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], hot)
     if scene.velocities and scene.velocities.temperature and scene.particles > 1:
-        for name in RATES:
-            means[f"{name}_at_temperature"] = rate_at(scene.velocities.temperature, scene, means[name], kt)
+        means |= {f"{name}_at_temperature": rate_at_temperature(scene, means[name], hot) for name in RATES}
+    means |= {"kinetic_temperature": kt, "compressibility": compressibility(scene, seen["virial"], hot, duration)}
+    if "wall_impulse" in seen:
+        pressure = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
+        walls = pressure * scene.box.area / (scene.particles * hot)
+        means |= {"wall_pressure": pressure, "wall_compressibility": walls}
     return Columns(means)
 
 

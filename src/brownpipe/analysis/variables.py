@@ -87,10 +87,7 @@ def with_intervals(values: Mapping[str, ArrayLike | Estimate]) -> dict[str, Any]
 SEED = (*EACH, "seed")
 STATUS = {"flag_values": np.array([KEPT, FAILED, MISSING], np.int8), "flag_meanings": "kept failed missing"}
 
-AVERAGED = (  # observables whose averages over runs are of interest as they are
-    *("bath_velocity_autocorrelation", "species_energy", "density_profile"),
-    *("orientational_order", "orientational_order_squared"),
-)
+AVERAGED = [name for name, array in ARRAYS.items() if array.averaged]
 VARIABLES = {name: Mean((*EACH, *ARRAYS[name].dims), *ARRAYS[name][1:3]) for name in AVERAGED}
 VARIABLES |= {  # numbers and health of the runs
     "runs": Variable(EACH, "1", "number of runs averaged", (), np.int64, 0),

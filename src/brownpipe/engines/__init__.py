@@ -16,6 +16,7 @@ from brownpipe.engines.forecast import Cost, Definition
 from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
+from brownpipe.observables import of_tracer
 from brownpipe.scene.reading import Record, validated
 from brownpipe.scene.scene import Scene
 
@@ -48,6 +49,13 @@ class Engine(NamedTuple):
     def model(self, scenes: Sequence[Scene]) -> str:
         """Return in a few words how the engine models the scenes."""
         return self.definition.model(scenes, dict(self.settings))
+
+    def cautions(self, scene: Scene, observables: Collection[str] = ()) -> list[str]:
+        """Return a line on the limits of the results in a scene, and one on observables that are not measured."""
+        lines = [self.definition.caution(scene) or ""]
+        if not self.definition.moves_all_disks and (lacking := {*observables} - {*of_tracer(observables)[0]}):
+            lines.append(f"{self.name} moves the tracer alone, and does not measure {', '.join(sorted(lacking))}")
+        return [line for line in lines if line]
 
     def refuse_unfit(self, scene: Scene, record: Collection[str] = TRACER) -> None:
         """Raise RequestError if the engine cannot run the scene or cannot record `record` of it."""

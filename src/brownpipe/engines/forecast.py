@@ -61,7 +61,6 @@ class Setting(NamedTuple):
     """A setting of an engine."""
 
     kind: Any  # the type of its values, for pydantic
-    metavar: str  # of the command line's option
     help: str  # of the option: the values, in a few words
     default: object = None  # None: it must be given
 

@@ -32,7 +32,7 @@ class Places(NamedTuple):
 
 @kernel
 def cell_of(value: float, size: float, cells: int) -> int:
-    """Return the column or row of a coordinate: which of `cells` equal parts of [0, size] holds it."""
+    """Return the column or row of a coordinate: which of `cells` equal parts of [0, size] holds it, or is nearest."""
     return min(max(int(value / size * cells), 0), cells - 1)
 
 
@@ -43,16 +43,6 @@ def register(p: Places, i: int) -> None:
     row = cell_of(p.position[i, 1], p.size[1], p.grid.shape[1])
     p.following[i] = p.grid[column, row]
     p.grid[column, row] = i
-
-
-@kernel
-def overlaps(p: Places, i: int, k: int) -> bool:
-    """Whether disks i and k overlap."""
-    x, y = abs(p.position[i, 0] - p.position[k, 0]), abs(p.position[i, 1] - p.position[k, 1])
-    if p.periodic:
-        x, y = min(x, p.size[0] - x), min(y, p.size[1] - y)
-    sigma = p.radius[i] + p.radius[k]
-    return x * x + y * y < sigma * sigma
 
 
 @kernel
@@ -83,14 +73,14 @@ def fits(p: Places, i: int) -> bool:
     for k in p.big:
         if k >= i:
             break
-        if overlaps(p, i, k):
+        if part(p, -1, 0.0, i, k):
             return False
     left, right, bottom, top = block_around(p, i, p.radius[i] + p.common)
     for column in range(left, right + 1):
         for row in range(bottom, top + 1):
             k = first_in_cell(p, column, row)
             while k >= 0:
-                if overlaps(p, i, k):
+                if part(p, -1, 0.0, i, k):
                     return False
                 k = p.following[k]
     return True

@@ -91,7 +91,12 @@ def _read_field(context: Any, builder: ir.IRBuilder, reference: Reference, point
 def _from_python(reference: Reference, value: ir.Value, c: Any) -> NativeValue:
     """Store the NamedTuple that Python passes in a struct."""
     struct = c.unbox(reference.struct, value)
-    return NativeValue(cgutils.alloca_once_value(c.builder, struct.value), struct.is_error, struct.cleanup)
+    pointer = cgutils.alloca_once_value(c.builder, struct.value)
+
+    def release() -> None:
+        c.context.nrt.decref(c.builder, reference.struct, struct.value)
+
+    return NativeValue(pointer, is_error=struct.is_error, cleanup=release if c.context.enable_nrt else None)
 
 
 if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it from the environment

@@ -28,7 +28,8 @@ def draw(cases: list[Dataset]) -> Figure:
     """Draw one column per case and time: observed and expected counts per ring above, their residuals below."""
     shown = [at_time for case in cases for at_time in distributions_of(case)]
     comparable = len({_width(case) for case in shown}) == 1  # counts in rings of equal width
-    labels = ("runs per ring", "(observed - expected)\n/ standard error")
+    counted = f"runs between $r$ and $r$ + {_width(shown[0]):.4g}" if comparable else "runs per ring"
+    labels = (counted, "(observed - expected)\n/ standard error")
     figure, axes = columns(labels, len(shown), HEIGHTS, sharey=comparable)
     for case, (main, low) in zip(shown, axes.T, strict=True):
         low.sharex(main)
@@ -39,8 +40,6 @@ def draw(cases: list[Dataset]) -> Figure:
         below = {"xycoords": ("axes fraction", low.xaxis.label), "fontsize": 8.8, "va": "top"}
         low.annotate(_verdicts(case), (0, 0), (0, -5), textcoords="offset points", **below)
         main.set_ylim(0, 1.05 * highest(shown if comparable else [case], "displacement_counts"))
-        if main.get_ylabel() or not comparable:
-            main.set_ylabel(f"runs between $r$ and $r$ + {_width(case):.4g}")
     heads(axes[0], [f"{title_of(case)}, $t$ = {case.displacement_time.item():g}" for case in shown])
     return figure
 

@@ -1,13 +1,12 @@
 """Figure `orientational_order`: the bond-orientational order abs(psi_6) of all disks against what is varied."""
 
-from itertools import cycle
 from typing import Any
 
 from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures.cases import axis_label, axis_of, series_of
-from brownpipe.figures.style import SERIES, points
+from brownpipe.figures.style import MARKS, points
 
 NAME = "orientational_order"
 LABELS = ("bond-orientational order $|\\psi_6|$",)
@@ -19,8 +18,8 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     densities = {float(case.packing_fraction) for case in cases}
     axis = axis_of(cases, "packing_fraction" if len(densities) > 1 else "particles")
     series = series_of(cases, axis, *(["particles"] if axis == "packing_fraction" else []))
-    for (label, of_series), (colour, _, marker) in zip(series.items(), cycle(SERIES), strict=False):
+    for (label, of_series), mark in zip(series.items(), MARKS, strict=False):
         x = [case[axis].item() for case in of_series]
-        points(axes, x, of_series, NAME, **{"color": colour, "fmt": marker, "label": label} | looks)
+        points(axes, x, of_series, NAME, **{**mark, "label": label} | looks)
     axes.set_ylim(bottom=0)
     axes.set_xlabel(axis_label(cases[0], axis))

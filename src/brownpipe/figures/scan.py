@@ -1,7 +1,7 @@
 """Figure `scan`: MSD at the end, D, pressure and collision rate against a varied key, or the number of disks."""
 
 from collections.abc import Mapping, Sequence
-from itertools import cycle, pairwise
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,7 @@ from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, fits_of, frame_of, has, over_time, series_of
-from brownpipe.figures.style import DASHED, SERIES, WIDTH, grid, heads, log_axis, points
+from brownpipe.figures.style import DASHED, MARKS, SERIES, WIDTH, grid, heads, log_axis, points
 
 LOGARITHMIC = 30.0  # ratio of the largest value to the smallest, beyond which an axis is logarithmic
 MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
@@ -45,10 +45,9 @@ def draw(cases: list[Dataset]) -> Figure:
 
 def _shown(series: Mapping[str, list[Dataset]], name: str) -> dict[str, list[Dataset]]:
     """Return the cases of each series at the end of their runs, or at a fit window, where they have a value."""
-    if name == END:
-        return {label: [over_time(case).isel(time=-1) for case in cases] for label, cases in series.items()}
     if name != D:
-        return {label: [case for case in cases if has(case, name)] for label, cases in series.items()}
+        ends = {label: [over_time(case).isel(time=-1) for case in cases] for label, cases in series.items()}
+        return {label: [case for case in cases if has(case, name)] for label, cases in ends.items()}
     shown = {}
     windows = next(iter(series.values()))[0].window.values.tolist()
     for label, cases in series.items():
@@ -63,13 +62,15 @@ def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str
     """Draw a quantity of each series with 95 % intervals, and theory as a dashed line."""
     theory, values = PANELS[name][2], []
     drawn: list[list[float]] = []
-    for (label, cases), (colour, _, marker) in zip(series.items(), cycle(SERIES), strict=False):
+    for (label, cases), looks in zip(series.items(), MARKS, strict=False):
         x = [case[axis].item() for case in cases]
-        points(axes, x, cases, name, color=colour, fmt=marker, label=label)
+        points(axes, x, cases, name, label=label, **looks)
         values += [float(case[f"{name}{part}"]) for case in cases for part in PARTS if part != "_standard_error"]
         expected = [float(case[theory]) for case in cases] if theory and all(theory in case for case in cases) else []
         if np.isfinite(expected).any() and expected not in drawn:  # that of one series for all fit windows
-            axes.plot(x, expected, color=colour, linestyle=DASHED, linewidth=1, label="_" if drawn else "Enskog")
+            axes.plot(
+                x, expected, color=looks["color"], linestyle=DASHED, linewidth=1, label="_" if drawn else "Enskog"
+            )
             drawn.append(expected)
     _scale(axes, "x", [case[axis].item() for cases in series.values() for case in cases])
     _scale(axes, "y", values)

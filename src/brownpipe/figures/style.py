@@ -36,6 +36,8 @@ SERIES = (
     *((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D")),
     *(("#E69F00", (0, (9, 2)), "v"), ("#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P")),
 )
+# Of the points of the first, second, ... series: every pair of colour and marker
+MARKS = [{"color": SERIES[k % 6][0], "fmt": SERIES[(k + k // 6) % 6][2]} for k in range(36)]
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 MOST_TICKS = 7  # labels of a logarithmic axis of many decades

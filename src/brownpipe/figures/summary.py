@@ -115,7 +115,7 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     known = [one for one in quantities(dataset) if [*columns_of(cases, one)]]
     asked = [one for one in known if any(name in given or _any_has(cases, name) for name in one.asked_by)]
     shown = asked or known
-    p = np.array([_p_values(case) for case in cases]).reshape(-1, len(TESTS))
+    p = np.array([at_last_distribution(case).p_value_joint.values[: len(TESTS)] for case in cases])
     p = p if given & {*OF_RINGS} else np.full_like(p, np.nan)
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
     tests = int(np.count_nonzero(np.isfinite(p)))
@@ -185,11 +185,6 @@ def _cell(part: Dataset | None, one: Quantity) -> str:
     theory = f" ({float(part[one.theory]):#.4g})" if one.theory and has(part, one.theory) else ""
     ring = early_mark(part) if one.variable == "diffusion_coefficient" else ""
     return estimate_of(part, one.variable) + theory + " *" * drifts(part) + ring
-
-
-def _p_values(case: Dataset) -> np.ndarray | list[float]:
-    """The p-values (2,) of eq. (18) with either D, by rings and kurtosis together; NaN where there is no test."""
-    return at_last_distribution(case).p_value_joint.values[: len(TESTS)] if has(case, "msd") else [np.nan] * len(TESTS)
 
 
 def _verdict(p: float, rejected: bool) -> str:

@@ -3,8 +3,6 @@
 Theory is Luding's equation of state for equal disks, and Enskog's for rates and mixtures (docs/theory.md).
 """
 
-from itertools import cycle
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,7 +11,7 @@ from xarray import Dataset
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import has, scene_of, series_of
-from brownpipe.figures.style import DASHED, GREY, INK, SERIES, WIDTH, grid, heads, points
+from brownpipe.figures.style import DASHED, GREY, INK, MARKS, WIDTH, grid, heads, points
 
 Z = "compressibility"
 RATE = "collision_rate"
@@ -27,8 +25,6 @@ RATES = (RATE, f"{RATE}_at_temperature", TRACER, f"{TRACER}_at_temperature")
 THEORY = tuple(f"enskog_{name}" for name in PANELS)
 MEASURED = (Z, f"{Z}_rate", f"wall_{Z}", *RATES, "wall_pressure", "kinetic_temperature")
 TABLE = ((), ("packing_fraction", *MEASURED, *THEORY))
-# Of the markers of the first, second, ... scene: 16 pairs of colour and shape
-LOOKS = [{"color": SERIES[k % 4][0], "fmt": SERIES[(k + k // 4) % 4][2]} for k in range(16)]
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -44,8 +40,7 @@ def draw(cases: list[Dataset]) -> Figure:
     figure, axes = grid(len(heights), len(names), WIDTH, height, sharex="col", height_ratios=heights)
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
-        compared = [case for case in measured if np.isfinite(_expected(case, name))]
-        for (label, of_series), looks in zip(_series(measured).items(), cycle(LOOKS), strict=False):
+        for (label, of_series), looks in zip(_series(measured).items(), MARKS, strict=False):
             points(main, _densities(of_series), of_series, name, label=label, **looks)
             with_value = [case for case in of_series if np.isfinite(_expected(case, name))]
             for panel in low:
@@ -53,20 +48,17 @@ def draw(cases: list[Dataset]) -> Figure:
         if name == Z:
             main.axhline(1, color=GREY, linewidth=0.8)  # of the ideal gas
         main.margins(x=0.15, y=0.12)
-        low_end, high_end = main.get_ylim()
-        ends = (0 if name != Z and 2 * low_end < high_end else low_end, high_end)
-        main.set(xlim=np.maximum(main.get_xlim(), 0), ylim=ends, ylabel=PANELS[name][0])
+        if name != Z:
+            main.set_ylim(bottom=0)
+        main.set(xlim=np.maximum(main.get_xlim(), 0), ylabel=PANELS[name][0])
         for panel in low:
             panel.axhline(0, color=GREY, linewidth=0.8)
             panel.margins(y=0.15)
             panel.set_ylabel("deviation\nfrom theory (%)")
-            panel.set_visible(bool(compared))
-        if name == Z and any(has(case, "compressibility_rate") for case in compared):  # equal disks
+        if name == Z and with_theory and any(has(case, "compressibility_rate") for case in measured):  # equal disks
             _equations_of_state(main, low[0], main.get_xlim())
         main.locator_params(axis="x", nbins=5)
-        below = low[0] if compared else main
-        below.set_xlabel("packing fraction $\\phi$")
-        below.tick_params(labelbottom=True)
+        (low[0] if low else main).set_xlabel("packing fraction $\\phi$")
     heads(axes[0], [PANELS[name][1] for name in names])
     return figure
 

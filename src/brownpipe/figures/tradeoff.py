@@ -137,19 +137,17 @@ REMARK = (
     "bias: relative to exact, ± one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
     "distance: total variation distance of the displacement distributions at the end.\n"
     "departs: median time at which the tracer leaves the exact trajectory.\n"
-    "front: CPU times at which no other setting has a smaller expected error of the MSD (Pareto front), with\n"
-    "unresolved biases at their 95 % upper bound.\n"
+    "front: CPU times at which no other setting has a smaller expected error of the MSD (Pareto front);\n"
+    "unresolved biases are at their 95 % upper bound.\n"
 )
 
 
-HEADER = ("setting", "runs", "ms/run", "cost", "MSD bias", "D bias", "distance", "g(contact)", "overlap", "departs")
-
-
 def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:
-    """Return the table of a scene in words, by columns; g(contact) is left out where no g(r) was measured."""
+    """Return the table of a scene in words, by columns; those without any number are left out."""
     settings = _measured(dataset, scene)
-    rows = [(*HEADER, "front, s"), *(_row(setting, float(settings[0].seconds)) for setting in settings)]
-    return [column for column in zip(*rows, strict=True) if column[0] != "g(contact)" or set(column[1:]) != {"-"}]
+    rows = [_row(setting, float(settings[0].seconds)) for setting in settings]
+    columns = [(name, *(row[name] for row in rows)) for name in rows[0]]
+    return [column for column in columns if {*column[1:]} != {"-"}]
 
 
 def off_front(dataset: Dataset, scene: str) -> Iterator[str]:
@@ -162,20 +160,21 @@ def off_front(dataset: Dataset, scene: str) -> Iterator[str]:
         yield f"on it only if an unresolved bias is small or its cost low: {'; '.join(possibly)}"
 
 
-def _row(setting: Dataset, exact_seconds: float) -> tuple[str, ...]:
+def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
     """One line of the table, cell by cell."""
-    label = setting.setting.item()
-    biases = (_bias(setting, "msd_bias"), _bias(setting, "d_bias"), _distance(setting), _bias(setting, "contact_bias"))
-    return (
-        label,
-        f"{int(setting.runs)}",
-        f"{1e3 * float(setting.seconds):.3g}",
-        _cost(setting, exact_seconds),
-        *(biases if label != "exact" else ["-"] * len(biases)),
-        "-" if np.isnan(setting.worst_overlap) else f"{float(setting.worst_overlap):.1g}",
-        _time(float(setting.departure_time)),
-        _interval(float(setting.pays_from), float(setting.pays_to)),
-    )
+    return {
+        "setting": setting.setting.item(),
+        "runs": f"{int(setting.runs)}",
+        "ms/run": f"{1e3 * float(setting.seconds):.3g}",
+        "cost": _cost(setting, exact_seconds),
+        "MSD bias": _bias(setting, "msd_bias"),
+        "D bias": _bias(setting, "d_bias"),
+        "distance": _bias(setting, "displacement_bias"),
+        "g(contact)": _bias(setting, "contact_bias"),
+        "overlap": f"{float(setting.worst_overlap):.1g}".replace("nan", "-"),
+        "departs": f"{float(setting.departure_time):.3g}".replace("nan", "-").replace("inf", "never"),
+        "front, s": _interval(float(setting.pays_from), float(setting.pays_to)),
+    }
 
 
 def _cost(setting: Dataset, exact_seconds: float) -> str:
@@ -187,27 +186,21 @@ def _cost(setting: Dataset, exact_seconds: float) -> str:
 
 
 def _bias(setting: Dataset, name: str) -> str:
-    """`+2.1 ± 1.0 %`, or `< 1.1 %` for a bias that is not resolved."""
-    value, error, low, high = (float(setting[f"{name}{part}"]) for part in ("", "_standard_error", "_low", "_high"))
-    if np.isnan(value):
+    """`+2.1 ± 1.0 %`, or `< 1.1 %` for a bias that is not resolved; a distance has no sign and no standard error."""
+    value, low, high = (float(setting[f"{name}{part}"]) for part in ("", "_low", "_high"))
+    if np.isnan(value) or setting.setting == "exact":
         return "-"
     if low <= 0.0 <= high:
         return f"< {_percent(max(-low, high))}"
+    if f"{name}_standard_error" not in setting:
+        return _percent(value)
+    error = float(setting[f"{name}_standard_error"])
     return f"{'+' if value > 0 else ''}{plus_minus(100 * value, 100 * error)} %"
-
-
-def _distance(setting: Dataset) -> str:
-    low, high = float(setting.displacement_bias_low), float(setting.displacement_bias_high)
-    return _percent(float(setting.displacement_bias)) if low > 0.0 else f"< {_percent(high)}"
 
 
 def _percent(fraction: float) -> str:
     """Two digits, or all before the decimal point."""
     return f"{100 * fraction:.0f} %" if fraction >= 0.1 else f"{100 * fraction:.2g} %"
-
-
-def _time(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.3g}" if value < np.inf else "never"
 
 
 def _interval(start: float, end: float) -> str:

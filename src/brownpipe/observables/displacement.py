@@ -49,13 +49,11 @@ def averaged(scene: Scene, track: Track, average: str, products: Callable) -> np
     the slices of the earlier samples and of the later ones, such as for velocities.
     """
     size = (scene.box.width, scene.box.height)
-
-    def between(earlier: slice, later: slice) -> tuple[np.ndarray, ...]:
-        return products(displacement(track.position, track.image, size, earlier, later), earlier, later)
-
+    pairs = lags(scene) if average == "origins" else [(slice(0, 1), slice(None))]
+    found = (products(displacement(track.position, track.image, size, *pair), *pair) for pair in pairs)
     if average != "origins":
-        return np.stack([product.mean(axis=1) for product in between(slice(0, 1), slice(None))])
-    return np.array([[product.mean() for product in between(*pair)] for pair in lags(scene)]).T
+        return np.stack([product.mean(axis=1) for product in next(found)])
+    return np.array([[product.mean() for product in of_lag] for of_lag in found]).T
 
 
 def displacement(

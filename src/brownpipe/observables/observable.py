@@ -24,6 +24,7 @@ class RunArray(NamedTuple):
     dims: tuple[str, ...]  # names in AXES, or one's own; in files the dimension of the runs, `seed`, comes first
     units: str
     long_name: str
+    averaged: bool = False  # whether its average over runs is of interest as it is, and a variable of datasets
     # Of an array that a user's own function measures (`own`); a file has it as JSON
     shape: tuple[int, ...] = ()
     observable: str = ""  # my_module:my_function

@@ -97,8 +97,8 @@ def _reach(points: np.ndarray, triangles: np.ndarray, number: int, size: np.ndar
 ORDER = Observable(
     order,
     {
-        "orientational_order": RunArray((), "1", "bond-orientational order abs(psi_6) of all disks, mean over samples"),
-        "orientational_order_squared": RunArray((), "1", "abs(psi_6)^2 of all disks, mean over samples"),
+        "orientational_order": RunArray((), "1", "bond-orientational order abs(psi_6), mean over samples", True),
+        "orientational_order_squared": RunArray((), "1", "abs(psi_6)^2, mean over samples", True),
         "quarter_order": RunArray(
             ("quarter",),
             "1",

@@ -36,8 +36,8 @@ def own_arrays(attributes: Mapping) -> dict[str, RunArray]:
     """Return what the attributes of runs, or the arrays of a checkpoint, say of arrays of one's own in JSON."""
     said = json.loads(attributes.get("own_arrays", "{}"))
     return {
-        name: RunArray(tuple(dims), units, long_name, tuple(shape), *origin)
-        for name, (dims, units, long_name, shape, *origin) in said.items()
+        name: RunArray(tuple(dims), units, long_name, averaged, tuple(shape), *origin)
+        for name, (dims, units, long_name, averaged, shape, *origin) in said.items()
     }
 
 
@@ -143,11 +143,11 @@ def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, R
         for array, value in returned.items():
             dims, measured[array], attributes = _taken_apart(array, value)
             shape = tuple(len(axes[d].coordinates(scene)) if d in axes else None for d in dims)
-            own = RunArray(dims, *attributes, measured[array].shape, title_of(name), function.source)
+            own = RunArray(dims, *attributes, True, measured[array].shape, title_of(name), function.source)
             if any(size not in (None, found) for size, found in zip(shape, own.shape, strict=True)):
                 raise ValueError(f"{array}: must have {shape} values along {dims}, not {own.shape}")
             if known.setdefault(array, own) != own:
-                raise ValueError(f"{array}: must be alike in all runs; was {known[array][:4]}, is {own[:4]}")
+                raise ValueError(f"{array}: must be alike in all runs; was {known[array][:5]}, is {own[:5]}")
     except Exception as error:
         raise RequestError(f"{title_of(name)}: {_in_words(error, function.file)}") from error
     return measured

@@ -71,6 +71,7 @@ DENSITY_PROFILE = Observable(
             ("species", "wall_distance"),
             "1/length^2",
             "number density by distance from the walls, mean along all of them",
+            averaged=True,
         )
     },
     axes={"wall_distance": Axis("length", "distance of the disk's edge from a wall, centre of its bin", bin_centres)},

@@ -11,14 +11,8 @@ from brownpipe.scene import Scene
 
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
 LARGEST_COMPONENT = 6.0  # velocity component, either sign, in these units; the outermost bins include all values beyond
-BINS = {"velocity": 120, "speed": 80}
+VELOCITIES, SPEEDS = (np.arange(120) - 59.5) * BIN, (np.arange(80) + 0.5) * BIN  # centres of the bins
 VALUES_AT_ONCE = 2**18  # velocity components that are scaled and counted at a time, so that temporary arrays stay small
-
-
-def bin_centres(axis: str) -> np.ndarray:
-    """Return the centres of the bins in units of sqrt(kT/m): of `velocity`, on both sides of 0, or of `speed`."""
-    number = BINS[axis]
-    return (np.arange(number) + 0.5 - (number / 2 if axis == "velocity" else 0.0)) * BIN
 
 
 def autocorrelation(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
@@ -68,7 +62,7 @@ def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     species = species_table(scene)
     velocity = run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
     scale = np.sqrt(scene.mass / (_temperature(scene, velocity) or np.inf))[:, None]
-    components, speeds = (np.zeros((len(species.name), number), np.int64) for number in BINS.values())
+    components, speeds = (np.zeros((len(species.name), len(bins)), np.int64) for bins in (VELOCITIES, SPEEDS))
     step = max(1, VALUES_AT_ONCE // velocity[0].size)  # samples at a time
     for first in range(0, len(velocity), step):
         scaled = velocity[first : first + step] * scale
@@ -113,6 +107,7 @@ BATH_AUTOCORRELATION = Observable(
             ("time",),
             "length^2/time^2",
             "v(0).v(t), mean over the disks of the most numerous species except the tracer's",
+            averaged=True,
         )
     },
     of="bath",
@@ -121,7 +116,7 @@ BATH_AUTOCORRELATION = Observable(
 )
 ENERGY = Observable(
     species_energy,
-    {"species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk")},
+    {"species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk", averaged=True)},
     seconds_per_disk_sample=1.7e-8,
 )
 DISTRIBUTION = Observable(
@@ -134,12 +129,12 @@ DISTRIBUTION = Observable(
         "velocity_bin": Axis(
             "sqrt(kT/mass)",
             "velocity component, centre of its bin; the outermost bins include all beyond",
-            lambda scene: bin_centres("velocity"),
+            lambda scene: VELOCITIES,
         ),
         "speed_bin": Axis(
             "sqrt(kT/mass)",
             "speed, centre of its bin; the last bin includes all beyond",
-            lambda scene: bin_centres("speed"),
+            lambda scene: SPEEDS,
         ),
     },
     seconds_per_disk_sample=2.8e-8,

@@ -5,12 +5,11 @@
 
 import base64
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment
+from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 from xarray import Dataset
 
@@ -26,26 +25,19 @@ CAPTIONS = Path(figures.__file__).parent
 NOTE = "harrison2020"  # the scenes of the note begin with this name
 MOST_ROWS = 400  # of a table of numbers
 DIGITS = 6  # of a number
-SVG_SIZE = re.compile(rb'viewBox="0 0 (\S+) (\S+)"')
 NUMBERS = tuple("-+<0123456789")  # first characters of the cells of columns that are set right
-NEXT = re.compile(r"\n(?=\w+: )")  # before the explanation of a column of the trade-off
+ENVIRONMENT = Environment(
+    loader=FileSystemLoader(Path(__file__).parent),
+    autoescape=True,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    finalize=lambda value: value if isinstance(value, Markup) else printable(value),
+)
 
 
-def filled(template: Path, **contents: Any) -> bytes:
-    """Return a page: the template with its contents, which are escaped and shown as one line each.
-
-    The files of the same name with the suffixes `.css` and `.js` are `style` and `script` in it.
-    """
-    environment = Environment(
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=lambda value: value if isinstance(value, Markup) else printable(value),
-    )
-    beside = {"style": template.with_suffix(".css"), "script": template.with_suffix(".js")}
-    contents |= {name: Markup(file.read_text(encoding="utf-8")) for name, file in beside.items() if file.is_file()}
-    text = environment.from_string(template.read_text(encoding="utf-8")).render(contents)
-    return text.strip().encode() + b"\n"
+def filled(template: str, **contents: Any) -> bytes:
+    """Return a page: the template of this name with its contents, which are escaped and shown as one line each."""
+    return ENVIRONMENT.get_template(template).render(contents).strip().encode() + b"\n"
 
 
 def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
@@ -79,7 +71,7 @@ def page_of_tradeoff(dataset: Dataset, drawings: Sequence[Drawing], record: Reco
             (scene, _table(tradeoff.columns_of(dataset, scene), scene), [*tradeoff.off_front(dataset, scene)])
             for scene in scenes
         ],
-        legend=[" ".join(part.split()) for part in NEXT.split(tradeoff.REMARK.strip())],
+        legend=tradeoff.REMARK.splitlines(),
         figures=[_figure(one, "tradeoff") | {"title": scene} for one, scene in zip(drawings, scenes, strict=True)],
     )
 
@@ -90,8 +82,7 @@ def _page(title: str, lead: str, record: Record, **contents: Any) -> bytes:
     contents: `answers` (heading, table, lines), `drifting`, `missing` and `legend` (lines), `figures` and `of_runs`.
     """
     made_by = closing_lines(record).splitlines()[:1]
-    template = Path(__file__).with_suffix(".html")
-    return filled(template, title=title, lead=lead, record=record, made_by=made_by, digits=DIGITS, **contents)
+    return filled("page.html", title=title, lead=lead, record=record, made_by=made_by, digits=DIGITS, **contents)
 
 
 def _table(columns: Sequence[Sequence[str]], title: str, grouped: bool = False) -> dict[str, Any]:
@@ -120,13 +111,12 @@ def _figure(drawing: Drawing, caption: str, of_note: bool = False) -> dict[str, 
     The picture is an image of its own, so that ids in its SVG cannot collide with those of other figures.
     """
     title, parts = caption_of(caption)
-    svg, shown = drawing.images["svg"], drawing.table.head(MOST_ROWS)
+    shown = drawing.table.head(MOST_ROWS)
     return {
         "name": drawing.name,
         "title": title,
         "caption": [part for part in parts if of_note or not part.startswith("The note ")],
-        "size": [f"{float(size):g}" for size in SVG_SIZE.search(svg).groups()],
-        "image": base64.b64encode(svg).decode(),
+        "image": base64.b64encode(drawing.images["svg"]).decode(),
         "numbers": _table([[str(name), *map(_in_digits, shown[name])] for name in shown], f"Numbers: {title}"),
         "rows": len(drawing.table),
     }

@@ -7,10 +7,7 @@
 
   // --- the run
 
-  const bytesOf = (text) => Uint8Array.from(atob(text), (char) => char.charCodeAt(0)).buffer;
-  const numbers = (text) => new Float64Array(bytesOf(text));
-  const start = numbers(run.position), launch = numbers(run.velocity);  // x, y of disk after disk
-  const eventTime = numbers(run.time), impulse = numbers(run.impulse), pair = new Int16Array(bytesOf(run.pair));
+  const {position: start, velocity: launch, time: eventTime, pair, impulse} = run;  // x, y of disk after disk
   const {radius, mass, shade} = run, disks = radius.length;
   const [left, bottom, width, height] = run.box;
   const kinetic = (i, u, v) => 0.5 * mass[i] * (u * u + v * v);

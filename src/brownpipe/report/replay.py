@@ -4,8 +4,6 @@ Disks move straight from one collision to the next, so that the state at t = 0 a
 position at every time. The page gets these numbers, and `replay.js` computes the positions.
 """
 
-import base64
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,68 +15,56 @@ from brownpipe.report.page import filled
 from brownpipe.storage.trajectories import chosen_seed, runs_record
 
 if TYPE_CHECKING:
+    from brownpipe.engines.ensemble import Events
+    from brownpipe.observables.tracks import Track
     from brownpipe.scene import Scene
     from brownpipe.storage.trajectories import Trajectories
 
-MOST_BYTES = 150_000  # of the collisions of a replay: 200 kB as base64
-MOST_DISKS = 1000
+MOST_COLLISIONS = 5000  # of a replay: some 350 kB
 RECORD = "all,events"  # what `--record` must be given
 ELONGATION = 6.0  # longer side of the picture over the shorter one at most; of longer boxes a part is shown
 
 
 class Replay(NamedTuple):
-    """A run: the state of its N disks at t = 0, and its first E collisions."""
+    """A run, and how much of it is replayed."""
 
     scene: "Scene"
     seed: int
-    end: float  # time up to which the collisions are there [time]
-    collisions: int  # of the whole run
-    position: np.ndarray  # (N, 2) [length]
-    velocity: np.ndarray  # (N, 2) [length/time]
-    time: np.ndarray  # (E,) [time]
-    pair: np.ndarray  # (E, 2) int16: a disk and its partner, or a wall: -1 left, -2 right, -3 bottom, -4 top
-    impulse: np.ndarray  # (E, 2) given to the first disk [mass length/time]
+    track: "Track"  # its tracks of all disks, of which the page has the state at t = 0
+    events: "Events"  # its collisions, of which the page has the first ones
+    shown: int  # number of these
+    end: float  # time up to which they are all there [time]
 
 
 def replay_of(trajectories: "Trajectories", path: str, seed: int | None = None) -> Replay:
-    """Return the replay of a run up to the time until which its collisions fit into MOST_BYTES, of 28 bytes each.
+    """Return the replay of a run up to the time until which it has at most MOST_COLLISIONS.
 
     `path` is the file of the trajectories, for messages; the run is that of `seed`, by default of the smallest.
 
-    Raises RequestError for a file without this run, its tracks or its collisions, and for more than MOST_DISKS disks.
+    Raises RequestError for a file without this run, its tracks or its collisions.
     """
     scene, _, ensemble = trajectories[:3]
-    first = int(ensemble.seeds[0]) if seed is None else seed
     ended = len(ensemble.seeds) > len(ensemble.stopped)
     if scene.particles and ended and not (ensemble.whole and ensemble.whole.keys() == ensemble.events.keys()):
         trajectories.engine.refuse_unfit(scene, RECORD.split(","))
-        command = runs_record(trajectories, [first], RECORD)["command"]
+        command = runs_record(trajectories, [int(ensemble.seeds[0]) if seed is None else seed], RECORD)["command"]
         raise RequestError(f"{path}: holds no collisions of all disks; record them: {command}")
-    seed = chosen_seed(trajectories, path, seed, trajectories.ensemble.whole)
-    if scene.particles > MOST_DISKS:
-        raise RequestError(f"{path}: a replay must have at most {MOST_DISKS:,} disks, not {scene.particles:,}")
+    seed = chosen_seed(trajectories, path, seed, ensemble.whole)
     track, events = ensemble.whole[seed], ensemble.events[seed]
-    numbers = (track.position, track.velocity, events.time, events.impulse)
-    if not all(np.isfinite(values).all() for values in numbers):
+    if not all(np.isfinite(values).all() for values in (track.position, track.velocity, events.time, events.impulse)):
         raise RequestError(f"{path}: seed {seed}: its run failed: positions or velocities are not numbers")
-    shown = min(len(events.time), MOST_BYTES // 28)
+    shown = min(len(events.time), MOST_COLLISIONS)
     end = float(events.time[shown]) if shown < len(events.time) else scene.duration
-    pair = np.stack([events.a, events.b], axis=1)[:shown].astype(np.int16)
-    logged = (events.time[:shown], pair, events.impulse[:shown])
-    return Replay(scene, seed, end, len(events.time), track.position[0], track.velocity[0], *logged)
-
-
-def is_whole(replay: Replay) -> bool:
-    """Whether a replay has all collisions of the run."""
-    return len(replay.time) == replay.collisions
+    return Replay(scene, seed, track, events, shown, end)
 
 
 def replay_page(replay: Replay, record: Record) -> bytes:
     """Return a web page with the replay of a run and what it was made from. The same run gives the same bytes."""
-    scene = replay.scene
+    scene, _, track, events, shown, end = replay
     shades = shades_of(scene)
+    pair = np.stack([events.a, events.b], axis=1)  # a disk and its partner, or a wall: -1 left, -2 right, ...
     return filled(
-        Path(__file__).with_suffix(".html"),
+        "replay.html",
         title=f"{scene.name}, N = {scene.particles}, seed {replay.seed}",
         note=_note(replay),
         legend=legend_entries(scene, shades),
@@ -87,11 +73,15 @@ def replay_page(replay: Replay, record: Record) -> bytes:
             "box": [*scene.box.origin, scene.box.width, scene.box.height],
             "periodic": scene.box.periodic,
             "elongation": ELONGATION,
-            "end": replay.end,
+            "end": end,
             "radius": scene.radius.tolist(),
             "mass": scene.mass.tolist(),
             "shade": shades.tolist(),
-            **{name: _base64(getattr(replay, name)) for name in ("position", "velocity", "time", "pair", "impulse")},
+            "position": track.position[0].ravel().tolist(),
+            "velocity": track.velocity[0].ravel().tolist(),
+            "time": events.time[:shown].tolist(),
+            "pair": pair[:shown].ravel().tolist(),
+            "impulse": events.impulse[:shown].ravel().tolist(),  # given to the first of the pair
         },
     )
 
@@ -103,12 +93,7 @@ def _note(replay: Replay) -> str:
     sides = (scene.box.width, scene.box.height)
     if max(sides) > ELONGATION * min(sides):
         what += f" The picture follows the tracer along the box of {sides[0]:g} x {sides[1]:g}."
-    if not is_whole(replay):
-        what += f" The replay has the first {len(replay.time):,} of {replay.collisions:,} collisions"
+    if replay.shown < len(replay.events.time):
+        what += f" The replay has the first {replay.shown:,} of {len(replay.events.time):,} collisions"
         what += f" and ends at {replay.end:.3g}; the run ends at {scene.duration:g}."
     return f"{what} All numbers are in the scene's reduced units."
-
-
-def _base64(values: np.ndarray) -> str:
-    """Return numbers as base64 of their little-endian bytes."""
-    return base64.b64encode(values.astype(values.dtype.newbyteorder("<")).tobytes()).decode()

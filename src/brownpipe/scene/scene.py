@@ -23,7 +23,7 @@ MOST_SAMPLES = 10_000_000
 ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
 LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
-HEAVIEST = 1e100  # mass, its inverse the lightest: products of masses and squared speeds do not overflow or underflow
+LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
 SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
 DENSEST = math.pi / math.sqrt(12)  # packing fraction of the hexagonal packing; no placement of any mixture is denser
 STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
@@ -38,7 +38,6 @@ def _ascending(side: tuple[float, float]) -> tuple[float, float]:
 
 
 Side = Annotated[Pair, AfterValidator(_ascending)]
-Mass = Annotated[Positive, Field(ge=1 / HEAVIEST, le=HEAVIEST)]
 
 
 class Box(Record):
@@ -84,7 +83,7 @@ class Disk(Record):
     position: Pair = key("initial centre, [x, y] [length]")
     velocity: Pair = key("[x, y] [length/time]")
     radius: Positive = key("[length]")
-    mass: Mass = key("[mass]")
+    mass: Positive = key("[mass]")
     count: ClassVar = 1
 
 
@@ -92,7 +91,7 @@ class Tracer(Record):
     """Disk 0, whose motion is recorded and analysed. It is a species of its own."""
 
     radius: Positive = key("[length]")
-    mass: Mass = key("[mass]")
+    mass: Positive = key("[mass]")
     position: Pair | None = key("its initial centre [length]; by default it is placed like the others", None)
     name: ClassVar = "tracer"
     count: ClassVar = 1
@@ -104,7 +103,7 @@ class Species(Record):
     name: Name = key("differs from the others and from `tracer`")
     count: Count | Literal["rest"] = key("a number; one species at most is the `rest` of `particles`")
     radius: Positive = key("of each disk [length]")
-    mass: Mass = key("of each disk [mass]")
+    mass: Positive = key("of each disk [mass]")
     position: ClassVar = None
 
 
@@ -238,6 +237,9 @@ class Scene(Record):
             self._resolve(**{field: of_each_disk})
         shares = (self.radius / self.box.width) * (self.radius / self.box.height)
         self._resolve(packing_fraction=float(math.pi * np.sum(shares)))
+        light, heavy = self.mass.min(initial=math.inf), self.mass.max(initial=0.0)
+        if heavy / LARGEST_MASS_RATIO > light:
+            refuse(f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and {heavy:g}", "disks")
 
     def _resolve_start(self) -> None:
         """Resolve the motion of the tracer before t = 0 and the total momentum."""

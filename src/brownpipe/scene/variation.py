@@ -59,7 +59,7 @@ def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict
         raise RequestError("vary: must be values that differ")
     if together and len({len(values) for values in vary.values()}) > 1:
         raise RequestError("vary: must be lists of the same length, as their values belong together")
-    rows = zip(*vary.values(), strict=True) if together else product(*vary.values())
+    rows = zip(*vary.values(), strict=True) if together and vary else product(*vary.values())
     return [dict(zip(vary, row, strict=True)) for row in rows]
 
 

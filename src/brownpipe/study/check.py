@@ -4,8 +4,7 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 """
 
 from brownpipe.engines import forecast, friction
-from brownpipe.engines.forecast import settling_caution, settling_in_words
-from brownpipe.engines.friction import DECAY_TIMES, diffusive_from, window_caution
+from brownpipe.engines.friction import DECAY_TIMES, diffusive_from
 from brownpipe.engines.placement import is_grown
 from brownpipe.errors import RequestError
 from brownpipe.observables.quarters import claims_equilibrium
@@ -13,7 +12,7 @@ from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.reading import read_yaml
 from brownpipe.scene.scene import is_study
 from brownpipe.study import Study, read_study
-from brownpipe.study.run_sets import RunSet, describe_workload, run_sets, with_assumed_runs
+from brownpipe.study.run_sets import describe_workload, run_sets, with_assumed_runs
 from brownpipe.text import in_bytes, in_lines, in_time
 
 
@@ -36,7 +35,7 @@ def _scene(scene: Scene) -> list[str]:
         "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
         "disks": f"{scene.particles}: {', '.join(species) or 'listed'}; packing fraction {scene.packing_fraction:.4g}",
         "start": _start(scene),
-        "settle": settling_in_words(scene),
+        "settle": forecast.settling_in_words(scene),
         "momentum": _momentum(scene),
         "run": f"from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
         "diffusion": f"from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)" if start > 0 else None,
@@ -45,8 +44,8 @@ def _scene(scene: Scene) -> list[str]:
         "cost": f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.recorded)} of file per run"
         f" of the exact engine; {in_bytes(forecast.memory(cost, 1))} of memory",
     }
-    window = window_caution(friction.default_windows([scene])[0], {scene.name: start})
-    cautions = [forecast.caution(scene), settling_caution(scene), window]
+    window = friction.window_caution(friction.default_windows([scene])[0], {scene.name: start})
+    cautions = [forecast.caution(scene), forecast.settling_caution(scene), window]
     return [*(f"{name:12}{text}" for name, text in said.items() if text), *_cautions(cautions)]
 
 
@@ -94,29 +93,18 @@ def _study(study: Study) -> list[str]:
         for runs in sets
     ]
     lines = pd.DataFrame(rows).to_string(index=False).splitlines()
-    cautions = []
     for engine in study.engines:
         cases = [runs.case for runs in sets if runs.engine == engine]
         lines.append(f"engine    {engine.label}: {engine.model(cases)}")
-        cautions += [engine.definition.caution(case) for case in cases]
-    cautions += [settling_caution(case) for case in study.cases]
+    cautions: list[str | None] = [line for runs in sets for line in runs.engine.cautions(runs.case, study.observables)]
+    cautions += [forecast.settling_caution(case) for case in study.cases]
     starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
-    cautions += [window_caution(window, starts) for window in study.fit_windows or ()]
-    lines += _cautions([*cautions, *map(_too_large, sets)])
+    cautions += [friction.window_caution(window, starts) for window in study.fit_windows or ()]
+    lines += _cautions(cautions)
     if study.tolerance is not None:
         goal = f"{study.target} to {100 * study.tolerance:g} %"
         lines.append(f"seeds     as many as {goal} needs, by pilot runs; here assumed {len(assumed.seeds):,}")
     return [*lines, f"total     {describe_workload(assumed)}", f"figures   {', '.join(study.figures)}"]
-
-
-def _too_large(runs: RunSet) -> str | None:
-    """Return one line of caution if a job needs more memory than this machine has."""
-    most = max(runs.jobs)
-    needed, available = forecast.memory(runs.cost, most), forecast.machine_memory()
-    case = f"{runs.case.name}, N = {runs.case.particles}, {runs.engine.label}"
-    memory = f"a job of {most:,} runs needs some {in_bytes(needed)} of memory"
-    cure = f"must be at most `batch: {forecast.most_runs(runs.cost, available)}`, fewer samples or fewer disks"
-    return f"{case}: {memory}, and this machine has {in_bytes(available)}; {cure}" if needed > available else None
 
 
 def _cautions(cautions: list[str | None]) -> list[str]:

@@ -37,10 +37,12 @@ from brownpipe.scene.seeds import MOST_SEEDS, ranges
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
 from brownpipe.storage.store import stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
-from brownpipe.study.run_sets import pilot_runs, run_set, seconds_of_jobs
-from brownpipe.study.study import REFERENCE, Study
+from brownpipe.study.run_sets import run_set, seconds_of_jobs
+from brownpipe.study.study import REFERENCE, EngineUse, Study
 from brownpipe.text import counted, in_lines, in_time
 
+PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
+FEWEST_PILOT_RUNS, MOST_PILOT_RUNS = 10, 400
 SQUARES, DISTRIBUTION = "square_displacement", "displacement_distribution"  # an observable; a target
 NOT_INHERITED = ("batch", "tolerance", "target", "instead_of", "figures")  # keys of a study that is planned
 
@@ -70,12 +72,13 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     if squares is None and "tracer" not in record:
         raise RequestError(f"{study.name}: the target {target} needs record: tracer, or {SQUARES} for msd and d")
     cost, first = engine.forecast(scene, *study.recording), next(iter(study.seeds), 0)
-    wanted = run_set(study, scene, engine, range(first, first + pilot_runs(cost)))
+    number = int(np.clip(PILOT_SECONDS / cost.seconds, FEWEST_PILOT_RUNS, MOST_PILOT_RUNS))
+    wanted = run_set(study, scene, engine, range(first, first + number))
     seeds = np.asarray(wanted.seeds)
     parts = stored_runs(scene, engine, wanted.digest, seeds)
     missing = ranges(without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts]))
     simulate = partial(engine.simulate, scene, record=record, observables=observables, average=average)
-    began, seconds = time.process_time(), 0.0
+    seconds = 0.0
     if missing:
         simulate(seeds=[first])  # loads kernels
         wanted.folder.mkdir(parents=True, exist_ok=True)
@@ -91,14 +94,14 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     ensemble = select(every, np.isin(every.seeds, seeds))
     runs = tradeoff.runs_of(scene, engine, ensemble, squares)
     settled = equilibrium(Trajectories(scene, engine, ensemble))
-    return Pilot(runs, cost, wanted.folder, made, time.process_time() - began, settled)
+    return Pilot(runs, cost, wanted.folder, made, seconds, settled)
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
     """Return a line that says what the pilot runs took, and where they are."""
     made, seconds = sum(pilot.made for pilot in pilots), sum(pilot.seconds for pilot in pilots)
-    took = f"{counted(made, 'pilot run')} made in {in_time(seconds)} of CPU" if made else "no pilot run had to be made"
-    return f"{took}; the study uses them again: {', '.join(str(pilot.folder) for pilot in pilots) or '-'}"
+    folders = ", ".join(str(pilot.folder) for pilot in pilots)
+    return f"{counted(made, 'pilot run')} made in {in_time(seconds)} of CPU; the study uses them again: {folders}"
 
 
 def case_title(scene: Scene) -> str:
@@ -113,19 +116,14 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     """Determine by pilot runs how many runs the tolerance of a study needs, store it in a file; return it, and them.
 
     It is the largest number of all cases and covers statistical errors only: more runs do not reduce an engine's bias.
-    Raises RequestError for too many runs, and for a study without a tolerance.
+    Raises RequestError for a study without a tolerance.
     """
     if study.tolerance is None:
         raise RequestError(f"{study.name}: --count is for a study with a tolerance; this one says its seeds")
-    needed, pilots = dict[str, int](), list[Pilot]()
-    for case in tracked(study.cases, "cases"):
-        pilots.append(pilot_of(study, case, REFERENCE, study.target))
-        runs = pilots[-1].runs
-        scatter = tradeoff.spread_of(runs, study.target, study.fit_windows[0])
-        needed[case_title(case)] = tradeoff.runs_for(study.tolerance, 0.0, scatter, runs.share_sound)
-    title, most = max(needed.items(), key=lambda item: item[1])
-    if most > MOST_SEEDS:
-        raise RequestError(f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}")
+    alone = study.model_copy(update={"uses": [EngineUse(REFERENCE, case, None) for case in study.cases]})
+    performances, pilots = performance_of(alone, study.target, study.tolerance)
+    needed = {case_title(each.scene): each.runs or 0 for each in performances}  # there is no bias
+    most = max(needed.values())
     plan = {"tolerance": study.tolerance, "target": study.target, "needed": needed, "runs": most}
     write_file(path, sealed(f"# The runs that a tolerance needs, determined once\n\n{yaml_text(plan)}".encode()))
     return most, pilots

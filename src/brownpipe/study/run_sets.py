@@ -34,11 +34,9 @@ AROUND = 300e6  # further bytes: two processes of Snakemake wait on the node for
 DELAY = 300.0  # further seconds: to compile kernels, to start an analysis, to wait for a network file system
 ANALYSIS = 300e6  # bytes of a process that analyses or draws, besides data
 REPLICATES = 10_000  # of one run's data in memory, to average over the runs of a case
-COPIES = 5  # of a file in memory while it is read; in the trade-off of all files
-SECONDS_PER_CASE, SECONDS_PER_BYTE = 1.0, 1e-7  # CPU, to analyse
-RUNS_TIMED = 30  # of each engine and case in the trade-off
-PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
-FEWEST_PILOT_RUNS, MOST_PILOT_RUNS = 10, 400
+COPIES = 5  # of a file in memory while it is read
+ANALYSIS_TIME = 1800.0  # CPU seconds, enough for 1e10 bytes of runs
+RUNS_TRIED = 30  # of each engine and case in the trade-off, and in a plan
 
 
 class RunSet(NamedTuple):
@@ -94,7 +92,8 @@ def run_sets(study: Study) -> list[RunSet]:
 def run_set(study: Study, case: Scene, engine: Engine, seeds: Sequence[int]) -> RunSet:
     """Return the runs of these seeds of one engine in one case, recorded and measured as the study says."""
     cost, digest = engine.forecast(case, *study.recording), runs_digest(case, engine, *study.recording)
-    return RunSet(engine, case, seeds, study.batch, cost, digest, folder_of_runs(case, engine, digest))
+    batch = None if study.batch == "auto" else study.batch
+    return RunSet(engine, case, seeds, batch, cost, digest, folder_of_runs(case, engine, digest))
 
 
 def batches_of(runs: RunSet) -> list[tuple[int, int]]:
@@ -171,11 +170,6 @@ def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
     return jobs * (forecast.START_UP + cost.once) + runs * cost.seconds
 
 
-def pilot_runs(cost: forecast.Cost) -> int:
-    """Return the number of pilot runs of a scene, given the cost of one."""
-    return int(np.clip(PILOT_SECONDS / cost.seconds, FEWEST_PILOT_RUNS, MOST_PILOT_RUNS))
-
-
 def with_assumed_runs(study: Study) -> Study:
     """Return a study with a tolerance with the runs of a quantity whose standard deviation is its mean, as r^2 has it.
 
@@ -199,21 +193,18 @@ def describe_workload(study: Study) -> str:
 def requests(study: Study) -> dict[str, dict[str, object]]:
     """Return the `resources` of each rule: functions of wildcards and attempt, each twice as large."""
     sets = run_sets(with_assumed_runs(study))
-    costs, data = {runs.key: runs.cost for runs in sets}, sum(len(runs.seeds) * runs.cost.kept for runs in sets)
-    files = [max(runs.jobs) * runs.cost.kept for runs in sets]
-    memory = ANALYSIS + REPLICATES * max(cost.kept for cost in costs.values()) + COPIES * max(files)
-    seconds = SECONDS_PER_CASE * len(sets) + SECONDS_PER_BYTE * data
+    costs = {runs.key: runs.cost for runs in sets}
+    memory = ANALYSIS + max((REPLICATES + COPIES * max(runs.jobs)) * runs.cost.kept for runs in sets)
     exact = [REFERENCE.forecast(case, *study.recording) for case in study.cases]
-    timed = seconds + sum(5.0 + RUNS_TIMED * cost.seconds for cost in (*costs.values(), *exact))
-    pilots = sum(seconds_of_jobs(cost, pilot_runs(cost)) for cost in exact)
+    trials = ANALYSIS_TIME + sum(RUNS_TRIED * cost.seconds for cost in (*costs.values(), *exact))
 
     def of_simulate(wildcards: Mapping[str, str]) -> tuple[float, float]:
         cost, runs = costs[wildcards["digest"]], int(wildcards["last"]) - int(wildcards["first"]) + 1
         return forecast.memory(cost, runs), seconds_of_jobs(cost, runs)
 
-    analysis = dict.fromkeys(("aggregate", "figures", "tradeoff_drawings"), _asked(lambda _: (memory, seconds)))
-    plan, tradeoff = _asked(lambda _: (memory, pilots)), _asked(lambda _: (memory + COPIES * data, timed))
-    return {"simulate": _asked(of_simulate), **analysis, "plan": plan, "tradeoff": tradeoff}
+    analysis = dict.fromkeys(("aggregate", "figures", "tradeoff_drawings"), _asked(lambda _: (memory, ANALYSIS_TIME)))
+    tried = dict.fromkeys(("plan", "tradeoff"), _asked(lambda _: (memory, trials)))
+    return {"simulate": _asked(of_simulate), **analysis, **tried}
 
 
 def _asked(need: Callable[[Mapping[str, str]], tuple[float, float]]) -> dict[str, object]:

@@ -5,7 +5,7 @@ Its fields are the keys of study files, with their bounds.
 
 import json
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
@@ -37,6 +37,13 @@ REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of the
 TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
 
 
+def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: str | int) -> None:
+    """Refuse, at a path of keys and indices, values that are not among those of the study."""
+    for value in values:
+        if value not in allowed:
+            refuse(f"must be {' or '.join(map(str, allowed))}, not {value!r}", *path)
+
+
 def one_or_more(kind: Any, least: int = 1) -> Any:
     """Return the type of a list of values that differ; a single value stands for a list of one."""
     schema = kind | Annotated[list[kind], Field(min_length=least)]
@@ -66,10 +73,6 @@ def _own_name(name: str) -> str:
 Text = Annotated[str, Field(min_length=1)]
 Tolerance = Annotated[float, Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1), converted(_share, float | str)]
 Target = Annotated[str, As(Literal[TARGETS])]
-Batch = Annotated[
-    Annotated[AtLeastOne, Field(le=MOST_SEEDS)] | None,
-    converted(lambda value: None if value == "auto" else value, int | Literal["auto"]),
-]
 EngineRecord: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Field(discriminator="name")]  # noqa: UP007  # as many as there are
 EngineKey: Any = Annotated[EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
@@ -115,7 +118,7 @@ class Study(Record):
     seeds: Seeds | None = key("a count (2400: seeds 0 to 2399), a range (100-199), or a list of both", None)
     tolerance: Tolerance | None = key("in place of seeds: relative standard error of the target", None)
     target: Target = key("the quantity that the tolerance refers to", TARGETS[0])
-    batch: Batch = key("seeds per job (default: auto, from the forecast); results do not depend on it", None)
+    batch: AtLeastOne | Literal["auto"] = key("seeds per job; auto: from the forecast; results are the same", "auto")
     record: Literal["tracer", "none"] = key("the trajectory of the tracer, or only the observables", "tracer")
     observables: Observables = key("quantities measured in each run, from all of its disks", ())
     average: Average = key("average over runs alone, or also over time origins or equal disks", "runs")
@@ -174,7 +177,7 @@ class Study(Record):
         for k, entry in enumerate(self.engines):
             keys = dict(entry)
             scenes, seeds, name = keys.pop("scenes") or (), keys.pop("seeds"), keys.pop("name")
-            self._refuse_unknown(scenes, "engines", k, "scenes")
+            refuse_others(scenes, self.varied, "engines", k, "scenes")
             engine = Engine(name, tuple(keys.items()))
             for case in (case for case in self.cases if not scenes or case.name in scenes):
                 try:
@@ -187,13 +190,6 @@ class Study(Record):
         by_case = [use for case in self.cases for use in uses if use.case is case]
         self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)), uses=tuple(by_case))
 
-    def _refuse_unknown(self, scenes: Sequence[str], *path: str | int) -> None:
-        """Refuse names that are not of the study's scenes."""
-        names = list(dict.fromkeys(case.name for case in self.cases))
-        for scene in scenes:
-            if scene not in names:
-                refuse(f"must be a scene of the study, {' or '.join(names)}, not {scene!r}", *path)
-
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many."""
         if (self.tolerance is None) == (self.seeds is None):
@@ -201,10 +197,9 @@ class Study(Record):
         if self.tolerance is not None and (reason := why_no_relative_error(self.cases)):
             refuse(f"{reason}; must be seeds: 1", "tolerance")
         self._resolve(seeds=self.seeds or ())
-        sizes = [len(use.seeds or self.seeds) for use in self.uses]
-        listed = [case.name for case in self.cases if case.listed]
-        if listed and max(sizes) > 1:
-            refuse(_repetition(listed[0], max(sizes)), "seeds")
+        for case, runs in ((use.case, len(use.seeds or self.seeds)) for use in self.uses):
+            if case.listed and runs > 1:
+                refuse(_repetition(case.name, runs), "seeds")
 
     def _check_figures(self) -> None:
         """Refuse figures without data; by default there are all whose needs are met."""
@@ -226,13 +221,8 @@ class Study(Record):
             if unmet[name]:
                 refuse(f"{name} needs {unmet[name][0]}", "figures")
         self._resolve(figures=self.figures or tuple(name for name in FIGURES if not unmet[name]))
-        labels = ("scene", "particles", "engine", *self.vary)
-        for name in self.panel:
-            if name not in labels:
-                refuse(f"must be of {', '.join(labels)}, not {name!r}", "panel")
-        if self.shown_particles not in (None, *counts):
-            allowed = f"one of the study's numbers of disks, {counts}"
-            refuse(f"must be {allowed}, not {self.shown_particles}", "shown_particles")
+        refuse_others(self.panel, ("scene", "particles", "engine", *self.vary), "panel")
+        refuse_others({self.shown_particles} - {None}, counts, "shown_particles")
 
     def _check_analysis(self) -> None:
         """Refuse what cannot be measured, windows with fewer than three samples, and times that are no sample times."""
@@ -253,7 +243,7 @@ class Study(Record):
         """Refuse scenes in place of others that do not have their sample times."""
         by_name = {case.name: case for case in self.cases}
         for scene, names in self.instead_of.items():
-            self._refuse_unknown((scene, *names), "instead_of", scene)
+            refuse_others((scene, *names), by_name, "instead_of", scene)
             for name in names:
                 if name == scene or not np.array_equal(by_name[name].times, by_name[scene].times):
                     refuse(f"must be other scenes with the sample times of {scene}", "instead_of", scene)
@@ -266,9 +256,9 @@ class Study(Record):
     @property
     def tradeoff_cases(self) -> list[str]:
         """The cases with exact runs and others to compare with them, by their names in the trade-off."""
-        engines = {case: {use.engine for use in self.uses if use.case is case} for case in self.cases}
-        compared = [case for case in self.cases if len(engines[case]) > 1 or case.name in self.instead_of]
-        return [case.label for case in compared if REFERENCE in engines[case]]
+        exact = [use.case for use in self.uses if use.engine == REFERENCE]
+        compared = [use.case for use in self.uses if use.engine != REFERENCE or use.case.name in self.instead_of]
+        return [case.label for case in exact if case in compared]
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:

@@ -27,7 +27,7 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     files = sorted(path for path in folder.rglob("*") if path.suffix in (".h5", ".nc"))
     if not files and not runs:
         raise WrongFileError(f"{folder}: has no results of a study; must be results/STUDY, or files")
-    missing, stored = [], set[Path]()
+    missing, stored = list[str](), list[Path]()
     for record in folder.glob(f"*/{RECORD}"):
         figures = [record.parent / name for name in json.loads(record.read_text())["files"]]
         missing += [str(path) for path in figures if not path.is_file()]
@@ -35,11 +35,11 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
         where, text = line.rsplit(" ", 1)
         place, seeds = Path(os.path.relpath(folder.absolute().parents[1] / where)), np.asarray(read_seeds(text))
         batches = stored_batches(place, seeds)
-        stored |= {place / f"{first}-{last}.h5" for first, last in batches}
+        stored += [place / f"{first}-{last}.h5" for first, last in batches]
         if len(left := without(seeds, batches)):
             missing.append(f"{where}: seeds {brief_seed_text(left)}")
     damaged = []
-    files += sorted(stored)
+    files += stored
     for file in tracked(files, "files"):
         try:
             (read_stored if file in stored else read_contents)(file)

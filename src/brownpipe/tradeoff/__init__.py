@@ -4,8 +4,8 @@
 CPU times, `front` finds the Pareto front, and `dataset` joins all results.
 """
 
-from brownpipe.tradeoff.compare import EngineRuns, compare, runs_of, spread_of
+from brownpipe.tradeoff.compare import EngineRuns, compare, runs_of
 from brownpipe.tradeoff.dataset import is_tradeoff, measure
 from brownpipe.tradeoff.front import runs_for
 
-__all__ = ["EngineRuns", "compare", "is_tradeoff", "measure", "runs_for", "runs_of", "spread_of"]
+__all__ = ["EngineRuns", "compare", "is_tradeoff", "measure", "runs_for", "runs_of"]

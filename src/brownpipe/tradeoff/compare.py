@@ -124,20 +124,6 @@ def refuse_unfit(exact: EngineRuns, *others: EngineRuns) -> None:
         raise AnalysisError(f"{exact.scene.name}: {why}; leave this scene out of the study")
 
 
-def spread_of(runs: EngineRuns, target: str, window: tuple[float, float]) -> float:
-    """Return the spread of `msd` (at the end) or `d` (in the window) in one run: standard deviation / mean.
-
-    For the displacement distribution that of its shares, `bias.spread_of_shares`. The standard deviation of n runs is
-    estimated with n - 1 degrees of freedom. Raises AnalysisError for fewer than two runs, and if the tracer does not
-    move.
-    """
-    refuse_unfit(runs)
-    if target not in TARGET_COLUMNS:
-        return bias.spread_of_shares()
-    values = _per_run(runs, window)[:, TARGET_COLUMNS[target]]
-    return float(values.std(ddof=1) / abs(values.mean()))
-
-
 def _biases(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]) -> dict[str, Any]:
     """MSD at the end and D in the window, in one resampling."""
     samples, references = _per_run(runs, window), _per_run(exact, window)

@@ -40,7 +40,7 @@ def add_simulate(add: Callable) -> None:
     for definition in DEFINITIONS.values():
         for key, setting in definition.settings.items():
             what = f"of {definition.name}: {setting.help}"
-            add(option(key), type=typed(setting.kind), metavar=setting.metavar, help=what)
+            add(option(key), type=typed(setting.kind), help=what)
     what = "tracer (default: its positions), velocity (of the tracer, too), all, events, none; all,events"
     add("--record", default="tracer", metavar="WHAT", help=what)
     some = f"some of {', '.join(OBSERVABLES)}, or a function of your own, my_module:my_function"
@@ -82,8 +82,8 @@ def simulate(arguments: Namespace) -> int:
     output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
     refuse_if_too_large(output, len(seeds) * cost.recorded)
 
-    if remark := engine.definition.caution(scene):
-        say(remark, DONE)
+    for caution in engine.cautions(scene, arguments.observables):
+        say(caution, DONE)
     checkpoint = f"{output}.checkpoint"
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
     with progress.shown("simulate"):

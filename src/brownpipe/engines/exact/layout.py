@@ -50,6 +50,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     candidates = 9 * grid.slots + 8 if big is None else grid.slots * (len(big.reach) + 9) + 9 * big.number + 8
     shift = np.array([(a * grid.width, u * grid.height, 0.0, 0.0) for u in (0, 1, -1) for a in (0, 1, -1)]).ravel()
     current = n + n // 8 + 16  # one event of every disk, and some outdated ones before they must be removed
+    deferred = (np.zeros(2, np.int64), np.zeros(2 * MOST_DEFERRED, np.int64), np.zeros(2 * MOST_DEFERRED, np.uint32))
     list_words = 0 if half == 0.0 else ws.WIDE_LIST_WORDS if wide else ws.LIST_WORDS
     disk, link, cell, bucket, current_time, current_disk, centre, neighbour = zeros_together(
         (ws.ROW * n, np.float64),
@@ -77,7 +78,7 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         bucket=bucket,
         current_time=current_time,
         current_disk=current_disk,
-        deferred=_deferred(n, half) if n >= FITS_CACHE else None,
+        deferred=ws.Deferred(*deferred, _prefetches_candidates(n, half)) if n >= FITS_CACHE else None,
         candidate=np.zeros(candidates, np.uint32),
         progress=np.zeros(ws.PROGRESS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
@@ -97,12 +98,6 @@ def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
     memory = np.zeros((-(-int(starts[-1]) // unit) + 1) * unit, np.uint8)
     memory = memory[-memory.ctypes.data % unit :]
     return [memory[start:].view(dtype)[:size] for start, (size, dtype) in zip(starts[:-1], sizes, strict=True)]
-
-
-def _deferred(n: int, half: float) -> ws.Deferred:
-    """Return empty lists of deferred insertions for n disks; `half` as of neighbour lists, 0 without."""
-    bucket, disk = np.zeros(2 * MOST_DEFERRED, np.int64), np.zeros(2 * MOST_DEFERRED, np.uint32)
-    return ws.Deferred(np.zeros(2, np.int64), bucket, disk, _prefetches_candidates(n, half))
 
 
 def _prefetches_candidates(n: int, half: float) -> bool:

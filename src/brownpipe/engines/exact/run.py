@@ -87,11 +87,6 @@ def beginning(prepared: PreparedScene, state: State, equilibrating: bool = False
     return RunState(equilibrating, prepared.workspace.grid.slots, motion, motion, {})
 
 
-def run(prepared: PreparedScene, state: State, times: np.ndarray, record: Collection[str] = ()) -> RunResult:
-    """Run from a state without checkpoints, and sample at the given times (T,) [time]; raise RunError as `to_end`."""
-    return to_end(prepared, beginning(prepared, state), new_recorder(prepared, times, record))
-
-
 def to_end(
     prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Checkpoints = NO_CHECKPOINTS
 ) -> RunResult:

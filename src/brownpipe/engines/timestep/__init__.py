@@ -85,8 +85,8 @@ TIMESTEP = Definition(
     summary="in steps",
     simulation="brownpipe.engines.timestep.simulation",
     settings={
-        "time_step": Setting(Positive, "DT", "must be given"),
-        "collisions": Setting(Literal[COLLISIONS], "WHEN", "at_contact (default) or late", "at_contact"),
+        "time_step": Setting(Positive, "must be given"),
+        "collisions": Setting(Literal[COLLISIONS], "at_contact (default) or late", "at_contact"),
     },
     model=lambda scenes, settings: "all disks, in time steps",
     refuse_unfit=refuse_unfit,

@@ -67,11 +67,10 @@ def simulate(
     refuse_unfit(scene, {"time_step": time_step, "collisions": collisions}, record)
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator, setup = prepare_equilibration(scene), prepared(scene, time_step, collisions)
-    samples = recorder(scene, setup.frame, time_step, scene.times, batch.needed_record)
 
     def run_of(column: int) -> RunResult:
         drawn = draw(scene, int(batch.ensemble.seeds[column]))
-        return _to_end(setup, equilibrate(equilibrator, drawn), samples)
+        return run(setup, equilibrate(equilibrator, drawn), scene.times, batch.needed_record)
 
     return make_runs(batch, run_of)
 
@@ -86,17 +85,9 @@ def prepared(scene: Scene, time_step: float, collisions: str = "at_contact") -> 
 
 
 def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> RunResult:
-    """Run from a state and sample at the given times (T,)."""
-    samples = recorder(setup.scene, setup.frame, setup.time_step, times, record)
-    return _to_end(setup, state, samples)
-
-
-def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> RunResult:
-    """Run from a state to the last sample; the tracer's track is in the arrays of `samples`.
-
-    Full lists are replaced by lists of twice the capacity.
-    """
+    """Run from a state and sample at the given times (T,). Full lists are replaced by lists of twice the capacity."""
     scene, frame, w = setup.scene, setup.frame, setup.workspace
+    samples = recorder(scene, frame, setup.time_step, times, record)
     first = motion_of(state, frame)
     begin(w, first)
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
@@ -111,8 +102,8 @@ def _to_end(setup: SteppingSetup, state: State, samples: ws.Recorder) -> RunResu
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: Workspace) -> Workspace:
     """Return the workspace in its present state with lists of twice the capacity."""
-    larger = prepare(*setup[:-1], capacity=2 * len(w.within.a))
-    names = ("within", "across", "candidate", "contact_time", "contact_key", "contact_pair")
+    larger = prepare(*setup[:-1], capacity=2 * w.capacity)
+    names = ("capacity", "pairs", "candidate", "contact_time", "contact_key", "contact_pair")
     return w._replace(**{name: getattr(larger, name) for name in names})
 
 
@@ -127,10 +118,7 @@ def prepare(scene: Scene, frame: Frame, time_step: float, collisions: str, capac
     x, y = ((np.array((box.x[0], box.y[0])) - frame.origin) / frame.length).tolist()
     width, height = box.width / frame.length, box.height / frame.length
     capacity = max(capacity, 16 * n + 64)
-
-    def pairs(capacity: int) -> PairList:
-        return PairList(*(np.zeros(capacity, kind) for kind in (np.uint32, np.uint32, float, float, float)))
-
+    pairs = (np.zeros(2 * capacity, kind) for kind in (np.uint32, np.uint32, float, float, float))
     return Workspace(
         box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
         step=time_step / frame.time,
@@ -145,8 +133,8 @@ def prepare(scene: Scene, frame: Frame, time_step: float, collisions: str, capac
         mass=scene.mass[frame.order] / frame.mass,
         straight_since=np.zeros(n),
         cell_start=np.zeros(4 * n + 9, np.int32),
-        within=pairs(capacity),
-        across=pairs(capacity if box.periodic else 0),
+        capacity=capacity,
+        pairs=PairList(*pairs),
         candidate=np.zeros(2 * capacity, np.uint32),
         contact_time=np.zeros(2 * capacity),
         contact_key=np.zeros(2 * capacity, np.int64),

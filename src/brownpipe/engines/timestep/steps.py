@@ -39,18 +39,18 @@ def reaches_beyond(x: float, y: float, r: float, left: float, right: float, bott
 
 
 @kernel
-def candidates(images: ws.PairList | None, w: ws.Workspace, pairs: ws.PairList, number: int, first: int, m: int) -> int:
-    """Append the pairs of a list that overlap, or did within the last two steps, to m candidates; return their number.
+def candidates(shifted: ws.PairList | None, w: ws.Workspace, first: int, number: int, m: int) -> int:
+    """Append the listed pairs that overlap, or did within the last two steps, to m candidates; return their number.
 
-    The pairs are numbered from `first`; `images` are those of a disk and a periodic image. Every pair is written, but
+    They are `number` pairs from `first` on; `shifted` is None if they lie within the box. Every pair is written, but
     the number increases only if it is close enough, so that there is no branch to predict.
     """
-    slack = w.tally[ws.SLACK]
-    for j in range(number):
+    pairs, slack = w.pairs, w.tally[ws.SLACK]
+    for j in range(first, first + number):
         x, y = w.x[pairs.b[j]] - w.x[pairs.a[j]], w.y[pairs.b[j]] - w.y[pairs.a[j]]
-        if images is not None:
-            x, y = x + images.shift_x[j], y + images.shift_y[j]
-        w.candidate[m] = first + j
+        if shifted is not None:
+            x, y = x + shifted.shift_x[j], y + shifted.shift_y[j]
+        w.candidate[m] = j
         m += x * x + y * y < pairs.contact[j] + slack
     return m
 
@@ -59,21 +59,14 @@ def candidates(images: ws.PairList | None, w: ws.Workspace, pairs: ws.PairList, 
 def relative(w: ws.Workspace, pair: int) -> tuple[int, int, float, float, float, float, float]:
     """Return disks a and b of a pair, the position and velocity of b relative to a, and sigma^2.
 
-    `pair` below the capacity of a list is an index into `w.within`; the others, less the capacity, are indices into
-    `w.across`. Disk a has the lower number in the engine.
+    Disk a has the lower number in the engine.
     """
-    j, capacity = pair, len(w.within.a)
-    if j < capacity:
-        a, b, sigma2 = int(w.within.a[j]), int(w.within.b[j]), w.within.contact[j]
-        x, y = w.x[b] - w.x[a], w.y[b] - w.y[a]
-    else:
-        j -= capacity
-        a, b, sigma2 = int(w.across.a[j]), int(w.across.b[j]), w.across.contact[j]
-        x = w.x[b] - w.x[a] + w.across.shift_x[j]
-        y = w.y[b] - w.y[a] + w.across.shift_y[j]
+    pairs = w.pairs
+    a, b = int(pairs.a[pair]), int(pairs.b[pair])
+    x, y = w.x[b] - w.x[a] + pairs.shift_x[pair], w.y[b] - w.y[a] + pairs.shift_y[pair]
     if w.disk[a] > w.disk[b]:
         a, b, x, y = b, a, -x, -y
-    return a, b, x, y, w.vx[b] - w.vx[a], w.vy[b] - w.vy[a], sigma2
+    return a, b, x, y, w.vx[b] - w.vx[a], w.vy[b] - w.vy[a], pairs.contact[pair]
 
 
 @kernel
@@ -261,8 +254,8 @@ def step(w: ws.Workspace) -> None:
     """Take a time step: flight, pair collisions in the order of time, wall collisions."""
     w.counters[ws.BEYOND] = fly(w, w.x, w.y, w.vx, w.vy, w.radius)
     box, now = w.box, (w.counters[ws.STEP] + 1) * w.step
-    m = candidates(None, w, w.within, w.counters[ws.WITHIN], 0, 0)
-    m = candidates(w.across, w, w.across, w.counters[ws.ACROSS], len(w.within.a), m)
+    m = candidates(None, w, 0, w.counters[ws.WITHIN], 0)
+    m = candidates(w.pairs, w, w.capacity, w.counters[ws.ACROSS], m)
     if m > 0:
         m = gather_contacts(w, m, now)
         sort_contacts(w, m)

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from brownpipe.engines.insertion import cell_of
 from brownpipe.engines.kernels import kernel
 from brownpipe.engines.timestep import workspace as ws
 
@@ -60,17 +61,18 @@ def make(w: ws.Workspace) -> None:
                 pairs_across_sides(w, columns, rows, column, row)
     for i in range(w.big):
         pairs_of_big(w, i)
-    finish_list(w, w.within, w.counters[ws.WITHIN])
-    finish_list(w, w.across, w.counters[ws.ACROSS])
+    finish_list(w, 0, w.counters[ws.WITHIN])
+    finish_list(w, w.capacity, w.counters[ws.ACROSS])
     for i in range(len(w.x)):
         w.x_at_build[i], w.y_at_build[i] = w.x[i], w.y[i]
     w.counters[ws.LISTS_BUILT] += 1
 
 
 @kernel
-def finish_list(w: ws.Workspace, pairs: ws.PairList, number: int) -> None:
-    """Store sigma^2 of the listed pairs, and replace places in the sorted copies by places in memory."""
-    for j in range(number):
+def finish_list(w: ws.Workspace, first: int, number: int) -> None:
+    """Store sigma^2 of listed pairs from `first` on, and replace places in the sorted copies by places in memory."""
+    pairs = w.pairs
+    for j in range(first, first + number):
         a, b = pairs.a[j], pairs.b[j]
         sigma = w.sorted_radius[a] + w.sorted_radius[b]
         pairs.contact[j] = sigma * sigma
@@ -115,20 +117,14 @@ def boxes_away(place: float, low: float, side: float) -> int:
 
 
 @kernel
-def cell_of(place: float, low: float, side: float, cells: int) -> int:
-    """Return the index of a coordinate's cell along a side; a coordinate outside belongs to the nearest cell."""
-    return min(max(int((place - low) / side * cells), 0), cells - 1)
-
-
-@kernel
 def sort(w: ws.Workspace, columns: int, rows: int) -> None:
     """Sort the disks by cell, big disks first (a stable counting sort), and copy positions and radii in this order."""
     n, cell_start, order = len(w.x), w.cell_start, w.order
     for cell in range(columns * rows + 1):
         cell_start[cell] = 0
     for i in range(w.big, n):
-        column = cell_of(w.x[i], w.box.x, w.box.width, columns)
-        row = cell_of(w.y[i], w.box.y, w.box.height, rows)
+        column = cell_of(w.x[i] - w.box.x, w.box.width, columns)
+        row = cell_of(w.y[i] - w.box.y, w.box.height, rows)
         w.cell[i] = row * columns + column
         cell_start[w.cell[i] + 1] += 1
     cell_start[0] = w.big
@@ -173,7 +169,7 @@ def permute(values: np.ndarray, order: np.ndarray, scratch: np.ndarray) -> None:
 @kernel
 def pairs_of_row(w: ws.Workspace, columns: int, rows: int, row: int) -> None:
     """List the pairs of the disks in a row of cells: in the same cell, the next one, and the three in the row above."""
-    pairs, cell_start, m = w.within, w.cell_start, w.counters[ws.WITHIN]
+    pairs, cell_start, m = w.pairs, w.cell_start, w.counters[ws.WITHIN]
     begin, end = row * columns, (row + 1) * columns
     x, y, radius, skin = w.sorted_x, w.sorted_y, w.sorted_radius, w.tally[ws.SKIN]
     for i in range(cell_start[begin], cell_start[end]):
@@ -181,7 +177,7 @@ def pairs_of_row(w: ws.Workspace, columns: int, rows: int, row: int) -> None:
         beside = cell_start[min(cell + 2, end)] - (i + 1)
         above = cell_start[max(cell + columns - 1, end)] if row + 1 < rows else 0
         number = cell_start[min(cell + columns + 2, end + columns)] - above if row + 1 < rows else 0
-        if m + beside + number > len(pairs.a):
+        if m + beside + number > w.capacity:
             w.counters[ws.OVERFULL] = 1
             return
         xi, yi, far = x[i], y[i], radius[i] + skin
@@ -204,7 +200,7 @@ def pairs_across_sides(w: ws.Workspace, columns: int, rows: int, column: int, ro
             if across != 0 or up != 0:
                 other = (row + above - up * rows) * columns + column + aside - across * columns
                 for i in range(cell_start[cell], cell_start[cell + 1]):
-                    list_pairs(w, w.across, ws.ACROSS, i, cell_start[other], cell_start[other + 1], across, up)
+                    list_pairs(w, i, cell_start[other], cell_start[other + 1], across, up)
 
 
 @kernel
@@ -216,7 +212,7 @@ def images_within_reach(distance: float, cells: int, side: float) -> int:
 @kernel
 def pairs_of_big(w: ws.Workspace, i: int) -> None:
     """List the pairs of big disk i with all disks after it, and with their periodic images."""
-    list_pairs(w, w.within, ws.WITHIN, i, i + 1, len(w.x), 0, 0)
+    list_pairs(w, i, i + 1, len(w.x), 0, 0)
     if not w.box.periodic:
         return
     largest = w.common_radius
@@ -227,17 +223,16 @@ def pairs_of_big(w: ws.Workspace, i: int) -> None:
     for across in range(math.floor((x - far) / w.box.width), math.floor((x + far) / w.box.width) + 1):
         for up in range(math.floor((y - far) / w.box.height), math.floor((y + far) / w.box.height) + 1):
             if across != 0 or up != 0:
-                list_pairs(w, w.across, ws.ACROSS, i, i + 1, len(w.x), across, up)
+                list_pairs(w, i, i + 1, len(w.x), across, up)
 
 
 @kernel
-def list_pairs(
-    w: ws.Workspace, pairs: ws.PairList, counter: int, i: int, begin: int, end: int, across: int, up: int
-) -> None:
+def list_pairs(w: ws.Workspace, i: int, begin: int, end: int, across: int, up: int) -> None:
     """List the pairs of disk i with the sorted disks from begin to end - 1, shifted by (across, up) boxes."""
-    start = w.counters[counter]
-    m = start
-    if m + end - begin > len(pairs.a):
+    pairs, within = w.pairs, across == 0 and up == 0
+    counter, first = (ws.WITHIN, 0) if within else (ws.ACROSS, w.capacity)
+    start = m = first + w.counters[counter]
+    if m + end - begin > first + w.capacity:
         w.counters[ws.OVERFULL] = 1
         return
     shift_x, shift_y = across * w.box.width, up * w.box.height
@@ -246,6 +241,6 @@ def list_pairs(
         dx, dy, most = w.sorted_x[k] - x, w.sorted_y[k] - y, w.sorted_radius[k] + far
         pairs.a[m], pairs.b[m] = i, k
         m += dx * dx + dy * dy < most * most
-    w.counters[counter] = m
-    if across != 0 or up != 0:
+    w.counters[counter] = m - first
+    if not within:
         pairs.shift_x[start:m], pairs.shift_y[start:m] = shift_x, shift_y

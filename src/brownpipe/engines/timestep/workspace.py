@@ -39,18 +39,18 @@ class EngineBox(NamedTuple):
 
 @by_reference
 class PairList(NamedTuple):
-    """Pairs of disks that may touch before the list is built again; w.counters has their number. Shape (capacity,)."""
+    """Pairs of disks that may touch before the list is built again, those within the box first. Shape (2 C,)."""
 
     a: np.ndarray  # uint32, places of the disks in memory
     b: np.ndarray  # uint32
     contact: np.ndarray  # sigma^2
-    shift_x: np.ndarray  # from disk b to its image; unused for pairs within the box
+    shift_x: np.ndarray  # from disk b to its image; 0 for pairs within the box
     shift_y: np.ndarray
 
 
 @by_reference
 class Workspace(NamedTuple):
-    """All that a run reads and writes, except the samples. N disks; capacity C of each list of pairs."""
+    """All that a run reads and writes, except the samples. N disks; capacity C for pairs within and across the box."""
 
     box: EngineBox
     step: float  # the time step
@@ -78,8 +78,8 @@ class Workspace(NamedTuple):
     cell: np.ndarray  # (N,) int32, the cell of each disk
     cell_start: np.ndarray  # (4 N + 9,) int32, where each cell starts in `order`
     scratch: np.ndarray  # (N,) int32
-    within: PairList  # pairs of disks in the box
-    across: PairList  # pairs of a disk and a periodic image
+    capacity: int  # C
+    pairs: PairList  # pairs of disks in the box; from C on pairs of a disk and a periodic image
     candidate: np.ndarray  # (2 C,) uint32, listed pairs close enough to have met
     contact_time: np.ndarray  # (2 C,) float64, time of contact of pairs that met, 0 at the end of the step
     contact_key: np.ndarray  # (2 C,) int64, the numbers i, k of both disks in one: i N + k
