@@ -117,7 +117,7 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
     except (WrongFileError, OSError) as error:
         raise WrongFileError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
     except MALFORMED as error:
-        again = f"delete it and run the study, or brownpipe {verb}, again"
+        again = f"if brownpipe wrote it, delete it and run the study, or brownpipe {verb}, again"
         raise StorageError(f"{path}: is not as this version of brownpipe writes it: {error}; {again}") from error
 
 
