@@ -253,7 +253,7 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
         assert message in refused(capsys, path, "--to", form, *options)
     monkeypatch.setitem(sys.modules, "gsd", None)
     message = refused(capsys, walled, "--to", "gsd")
-    assert "--to gsd: needs the package gsd (" in message and "install it by pip install gsd, or choose xyz" in message
+    assert "--to gsd: needs the package gsd (" in message and "pip install gsd; or xyz or csv" in message
     assert sorted(tmp_path.iterdir()) == [bare, empty, tracer]
 
 
@@ -264,5 +264,5 @@ def test_gsd_refuses_what_it_would_round_to_nothing(length, tmp_path, capsys):
     scene = make_scene("far", 2, velocities=velocities, box={"x": side, "y": side}, disks={"species": disks})
     path = written(tmp_path / "far.h5", scene, [0])
     message = refused(capsys, path, "--to", "gsd", "--output", tmp_path / "far.gsd")
-    assert "holds numbers from 1.2e-38 to 3.4e+38 only; choose xyz or csv" in message
+    assert "holds numbers from 1.2e-38 to 3.4e+38 only; use xyz or csv" in message
     assert [*tmp_path.iterdir()] == [path]

@@ -134,16 +134,6 @@ def test_a_file_is_on_disk_before_it_has_its_name(monkeypatch, tmp_path):
     assert "renamed" in calls[1:] and calls[0].endswith(".part")
 
 
-@pytest.mark.parametrize("mask", [0o022, 0o077])
-def test_files_have_the_usual_permissions(mask, tmp_path):
-    before = os.umask(mask)
-    try:
-        write_file(tmp_path / "x", b"")
-    finally:
-        os.umask(before)
-    assert (tmp_path / "x").stat().st_mode & 0o777 == 0o666 & ~mask
-
-
 # -- damage, as `brownpipe verify` finds it --------------------------------------------------------------------------
 
 

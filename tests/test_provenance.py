@@ -107,9 +107,9 @@ def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypa
     package = tmp_path / "src" / PACKAGE.name
     package.mkdir(parents=True)
     (package / "a.py").write_text("1\n")
-    assert commit_of(package) is None
+    assert commit_of(package) == ""
     git("init")
-    assert commit_of(package) is None  # no commit yet
+    assert commit_of(package) == ""  # no commit yet
     git("add", "src")
     git("commit", "-m", "one")
     commit = git("rev-parse", "HEAD")
@@ -118,6 +118,6 @@ def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypa
     assert commit_of(package) == f"{commit}, modified"
     inside = tmp_path / ".venv" / "lib" / PACKAGE.name  # installed in a folder that somebody keeps in git
     inside.mkdir(parents=True)
-    assert commit_of(inside) is None
+    assert commit_of(inside) == ""
     monkeypatch.setenv("PATH", "")
-    assert commit_of(package) is None
+    assert commit_of(package) == ""

@@ -15,7 +15,7 @@ from brownpipe.engines.ensemble import Ensemble, joined, select, with_blanks
 from brownpipe.errors import AnalysisError
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
-from brownpipe.storage.store import StoredFile
+from brownpipe.storage.store import StoredFile, read_stored
 from brownpipe.storage.trajectories import Trajectories, read_trajectories
 
 Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with what it is to hold, or runs in memory
@@ -65,14 +65,12 @@ def _opened(number: int, source: Source) -> RunFile:
     """Return a source; of a file what it holds is read, but not its runs."""
     if isinstance(source, Trajectories):
         return RunFile(f"runs[{number}]", source.ensemble.seeds, source, True)
-    path = str(source.path if isinstance(source, StoredFile) else source)
-    contents = read_trajectories(path, outline=True)
-    seeds = contents.ensemble.seeds
     if isinstance(source, StoredFile):
-        if contents.digest != source.digest or not np.array_equal(seeds, range(source.first, source.last + 1)):
-            raise AnalysisError(f"{path}: holds other runs than its name says; delete it and run the study again")
-        seeds = seeds[np.isin(seeds, source.seeds)]
-    return RunFile(path, seeds, contents, False)
+        contents = read_stored(source.path, outline=True)
+        seeds = contents.ensemble.seeds
+        return RunFile(str(source.path), seeds[np.isin(seeds, source.seeds)], contents, False)
+    contents = read_trajectories(source, outline=True)
+    return RunFile(str(source), contents.ensemble.seeds, contents, False)
 
 
 def _group(files: Sequence[RunFile]) -> Group:

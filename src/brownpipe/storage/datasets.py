@@ -6,8 +6,8 @@ users.
 """
 
 import json
+import platform
 import subprocess
-import sys
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from brownpipe.provenance import PACKAGE, made_with
-from brownpipe.storage.files import DATASET, RUNS, reading, sealed, write_file
+from brownpipe.storage.files import DATASET, TRAJECTORIES, reading, sealed, write_file
 from brownpipe.storage.trajectories import SMALL, Trajectories, runs_record, trajectories_in
 
 if TYPE_CHECKING:
@@ -47,17 +47,15 @@ def read_dataset(path: str | Path) -> "xarray.Dataset":
 
 def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
     """Return the contents of a trajectory file or a dataset; errors as of `read_dataset`."""
-    with reading(path, RUNS, DATASET) as file:
-        return trajectories_in(file) if RUNS in file.attrs else _dataset_in(file)
+    with reading(path, TRAJECTORIES, DATASET) as file:
+        return trajectories_in(file) if TRAJECTORIES in file.attrs else _dataset_in(file)
 
 
 def _dataset_in(file: h5py.File) -> "xarray.Dataset":
     import h5netcdf
     import xarray
 
-    store = xarray.backends.H5NetCDFStore(h5netcdf.File(file, "r"))
-    with xarray.open_dataset(store) as dataset:
-        return dataset.load().drop_encoding()
+    return xarray.open_dataset(xarray.backends.H5NetCDFStore(h5netcdf.File(file, "r"))).load().drop_encoding()
 
 
 # -- what a dataset was made from -----------------------------------------------------------------------------------
@@ -75,20 +73,18 @@ def origin_attributes(step: str, runs: Iterable[tuple[Trajectories, np.ndarray]]
 
 @cache
 def made_by(step: str) -> dict[str, str]:
-    """Return the source, versions and Python with which a step makes its output, and the commit of a git checkout.
+    """Return the source, versions, Python and commit with which a step makes its output."""
+    return made_with(step) | {"python": platform.python_version(), "git_commit": commit_of(PACKAGE)}
 
-    The commit of a checkout with modified files ends with `, modified`.
+
+def commit_of(package: Path) -> str:
+    """Return the commit of the checkout that a package lies in; empty if it is installed, or if git does not answer.
+
+    That of a checkout with modified files ends with `, modified`.
     """
-    commit = commit_of(PACKAGE)
-    python = {"python": sys.version.partition(" ")[0]}
-    return made_with(step) | python | ({"git_commit": commit} if commit else {})
-
-
-def commit_of(package: Path) -> str | None:
-    """Return the commit of the checkout that a package lies in; None if it is installed, or if git does not answer."""
     folder = package.parents[1]
     command = ["git", f"--git-dir={folder}/.git", f"--work-tree={folder}", "describe", "--always", "--abbrev=40"]
     command += ["--exclude=*", "--dirty=, modified"]
     with suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    return None
+    return ""

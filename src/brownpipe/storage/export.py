@@ -86,16 +86,14 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
         import gsd.fl
         import gsd.hoomd
     except ImportError as error:
-        wrong = f"--to gsd: needs the package gsd ({error})"
-        raise RequestError(f"{wrong}; install it by pip install gsd, or choose xyz or csv") from error
+        raise RequestError(f"--to gsd: needs the package gsd ({error}): pip install gsd; or xyz or csv") from error
 
     ((position, velocity, image),), box, species = tracks.values(), scene.box, species_table(scene)
     assert velocity is not None  # whole runs have velocities
     edges = np.array([box.width, box.height])
     sizes, single = np.concatenate([edges, scene.radius, scene.mass]), np.finfo(np.float32)
     if sizes.min() < single.tiny or max(2 * sizes.max(), velocity.max(), -velocity.min()) > single.max:
-        range_ = f"{single.tiny:.1e} to {single.max:.1e}"
-        raise RequestError(f"--to gsd: holds numbers from {range_} only; choose xyz or csv, or other units")
+        raise RequestError(f"--to gsd: holds numbers from {single.tiny:.1e} to {single.max:.1e} only; use xyz or csv")
     path.touch()  # gsd would let others not read a file that it creates
     file = gsd.fl.open(path, "w", application="brownpipe", schema="hoomd", schema_version=GSD_SCHEMA)
     with gsd.hoomd.HOOMDTrajectory(file) as trajectory:

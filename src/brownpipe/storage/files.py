@@ -22,9 +22,9 @@ from brownpipe.errors import RequestError, StorageError, WrongFileError
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
 SEAL = re.compile(rb"# brownpipe-sha256:([0-9a-f]{64})\n")
 SEAL_LENGTH = len("# brownpipe-sha256:\n") + 64
-RUNS, CHECKPOINT, DATASET = "runs_digest", "checkpoint", "dataset"
+TRAJECTORIES, CHECKPOINT, DATASET = "runs_digest", "checkpoint", "dataset"
 KINDS = {  # of HDF5 files, by an attribute that files of this kind alone have, datasets none
-    RUNS: "a trajectory file (of `brownpipe simulate`)",
+    TRAJECTORIES: "a trajectory file (of `brownpipe simulate`)",
     CHECKPOINT: "the checkpoint of unfinished runs (repeat the command that wrote it, and they continue)",
     DATASET: "a dataset (of `brownpipe aggregate`)",
 }
@@ -59,17 +59,16 @@ def replacing(path: str | Path) -> Iterator[Path]:
     part = path.with_name(f"{path.name}.brownpipe.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            yield part
-            sync(part)
-            os.replace(part, path)
-        finally:
-            part.unlink(missing_ok=True)
+        yield part
+        sync(part)
+        os.replace(part, path)
     except OSError as error:
-        cure = "free some space, or choose a place that can be written"
-        raise StorageError(f"{path}: not written: {error.strerror or error}; {cure}") from error
-    with suppress(OSError):  # some file systems cannot wait for folders
-        sync(path.parent)
+        wrong = f"not written: {error.strerror or error}; free some space, or choose another place"
+        raise StorageError(f"{path}: {wrong}") from error
+    finally:
+        with suppress(OSError):  # there may be no such folder, and some file systems cannot wait for one
+            part.unlink(missing_ok=True)
+            sync(path.parent)
 
 
 def sync(path: Path) -> None:
@@ -118,7 +117,7 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
     except (WrongFileError, OSError) as error:
         raise WrongFileError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
     except MALFORMED as error:
-        again = f"delete it and run the study, or brownpipe {verb}, again"
+        again = f"if brownpipe wrote it, delete it and run the study, or brownpipe {verb}, again"
         raise StorageError(f"{path}: is not as this version of brownpipe writes it: {error}; {again}") from error
 
 
@@ -180,9 +179,8 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
         stored, arrays = json.loads(file.attrs[CHECKPOINT]), {name: item[()] for name, item in file.items()}
     for name, value in made_by.items():
         if stored.get(name) != value:
-            which = f"{name} {stored.get(name)!s:.40}, not {value!s:.40}"
             cure = "repeat that command, delete this file to begin anew, or choose another --output"
-            raise RequestError(f"{path}: is of a run with {which}; {cure}")
+            raise RequestError(f"{path}: is of a run with {name} {stored.get(name)!s:.40}, not {value!s:.40}; {cure}")
     return arrays
 
 

@@ -22,7 +22,7 @@ from brownpipe.observables.own import identity
 from brownpipe.progress import tracked
 from brownpipe.provenance import digest_of, modules_of, source_digest
 from brownpipe.scene import Scene
-from brownpipe.storage.trajectories import read_trajectories
+from brownpipe.storage.trajectories import Trajectories, read_trajectories
 
 RUNS = Path("results/runs")
 FILE = re.compile(r"(\d{1,19})-(\d{1,19})\.h5")
@@ -50,19 +50,26 @@ def folder_of_runs(scene: Scene, engine: Engine, digest: str) -> Path:
     return RUNS / scene.name / f"N{scene.particles}" / f"{engine.label}-{digest[:DIGITS]}"
 
 
+def read_stored(path: Path, outline: bool = False) -> Trajectories:
+    """Return the runs of a file of the store, as `read_trajectories`.
+
+    Raises StorageError if the file is damaged or holds other runs than its folder and name say.
+    """
+    runs, (first, last) = read_trajectories(path, outline), map(int, path.stem.split("-"))
+    is_of_folder = path.parent.name.endswith(f"-{runs.header['runs_digest'][:DIGITS]}")
+    if not is_of_folder or not np.array_equal(runs.ensemble.seeds, range(first, last + 1)):
+        raise StorageError(f"{path}: holds other runs than its name says; delete it and run the study again")
+    return runs
+
+
 def stored_runs(scene: Scene, engine: Engine, digest: str, seeds: np.ndarray) -> list[Ensemble]:
     """Return the files of the store in the current folder that hold some of these runs; `seeds` (S,) ascend.
 
-    Raises StorageError for a file that is damaged or holds other runs than its name says.
+    Raises StorageError as `read_stored`.
     """
-    folder, found = folder_of_runs(scene, engine, digest), []
-    for first, last in tracked(stored_batches(folder, seeds), "files"):
-        path = folder / f"{first}-{last}.h5"
-        runs = read_trajectories(path)
-        if runs.header["runs_digest"] != digest or not np.array_equal(runs.ensemble.seeds, range(first, last + 1)):
-            raise StorageError(f"{path}: holds other runs than its name says; delete it")
-        found.append(runs.ensemble)
-    return found
+    folder = folder_of_runs(scene, engine, digest)
+    batches = tracked(stored_batches(folder, seeds), "files")
+    return [read_stored(folder / f"{first}-{last}.h5").ensemble for first, last in batches]
 
 
 def stored_batches(folder: str | Path, seeds: np.ndarray) -> list[tuple[int, int]]:

@@ -19,7 +19,7 @@ from brownpipe.observables.own import Own, own_arrays
 from brownpipe.provenance import modules_of, source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
-from brownpipe.storage.files import MALFORMED, RUNS, reading, writing
+from brownpipe.storage.files import MALFORMED, TRAJECTORIES, reading, writing
 from brownpipe.storage.layout import AXES, PLACES, SCALES, Groups, described, dims_of, ensemble_of, groups_of
 
 if TYPE_CHECKING:
@@ -43,10 +43,9 @@ class Trajectories(NamedTuple):
     @property
     def record(self) -> frozenset[str]:
         """What is recorded, in the words of `--record`: whose tracks, and whether collisions."""
-        tracer, whole, events = self.ensemble.tracer, self.ensemble.whole, self.ensemble.events
-        velocity = tracer is not None and tracer.velocity is not None
-        parts = {"tracer": tracer is not None, "velocity": velocity, "all": whole, "events": events}
-        return frozenset(name for name, is_recorded in parts.items() if is_recorded)
+        runs, tracer = self.ensemble, self.ensemble.tracer
+        tracks = {"tracer": tracer, "velocity": tracer and tracer.velocity, "all": runs.whole or None}
+        return frozenset(name for name, part in (tracks | {"events": runs.events or None}).items() if part is not None)
 
     @property
     def measured(self) -> tuple[str, ...] | None:
@@ -56,16 +55,10 @@ class Trajectories(NamedTuple):
         return None if names <= {"failed"} else (*observables_making(names), *own)
 
     @property
-    def digest(self) -> str:
-        """That of all that determines the runs (`store.runs_digest`); empty for runs that were only saved."""
-        return self.header.get("runs_digest", "")
-
-    @property
     def attributes(self) -> dict:
         """Those of the root: scene, engine, versions, the command that makes the runs again."""
         scene, engine, ensemble = self.scene, self.engine, self.ensemble
         made = {
-            "title": f"{scene.name}: {len(ensemble.seeds)} runs",
             "scene": scene.text,
             "scene_name": scene.name,
             "particles": scene.particles,
@@ -73,7 +66,7 @@ class Trajectories(NamedTuple):
             "settings": json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False),
             "average": ensemble.average,
             "variables": json.dumps(sorted(ensemble.observables)),
-            "command": simulate_command(self, ensemble.seeds, ",".join(sorted(self.record - {"tracer"}))),
+            "command": runs_record(self, ensemble.seeds, ",".join(sorted(self.record - {"tracer"})))["command"],
             "source_digest": self.source,
             "runs_digest": "",
             **({"own_arrays": json.dumps(ensemble.own)} if ensemble.own else {}),
@@ -81,8 +74,8 @@ class Trajectories(NamedTuple):
         return {**made, **versions(), **self.header}
 
 
-def simulate_command(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> str:
-    """Return the command that makes runs of these seeds (S,) again.
+def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> dict:
+    """Return the command that makes runs (S,) of one scene and engine again, their scene and the source that made them.
 
     record: as --record takes it; by default what was recorded of the tracer, `none` if nothing was.
     """
@@ -91,19 +84,10 @@ def simulate_command(runs: Trajectories, seeds: Sequence[int] | np.ndarray, reco
     words = [f"--particles {runs.scene.particles}"] if runs.scene.species else []
     words += [f"--seeds {seed_text(seeds)}", f"--engine {runs.engine.options}"]
     words += [f"--{key} {value}" for key, value in options.items() if value not in DEFAULTS]
-    return f"brownpipe simulate {runs.scene.name}.yaml {' '.join(words)}"
-
-
-def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> dict:
-    """Return the command that makes runs (S,) of one scene and engine again, their scene and the source that made them.
-
-    record: as of `simulate_command`.
-    """
-    scene = runs.scene
     return {
-        "command": simulate_command(runs, seeds, record),
-        "scene_digest": scene.digest,
-        "scene": json.loads(scene.text),
+        "command": f"brownpipe simulate {runs.scene.name}.yaml {' '.join(words)}",
+        "scene_digest": runs.scene.digest,
+        "scene": json.loads(runs.scene.text),
         "source_digest": runs.source,
     }
 
@@ -121,7 +105,7 @@ def write_trajectories(
     source = source or source_digest(*modules_of("simulate", engine.name))
     attributes, own = Trajectories(scene, engine, ensemble, source).attributes, ensemble.own
     with writing(path) as file:
-        file.attrs.update(attributes | {RUNS: digest})
+        file.attrs.update(attributes | {TRAJECTORIES: digest})
         for place, variables in groups_of(scene, ensemble).items():
             group = file.require_group(place)
             for name in sorted(variables, key=lambda name: (name not in SCALES, name)):
@@ -156,21 +140,19 @@ def _filters(dims: tuple[str, ...], values: np.ndarray) -> dict:
 def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:
     """Return the contents of a trajectory file after verifying its seal.
 
-    outline: nothing but seeds, times and what there is: tracks and observables are empty, and not decompressed; whole
-    runs and collisions are left out.
+    outline: tracks, collisions and observables are empty, and not decompressed.
 
     Raises StorageError, which names the file and says how to make it again; WrongFileError if the file does not exist
     or is no trajectory file.
     """
-    with reading(path, RUNS) as file:
+    with reading(path, TRAJECTORIES) as file:
         return trajectories_in(file, outline)
 
 
 def trajectories_in(file: h5py.File, outline: bool = False) -> Trajectories:
     """Return the contents of an open trajectory file."""
     header = {name: value for name, value in file.attrs.items() if isinstance(value, str)}
-    places = ["/"] if outline else [place for place in PLACES if place in file]
-    groups = {place: _variables(file[place], outline) for place in places}
+    groups = {place: _variables(file[place], outline) for place in PLACES if place in file}
     return _runs_of(header, groups)._replace(header=header)
 
 
@@ -219,8 +201,7 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     """
     import xarray
 
-    scene, _, ensemble, *_ = trajectories
-    own = ensemble.own
+    scene, ensemble, own = trajectories.scene, trajectories.ensemble, trajectories.ensemble.own
     size, nodes = np.array([scene.box.width, scene.box.height]), {}
     for place, group in groups_of(scene, ensemble).items():
         if "position" in group:

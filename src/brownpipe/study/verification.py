@@ -11,8 +11,7 @@ from brownpipe.figures.origin import RECORD
 from brownpipe.progress import tracked
 from brownpipe.scene.seeds import brief_seed_text, read_seeds
 from brownpipe.storage.datasets import read_contents
-from brownpipe.storage.store import DIGITS, stored_batches, without
-from brownpipe.storage.trajectories import Trajectories
+from brownpipe.storage.store import read_stored, stored_batches, without
 
 
 def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]:
@@ -43,11 +42,7 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     files += stored
     for file in tracked(files, "files"):
         try:
-            contents = read_contents(file)
-            if isinstance(contents, Trajectories) and file in stored:
-                digest, ends = contents.digest[:DIGITS], contents.ensemble.seeds[[0, -1]]
-                if not (file.parent.name.endswith(digest) and file.stem == "{}-{}".format(*ends)):
-                    raise StorageError(f"{file}: holds other runs than its name says")
+            (read_stored if file in stored else read_contents)(file)
         except StorageError:
             damaged.append(file)
     return [str(file) for file in files if file not in damaged], [*map(str, damaged)], missing
