@@ -219,6 +219,20 @@ def test_green_kubo_needs_a_temperature(dataset, tmp_path, no_pictures):
     assert all(row["green_kubo"] for row in rows(tmp_path / "diffusion.csv"))
 
 
+def test_what_the_legend_of_diffusion_names_is_in_the_panel_or_said_not_to_be(dataset):
+    """Far beyond the curves of the MSD, the Green-Kubo integral and Enskog's D would leave these no room."""
+    one = dataset.sel(scene=["hot"], particles=[20])
+    top = max(float(one[name].max()) for name in ("msd_over_4t", "diffusion_running"))
+    integral = one.green_kubo / one.green_kubo.max()
+    for enskog, highest, shown in ((1.9, 1.5, 1.9), (1.5, 1.9, 1.9), (3.1, 1.5, 2.0), (1.5, 3.1, 2.0)):
+        data = one.assign(enskog_diffusion=0 * one.enskog_diffusion + enskog * top, green_kubo=highest * top * integral)
+        (panel,) = made("diffusion", data)[1]
+        assert panel.get_ylim()[1] == pytest.approx(1.25 * shown * top)
+        labels = [line.get_label() for line in panel.lines]
+        assert any("Enskog" in label and "above the panel" in label for label in labels) == (enskog > 3)
+        assert any("Green-Kubo" in label and "leaves the panel" in label for label in labels) == (highest > 3)
+
+
 @pytest.mark.parametrize("correlated", [1, 30])
 def test_residuals_of_velocities_that_follow_the_model_are_standard_normal(correlated):
     """Samples of a run repeat a velocity `correlated` times on average: whether a bin is shown must not depend on it.

@@ -19,9 +19,9 @@ ROUTES = {
     "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
 }  # variable: label
 TABLE = (("time",), ROUTES)
-FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case
-OTHERS = ("green_kubo", "enskog_diffusion")  # shown in equilibrium
-HEADROOM = 1.25  # upper end of the axis over the largest value
+FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
+OTHERS = ("green_kubo", "enskog_diffusion")  # shown in equilibrium, up to REACH times the largest value from the MSD
+HEADROOM, REACH = 1.25, 2.0
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
@@ -48,17 +48,20 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
 def _routes(axes: Axes, case: Dataset) -> None:
     """Draw D(t) of one case by every route; without a temperature, the Green-Kubo integral is not a D."""
     shown = [name for name in (*FROM_MSD, *(OTHERS if has(case, "enskog_diffusion") else ())) if has(case, name)]
+    highest = max(float(case[name].max()) for name in shown if name in FROM_MSD)
+    end = HEADROOM * min(max(float(case[name].max()) for name in shown), REACH * highest) or 1.0
     later = case.isel(time=case.time.values > 0)
     for (name, label), (colour, line, _) in zip(ROUTES.items(), SERIES, strict=False):
         if name in shown:
-            band(axes, later, name, colour, linestyle=line, label=label)
+            leaves = ", leaves the panel" * bool((later[name] > end).any())
+            band(axes, later, name, colour, linestyle=line, label=label + leaves)
     _bar(axes, case, color=INK, label=_slope_in_words(case))
     if "enskog_diffusion" in shown:
         label = f"Enskog's theory: D = {float(case.enskog_diffusion):.4g}"
         label += f" ($\\chi$ = {float(case.enskog_contact_value):.4g})" if has(case, "enskog_contact_value") else ""
+        label += ", above the panel" * bool(case.enskog_diffusion > end)
         axes.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=label)
-    least, most = min(float(case[name].min()) for name in shown), max(float(case[name].max()) for name in shown)
-    axes.set_ylim(min(0.0, least), HEADROOM * most or 1.0)
+    axes.set_ylim(min(0.0, *(float(case[name].min()) for name in shown)), end)
 
 
 def _bar(axes: Axes, case: Dataset, **looks: Any) -> None:
