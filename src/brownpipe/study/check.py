@@ -19,7 +19,7 @@ from brownpipe.text import in_bytes, in_lines, in_time
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:
     """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
     mapping = read_yaml(path)
-    if isinstance(mapping, dict) and is_study(mapping):
+    if is_study(mapping):
         if particles is not None:
             raise RequestError(f"{path}: --particles is for scenes; a study says for itself")
         return in_lines([f"{path}: a valid study", *_study(read_study(path))])

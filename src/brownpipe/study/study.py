@@ -300,12 +300,11 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
     """
     mapping, overrides = reading.read_yaml(path), overrides or {}
-    if isinstance(mapping, dict):
-        if not is_study(mapping) and mapping.keys() & {"box", "disks", "duration"}:
-            cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
-            raise RequestError(f"{path}: is a scene, not a study; {cure}")
-        gone = [REPLACED[new] for new in overrides if overrides[new] and REPLACED.get(new) in mapping]
-        mapping = reading.with_values(mapping, {**dict.fromkeys(gone), **overrides}) if overrides else mapping
+    if not is_study(mapping) and mapping.keys() & {"box", "disks", "duration"}:
+        cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
+        raise RequestError(f"{path}: is a scene, not a study; {cure}")
+    gone = [REPLACED[new] for new in overrides if overrides[new] and REPLACED.get(new) in mapping]
+    mapping = reading.with_values(mapping, {**dict.fromkeys(gone), **overrides}) if overrides else mapping
     name = reading.validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
     return reading.validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
 
