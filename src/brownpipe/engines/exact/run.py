@@ -300,7 +300,7 @@ def report_of(
     that are not `finite`. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
     mass = np.ones(len(first)) if w.mass is None else w.mass
-    count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :].tolist()
+    count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :]
     conserved = conservation(mass, first, _motion(w).copy(), impulses[1:])
     # A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen: its distance from the
     # cell then counts as an overlap.

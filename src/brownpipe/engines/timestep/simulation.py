@@ -198,7 +198,7 @@ def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finit
     """
     last = np.empty((len(w.disk), 4))
     last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
-    count, impulses, elapsed = w.count.tolist(), w.tally[ws.VIRIAL :].tolist(), float(w.counters[ws.STEP] * w.step)
+    count, impulses, elapsed = w.count.tolist(), w.tally[ws.VIRIAL :], float(w.counters[ws.STEP] * w.step)
     conserved = conservation(w.mass, first, last, impulses[1:])
     sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(scene, frame, w, last[:, :2])
     sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
