@@ -105,7 +105,8 @@ def report(
     or if it has numbers that are not finite. Files list the observables in the order of the report.
     """
     sound = sound and conserved.finite and abs(conserved.energy_drift) <= HEALTH_BOUND
-    sound = sound and math.isfinite(conserved.energy) and math.isfinite(sum(impulses))
+    virial, *walls = impulses.tolist()  # as Python's numbers, which overflow to inf without a warning
+    sound = sound and math.isfinite(conserved.energy) and math.isfinite(virial + sum(walls))
     values = {
         "pair_collisions": collisions[0],
         "wall_collisions": collisions[1],
@@ -115,11 +116,11 @@ def report(
         "momentum_residual": conserved.momentum_residual,
         "failed": np.uint8(not sound),
         "kinetic_energy": conserved.energy * frame.mass * frame.speed * frame.speed,
-        "virial": impulses[0] * frame.mass * frame.speed * frame.length,
+        "virial": virial * frame.mass * frame.speed * frame.length,
         **further,
     }
     if not scene.box.periodic:
-        values["wall_impulse"] = sum(impulses[1:]) * frame.mass * frame.speed
+        values["wall_impulse"] = sum(walls) * frame.mass * frame.speed
     return values
 
 
