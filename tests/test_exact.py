@@ -419,7 +419,7 @@ def test_lists_are_right_from_block_to_block():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fits_cache", [0, 10_000], ids=["prefetched", "as few disks"])
-@pytest.mark.parametrize(("phi", "boundary"), [(0.14, P), (0.65, P), (0.14, W)])
+@pytest.mark.parametrize(("phi", "boundary"), [(0.65, P), (0.14, W)])
 def test_prefetching_and_other_buckets_change_no_bit(phi, boundary, fits_cache, monkeypatch):
     """With cells and with lists; buckets become shorter or longer with the events of all disks in the queue."""
     scene = crowded(box(30.0, 30.0, boundary), [(int(phi * 900 / (np.pi / 4)), 0.5, 1.0)], 18.0)

@@ -159,7 +159,7 @@ def append(path, chance):
 @pytest.mark.slow
 def test_any_damage_is_found_and_nothing_else(study, faults):
     assert verify_results(RESULTS) == (sealed(), [], [])
-    for _ in range(12):
+    for _ in range(6):
         file = faults.random.choice(sealed())
         before = Path(file).read_bytes()
         faults.random.choice((flip, cut, append))(Path(file), faults.random)
