@@ -27,7 +27,10 @@ from brownpipe.scene import Scene
 
 LEVEL = 0.01  # family-wise error rate
 FEWEST_RUNS = 8
-TOO_FEW = f"too few runs, samples or collisions to tell whether it is in equilibrium; {FEWEST_RUNS} runs are needed"
+TOO_FEW = (
+    "too few runs, samples or collisions to tell whether it is in equilibrium; "
+    f"{FEWEST_RUNS} runs of four sample intervals are needed"
+)
 POWER = 0.9
 LONGER = 2.0
 COUNTED = ("kinetic_energy", *(name for name, array in ARRAYS.items() if "quarter" in array.dims))  # in every run

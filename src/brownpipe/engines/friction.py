@@ -104,10 +104,10 @@ def window_caution(window: tuple[float, float], starts: Mapping[str, float]) -> 
     if not early:
         return None
     latest = max(early, key=lambda name: early[name])
-    of_several = f"in {len(early)} of {len(starts)} cases, " if len(starts) > 1 else ""
-    where = f"{of_several}{early[latest]:.3g} for {latest}"
+    of_several = f" in {len(early)} of {len(starts)} cases" if len(starts) > 1 else ""
+    where = f"{of_several}, {early[latest]:.3g} for {latest}"
     begins = f"[{window[0]:g}, {window[1]:g}] begins before {DECAY_TIMES:g}/gamma of the tracer"
-    return f"the fit window {begins} {where}: D there is not yet that of diffusion"
+    return f"the fit window {begins}{where}: D there is not yet that of diffusion"
 
 
 def drift_square_speed(scene: Scene) -> float:

@@ -195,12 +195,13 @@ def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], t
     """Lines that explain the columns, and the tests for equilibrium."""
     yield "N: number of disks. ±: one standard error over runs. All in the scene's reduced units."
     followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
-    where = {"time": " at the end", "window": f" {dataset.window.values[0]}"}
+    where = {"time": ", at the end", "window": f" {dataset.window.values[0]}"}
     for one in shown:
         variable = dataset[one.variable]
         meaning = variable.attrs.get("long_name", one.variable).replace(FOLLOWED, followed)
         source = f" ({variable.observable})" if "observable" in variable.attrs else ""
-        yield f"{one.heading}: {meaning}{''.join(where.get(str(dim), '') for dim in variable.dims)}{source}."
+        place = "".join(where.get(str(dim), "") for dim in variable.dims)
+        yield from textwrap.wrap(f"{one.heading}: {meaning}{place}{source}.", LINE)
     if any(one.theory and _any_has(cases, one.theory) for one in shown):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
     starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
