@@ -14,6 +14,8 @@ from brownpipe.figures.cases import early_mark, estimate_of, fits_of, frame_of, 
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
+DOTS = {"linestyle": "", "marker": "o", "markersize": 3}
+MOST_DOTS = 60  # samples shown as dots
 LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
 FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
 
@@ -23,7 +25,8 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     cases = [over_time(case) for case in cases]
     single = len(cases) == 1 and not looks
     for case, line in style.told_apart(cases, _last_in_words if single else _fitted_diffusion, looks):
-        style.band(axes, case, "msd", **line)
+        dots = DOTS | {"markevery": -(-case.time.size // MOST_DOTS)} if single else {}  # models are lines
+        style.band(axes, case, "msd", **line | dots)
     for k, fit in enumerate(fit for case in cases for fit in fits_of(case)[:1]):
         t = np.array([fit.window_start.item(), fit.window_end.item()])
         slope = f": slope {estimate_of(fit, 'slope')}{early_mark(fit)}" if single else ""
