@@ -103,6 +103,9 @@ def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, 
     assert runs / half == pytest.approx(4, rel=0.02)  # rounded up to whole runs
     other = counted(read_study(study_file(tolerance=0.1, target="displacement_distribution")))
     assert other == math.ceil((tradeoff.bias.spread_of_shares() / 0.1) ** 2)
+    monkeypatch.setattr(plan, "MOST_SEEDS", 100)
+    with pytest.raises(RequestError, match=f"a tolerance of 0.04 needs {runs} runs; at most 100"):
+        counted(study)
     Path("counted.yaml").write_bytes(text.replace(b"runs: ", b"runs: 1"))
     with pytest.raises(StorageError, match="was damaged or edited"):
         plan.settled(study, "counted.yaml")

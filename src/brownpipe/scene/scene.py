@@ -1,7 +1,7 @@
 """The scene: box, disks and times of a run, everything that decides its physics but the seed. Frozen and hashable.
 
 Its fields are the keys of scene files, with their bounds. A scene is valid by construction: listed disks lie inside the
-box and do not overlap, and no species has more disks than can fit.
+box and do not overlap, and species cover no more of it than hexagonal packing does.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ SAME = 1e-6  # in steps: a sample time this close to the duration is the duratio
 LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
 LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
 SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
-DENSEST = math.pi / math.sqrt(12)  # packing fraction of the hexagonal packing; no placement of any mixture is denser
+HEXAGONAL_PACKING = math.pi / math.sqrt(12)  # its packing fraction; no placement of species is denser
 STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
 
 # With the values of varied keys (`variation`): `fluid,tracer_mass=10`.
@@ -269,9 +269,9 @@ class Scene(Record):
         if self.listed and (pair := overlap(np.array([disk.position for disk in self.listed]), self.radius, box)):
             at = " and ".join(f"disk {k} at {list(self.listed[k].position)}" for k in pair[:2])
             refuse(f"{at} overlap: the gap between their edges is {pair[2]:.6g}; must be >= 0", "disks")
-        if self.species and self.packing_fraction > DENSEST * (1 + 1e-9):
+        if self.species and self.packing_fraction > HEXAGONAL_PACKING * (1 + 1e-9):
             crowd = f"{self.particles} disks cover {self.packing_fraction:.4g} times the area of the box"
-            refuse(f"{crowd}; must be at most {DENSEST:.4g} (hexagonal packing)", "disks")
+            refuse(f"{crowd}; must be at most {HEXAGONAL_PACKING:.4g} (hexagonal packing)", "disks")
 
     def _check_disk(self, disk: Any, *path: str | int) -> None:
         """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box or in a wall.

@@ -116,14 +116,16 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     """Determine by pilot runs how many runs the tolerance of a study needs, store it in a file; return it, and them.
 
     It is the largest number of all cases and covers statistical errors only: more runs do not reduce an engine's bias.
-    Raises RequestError for a study without a tolerance.
+    Raises RequestError for too many runs, and for a study without a tolerance.
     """
     if study.tolerance is None:
         raise RequestError(f"{study.name}: --count is for a study with a tolerance; this one says its seeds")
     alone = study.model_copy(update={"uses": [EngineUse(REFERENCE, case, None) for case in study.cases]})
     performances, pilots = performance_of(alone, study.target, study.tolerance)
     needed = {case_title(each.scene): each.runs or 0 for each in performances}  # there is no bias
-    most = max(needed.values())
+    title, most = max(needed.items(), key=lambda item: item[1])
+    if most > MOST_SEEDS:
+        raise RequestError(f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}")
     plan = {"tolerance": study.tolerance, "target": study.target, "needed": needed, "runs": most}
     write_file(path, sealed(f"# The runs that a tolerance needs, determined once\n\n{yaml_text(plan)}".encode()))
     return most, pilots

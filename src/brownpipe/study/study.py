@@ -32,6 +32,7 @@ from brownpipe.text import shell_path
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
 MOST_RINGS = 100_000
+MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
 REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of these keys
@@ -201,9 +202,13 @@ class Study(Record):
         if self.tolerance is not None and (reason := why_no_relative_error(self.cases)):
             refuse(f"{reason}; must be seeds: 1", "tolerance")
         self._resolve(seeds=self.seeds or range(math.ceil(self.tolerance**-2)))
-        for case, runs in ((use.case, len(use.seeds or self.seeds)) for use in self.uses):
-            if case.listed and runs > 1:
-                refuse(_repetition(case.name, runs), "seeds")
+        sizes = [len(use.seeds or self.seeds) for use in self.uses]
+        for use, size in zip(self.uses, sizes, strict=True):
+            if use.case.listed and size > 1:
+                refuse(_repetition(use.case.name, size), "seeds")
+        jobs = 0 if self.batch == "auto" else sum(-(-size // self.batch) for size in sizes)
+        if jobs > MOST_JOBS:
+            refuse(f"must be large enough for at most {MOST_JOBS} jobs ({jobs} with this one)", "batch")
 
     def _check_figures(self) -> None:
         """Refuse figures without data; by default there are all whose needs are met."""
