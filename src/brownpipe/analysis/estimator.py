@@ -76,8 +76,7 @@ class Averages:
 
     def of(self, name: str) -> Sums:
         """Return the sums of one of the means, its entries side by side."""
-        place, (pivot, weight, first, second) = self.places[name][0], self.sums
-        return Sums(pivot[place], weight, first[:, place], second[:, place])
+        return self.sums.at(self.places[name][0])
 
     def estimate(self, name: str) -> Estimate:
         """Return one of the means with error and interval."""

@@ -24,7 +24,7 @@ REPLICATES = 1999  # the 2.5 % and 97.5 % quantiles are then the 50th value from
 FEWEST_FOR_INTERVAL = 10  # runs; with fewer its coverage is unknown for a skewed quantity
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
-_AT_ONCE = 512  # columns in a matrix product, to bound its memory
+_AT_ONCE = 512  # columns at a time, to bound the memory of intermediate arrays
 _OTHER = 2**62  # first seed of a second, independent set of weights, far beyond the first set
 _NORMAL_975 = 1.959963984540054
 
@@ -57,6 +57,10 @@ class Sums(NamedTuple):
     first: np.ndarray  # (1 + B, C) sum of d; of w d
     second: np.ndarray  # (1 + B, C) sum of d^2; of w d^2
 
+    def at(self, columns: slice) -> "Sums":
+        """Return those of some of the quantities."""
+        return Sums(self.pivot[columns], self.weight, self.first[:, columns], self.second[:, columns])
+
 
 def moments(sums: Sums, replicates: int = REPLICATES) -> tuple[np.ndarray, np.ndarray]:
     """Return means and variances (1 + `replicates`, C), divided by n, not n - 1; NaN for a replicate without runs."""
@@ -82,11 +86,15 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
     sums.weight[1:] += weights.sum(axis=1)
     for terms, total in ((deviation, sums.first), (deviation**2, sums.second)):
         total[0] += terms.sum(axis=0)
-        for start in range(0, terms.shape[1], _AT_ONCE):
-            chunk = slice(start, start + _AT_ONCE)
+        for chunk in _chunks(terms.shape[1]):
             steps, unit = _on_a_grid(terms[:, chunk])
             total[1:, chunk] += (weights @ steps) * unit
     return sums
+
+
+def _chunks(columns: int) -> list[slice]:
+    """Columns in chunks of _AT_ONCE."""
+    return [slice(start, start + _AT_ONCE) for start in range(0, max(columns, 1), _AT_ONCE)]
 
 
 @lru_cache(maxsize=4)
@@ -124,15 +132,22 @@ def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)
     the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 10 runs
     (B. Efron, Can. J. Stat. 9, 139 (1981)). NaN ends below FEWEST_FOR_INTERVAL runs.
     """
+    parts = [_estimate([one.at(chunk) for one in sums], of) for chunk in _chunks(len(sums[0].pivot))]
+    return Estimate(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _estimate(sums: list[Sums], of: Callable) -> Estimate:
+    """The Estimate of a chunk of the columns."""
     means, variances = zip(*map(moments, sums), strict=True)
     value, variance = of(*means, *variances)
     error = np.sqrt(variance / _or_nan(sums[0].weight - 1)[:, None])
+    whole = value[0].copy(), error[0].copy()  # of all runs; views would keep the replicates in memory
     if sums[0].weight[0] < FEWEST_FOR_INTERVAL:
-        return Estimate(value[0], error[0], *np.full((2, *value[0].shape), np.nan))
+        return Estimate(*whole, *np.full((2, *value[0].shape), np.nan))
     t = np.divide(value[1:] - value[0], error[1:], out=np.zeros_like(value[1:]), where=error[1:] > 0.0)
     t.sort(axis=0)
     tail = (REPLICATES + 1) // 40
-    return Estimate(value[0], error[0], value[0] - t[-tail] * error[0], value[0] - t[tail - 1] * error[0])
+    return Estimate(*whole, value[0] - t[-tail] * error[0], value[0] - t[tail - 1] * error[0])
 
 
 def _or_nan(count: np.ndarray) -> np.ndarray:
