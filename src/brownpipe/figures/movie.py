@@ -159,13 +159,12 @@ def movie(
 ) -> bytes:
     """Return the bytes of a picture (`.png`), an animation (`.gif`) or else a video (`.mp4`) of one whole run.
 
-    A picture shows the run at its end. An animation shows
-    `frames` of its samples (default: all), equally spaced and ending with the last, at `fps` per second; a GIF
-    rounds the time per frame to hundredths of a second. `record` goes into the metadata. The same run gives the same
-    bytes, except for a video, which ffmpeg encodes.
+    A picture shows the run at its end. An animation shows `frames` of its samples (default: all), equally spaced and
+    ending with the last, at `fps` per second; a GIF rounds the time per frame to hundredths of a second. `record` goes
+    into the metadata. The same run gives the same bytes, except for a video, which ffmpeg encodes.
 
-    Raise RequestError for a rate that a GIF cannot have; for a video, FigureError if
-    ffmpeg is not installed and OSError if it fails.
+    Raise RequestError for a rate that a GIF cannot have; for a video, FigureError if ffmpeg is not installed and
+    OSError if it fails.
     """
     if suffix == ".gif" and not GIF_RATES[0] <= fps <= GIF_RATES[1]:
         allowed = f"from {GIF_RATES[0]:.3g} to {GIF_RATES[1]:g} frames a second for a .gif"
