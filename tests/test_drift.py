@@ -12,7 +12,7 @@ from brownpipe.engines.forecast import settling_caution, settling_time
 from brownpipe.figures.cases import cases_of, title_of
 from brownpipe.figures.summary import answer, summary
 from brownpipe.inspection import reports
-from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
+from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.storage.trajectories import Trajectories
 

@@ -356,7 +356,7 @@ def test_histograms_are_of_the_last_sample_unless_the_scene_is_stationary(name):
             values[-1] = last[-1]
         found, expected = (observe(scene, one, (name,)) for one in (other, run))
         same = all(np.array_equal(found[array], expected[array]) for array in expected)
-        assert same == (OBSERVABLES[name].is_over_samples and not observables.time_origins.is_stationary(scene))
+        assert same == (OBSERVABLES[name].is_over_samples and not observables.is_stationary(scene))
 
 
 # -- in files -------------------------------------------------------------------------------------------------------

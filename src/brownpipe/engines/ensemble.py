@@ -12,9 +12,8 @@ import numpy as np
 from brownpipe import observables, progress
 from brownpipe.engines.placement import never_placed
 from brownpipe.errors import PlacementError, RequestError, RunError
-from brownpipe.observables.observable import RunArray
+from brownpipe.observables.observable import Run, RunArray, Track
 from brownpipe.observables.own import is_own, measure
-from brownpipe.observables.tracks import Run, Track
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
 

@@ -20,9 +20,8 @@ from brownpipe.engines.friction import DENSEST, partners_of
 from brownpipe.engines.placement import is_grown, placement_caution
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
-from brownpipe.observables.quarters import claims_equilibrium
+from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.observables.species import bath_disks, equal_disks, species_table
-from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
@@ -125,7 +124,7 @@ def seconds_to_record(disk_samples: int, recorded: float) -> float:
 def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> float:
     """Return the CPU seconds to measure observables in a run."""
     seconds = SECONDS_TO_MEASURE * len(names)
-    for observable in (measures.OBSERVABLES[name] for name in names):
+    for observable in map(measures.record_of, names):
         samples, disks = len(scene.times), scene.particles
         if observable.of == "tracer":
             disks = len(equal_disks(scene)) if average == "disks" else 1

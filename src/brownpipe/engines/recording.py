@@ -11,7 +11,7 @@ import numpy as np
 from brownpipe.engines.kernels import entry_point
 from brownpipe.engines.records import Samples
 from brownpipe.engines.units import Frame
-from brownpipe.observables.tracks import Track
+from brownpipe.observables.observable import Track
 from brownpipe.scene import Scene
 
 HEALTH_BOUND = 1e-9  # a run with a larger energy drift, overlap or momentum residual has failed; round-off is far below

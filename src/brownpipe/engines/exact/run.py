@@ -30,7 +30,7 @@ from brownpipe.engines.recording import (
 )
 from brownpipe.engines.units import Frame, State, frame_of, motion_of
 from brownpipe.errors import RequestError, RunError
-from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
+from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 

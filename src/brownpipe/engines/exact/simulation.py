@@ -24,8 +24,8 @@ from brownpipe.engines.exact.run import (
 from brownpipe.engines.initial_state import draw, without_total_momentum
 from brownpipe.engines.units import State
 from brownpipe.errors import RunError
+from brownpipe.observables.observable import Track
 from brownpipe.observables.own import own_arrays
-from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
 
 Record = TypeVar("Record", bound=NamedTuple)

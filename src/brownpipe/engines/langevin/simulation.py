@@ -27,7 +27,7 @@ from brownpipe.engines.kernels import compile_all, entry_point
 from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
-from brownpipe.observables.tracks import Track
+from brownpipe.observables.observable import Track
 from brownpipe.scene import Scene
 
 FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) cancels and is summed as a power series
