@@ -10,10 +10,10 @@ from scipy import stats
 from brownpipe import observables
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import RunResult, Track
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import RequestError
 from brownpipe.observables import ARRAYS, OBSERVABLES, observe, orientation
+from brownpipe.observables.observable import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 
@@ -57,7 +57,7 @@ def made_up(scene, seed=1):
     velocity = rng.normal(size=shape) * np.sqrt(1.5 / scene.mass)[:, None]
     image = rng.integers(-3, 4, shape).astype(np.int32) if scene.box.periodic else None
     whole = Track(position, velocity, image)
-    return RunResult(Track(*(None if one is None else one[:, :1] for one in whole)), whole, None, {})
+    return Run(Track(*(None if one is None else one[:, :1] for one in whole)), whole)
 
 
 # -- against plain loops --------------------------------------------------------------------------------------------

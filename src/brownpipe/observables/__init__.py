@@ -94,7 +94,7 @@ def numbers_in(scene: Scene, names: Iterable[str]) -> int:
 def refuse_unfit(scene: Scene, names: Sequence[str], average: str = "runs") -> None:
     """Raise RequestError if an observable is unknown, or observables or average make no sense in the scene."""
     if key_and_reason := problem(scene, names, average):
-        raise RequestError(f"{scene.name}: {': '.join(key_and_reason)}")
+        raise RequestError(f"{scene.name}: {', '.join(key_and_reason)}")
 
 
 def problem(scene: Scene, names: Sequence[str], average: str = "runs") -> tuple[str, str] | None:

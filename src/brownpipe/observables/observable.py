@@ -5,7 +5,7 @@ T sample times, N disks, of which the tracer is the first.
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -28,11 +28,22 @@ class Track(NamedTuple):
         return Track(*(None if values is None else values[-1:] for values in self))
 
 
+class Events(NamedTuple):
+    """The E collisions of one run, in order of time."""
+
+    time: np.ndarray  # (E,) [time]
+    a: np.ndarray  # (E,) int32, the disk
+    b: np.ndarray  # (E,) int32, the other disk, or a wall: -1 left, -2 right, -3 bottom, -4 top
+    impulse: np.ndarray  # (E, 2) given to disk a [mass length/time]
+
+
 class Run(NamedTuple):
-    """The tracks of one run."""
+    """One run. Arrays of the tracer's track may be overwritten by the next run."""
 
     tracer: Track  # disk 0, M = 1
     whole: Track | None  # all disks, M = N; None if not recorded, see `needs_every_disk`
+    events: Events | None = None  # if recorded
+    observables: Mapping[str, Any] = MappingProxyType({})  # what the engine itself reports, like numbers of collisions
 
 
 class Axis(NamedTuple):

@@ -134,9 +134,9 @@ def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, R
     arrays that are not numbers, or are unlike those of the runs before.
     """
     function, measured = _found(name), dict[str, np.ndarray]()
-    tracks = Run(*(Track(*map(_read_only, track)) for track in (run.tracer, run.whole)))
+    tracer, whole = (Track(*map(_read_only, track)) for track in (run.tracer, run.whole))
     try:
-        returned = function.call(scene, tracks)
+        returned = function.call(scene, Run(tracer, whole))
         if not isinstance(returned, Mapping):
             raise TypeError(f"must return a mapping of names to arrays, not {returned!r:.40}")
         for array, value in returned.items():

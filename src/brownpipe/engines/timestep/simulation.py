@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import progress
-from brownpipe.engines.ensemble import Ensemble, RunResult, make_runs, new_batch
+from brownpipe.engines.ensemble import Ensemble, make_runs, new_batch
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
@@ -25,6 +25,7 @@ from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.steps import advance
 from brownpipe.engines.timestep.workspace import EngineBox, PairList, Workspace
 from brownpipe.engines.units import Frame, State, common_radius, frame_of, motion_of, rms_speed
+from brownpipe.observables.observable import Run
 from brownpipe.scene import Scene
 
 REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
@@ -66,7 +67,7 @@ def simulate(
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator, setup = prepare_equilibration(scene), prepared(scene, Settings(**settings))
 
-    def run_of(column: int) -> RunResult:
+    def run_of(column: int) -> Run:
         drawn = draw(scene, int(batch.ensemble.seeds[column]))
         return run(setup, equilibrate(equilibrator, drawn), scene.times, batch.needed_record)
 
@@ -82,7 +83,7 @@ def prepared(scene: Scene, settings: Settings) -> SteppingSetup:
     return SteppingSetup(scene, frame, settings, w)
 
 
-def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> RunResult:
+def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> Run:
     """Run from a state and sample at the given times (T,). Full lists are replaced by lists of twice the capacity."""
     scene, frame, w = setup.scene, setup.frame, setup.workspace
     samples = recorder(scene, frame, setup.settings.time_step, times, record)
@@ -95,7 +96,7 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
     tracer, whole, finite = tracks_of(scene, frame, samples)
-    return RunResult(tracer, whole, None, report_of(scene, frame, w, first, finite))
+    return Run(tracer, whole, None, report_of(scene, frame, w, first, finite))
 
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: Workspace) -> Workspace:
