@@ -45,7 +45,7 @@ class Batch(NamedTuple):
     scene: Scene
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
-    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order, then one's own
+    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, or of one's own
 
     @property
     def needed_record(self) -> frozenset[str]:
@@ -68,14 +68,13 @@ def new_batch(
     """
     if key_and_reason := observables.problem(scene, tuple(names), average):
         raise RequestError(f"{scene.name}: {': '.join(key_and_reason)}")
-    ordered = (*(name for name in observables.OBSERVABLES if name in names), *filter(is_own, names))
     tracer = None
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
         velocity = blank(shape, float) if "velocity" in record else None
         tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
     ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, {}, {}, average)
-    return Batch(scene, ensemble, frozenset(record), ordered)
+    return Batch(scene, ensemble, frozenset(record), tuple(names))
 
 
 def make_runs(
