@@ -1,8 +1,8 @@
 """Observables: what is measured in a run while all its disks are in memory, so that trajectories need not be stored.
 
 Each observable is a pure function of the tracks of one run that returns arrays. The arrays of all runs of a batch are
-stacked and stored under their names, shape (S, ...). ARRAYS describes each array, `axes` gives the coordinates along
-its dimensions: T sample times, K species (the tracer is a species of its own), P pairs of species.
+stacked and stored under their names, shape (S, ...). ARRAYS describes each array, AXES its dimensions: T
+sample times, K species (the tracer is a species of its own), P pairs of species.
 
 A new observable is a function and its record (`observable.Observable`) in a module of this package, and its name in
 OBSERVABLES. The command line, files, checkpoints, studies and forecasts take it from there. A user's own functions need
@@ -77,15 +77,10 @@ def observables_making(arrays: Collection[str]) -> tuple[str, ...]:
     return tuple(name for name, observable in OBSERVABLES.items() if next(iter(observable.arrays)) in arrays)
 
 
-def axes(scene: Scene, array: str) -> dict[str, np.ndarray | list[str]]:
-    """Return the coordinates along each dimension of an array: numbers, or names of species."""
-    return {dim: AXES[dim].coordinates(scene) for dim in ARRAYS[array].dims}
-
-
 def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run at most, all arrays together."""
-    arrays = (array for name in names for array in record_of(name).arrays)
-    return sum(math.prod(map(len, axes(scene, array).values())) for array in arrays)
+    arrays = (array for name in names for array in record_of(name).arrays.values())
+    return sum(math.prod(len(AXES[dim].coordinates(scene)) for dim in array.dims) for array in arrays)
 
 
 # -- refusals -------------------------------------------------------------------------------------------------------

@@ -62,11 +62,6 @@ def ends_of_quarters(times: np.ndarray) -> np.ndarray:
     return ends if (np.diff(ends) > 0).all() else ends[:0]
 
 
-def has_quarters(scene: Scene) -> bool:
-    """Return whether runs of a scene are counted in quarters."""
-    return claims_equilibrium(scene) and len(ends_of_quarters(scene.times)) > 0
-
-
 # -- time origins -----------------------------------------------------------------------------------------------------
 
 

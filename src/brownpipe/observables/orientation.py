@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from brownpipe.observables.equilibrium import ends_of_quarters, has_quarters, is_stationary
+from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters, is_stationary
 from brownpipe.observables.observable import Observable, RunArray, Track
 from brownpipe.scene import Scene
 
@@ -24,8 +24,9 @@ def order(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """
     squared = np.array([square_order(scene, sample) for sample in track.position])
     values = {"orientational_order": np.sqrt(squared).mean(), "orientational_order_squared": squared.mean()}
-    if is_stationary(scene) and has_quarters(scene):
-        quarters = np.split(np.sqrt(squared), ends_of_quarters(scene.times)[:-1] + 1)[1:]
+    ends = ends_of_quarters(scene.times)
+    if is_stationary(scene) and claims_equilibrium(scene) and len(ends):
+        quarters = np.split(np.sqrt(squared), ends[:-1] + 1)[1:]
         values["quarter_order"] = np.array([part.mean() for part in quarters])
     return values
 

@@ -22,7 +22,7 @@ from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.recording import blank_samples, conservation, images_fit, report, report_nothing, tracks_of
 from brownpipe.engines.timestep import Settings, refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
-from brownpipe.engines.timestep.steps import advance
+from brownpipe.engines.timestep.steps import advance, reaches_beyond
 from brownpipe.engines.timestep.workspace import EngineBox, PairList, Workspace
 from brownpipe.engines.units import Frame, State, common_radius, frame_of, motion_of, rms_speed
 from brownpipe.observables.observable import Run
@@ -201,7 +201,7 @@ def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finit
     last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
     count, impulses, elapsed = w.count.tolist(), w.tally[ws.VIRIAL :], float(w.counters[ws.STEP] * w.step)
     conserved = conservation(w.mass, first, last, impulses[1:])
-    sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(scene, frame, w, last[:, :2])
+    sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(w)
     sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
     overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
@@ -209,12 +209,8 @@ def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finit
     return report(scene, frame, conserved, collisions, impulses, overlap, sound, missed)
 
 
-def _are_inside(scene: Scene, frame: Frame, w: Workspace, place: np.ndarray) -> bool:
-    """Whether, between walls, no disk at `place` (N, 2) has escaped: REACHES."""
-    if w.box.periodic:
-        return True
-    radius = (scene.radius[frame.order] / frame.length)[:, None]
-    low = np.array([w.box.x, w.box.y]) + radius
-    high = np.array([w.box.x + w.box.width, w.box.y + w.box.height]) - radius
-    beyond = REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
-    return bool(((place >= low - beyond) & (place <= high + beyond)).all())
+def _are_inside(w: Workspace) -> bool:
+    """Whether, between walls, no disk has escaped: REACHES."""
+    box, far = w.box, REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
+    beyond = reaches_beyond(w.x, w.y, w.radius, box.x - far, box.right + far, box.y - far, box.top + far)
+    return box.periodic or not np.any(beyond)
