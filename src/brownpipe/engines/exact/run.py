@@ -109,7 +109,7 @@ def to_end(
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first, {})
     tracer, whole, finite = tracks_of(scene, frame, recorder)
-    return Run(tracer, whole, _joined(logs), report_of(scene, frame, w, recorder, start.first, finite))
+    return Run(tracer, whole, _joined(logs), report_of(prepared, w, recorder, start.first, finite))
 
 
 def _to_last_sample(
@@ -292,13 +292,14 @@ def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
 
 
 def report_of(
-    scene: Scene, frame: Frame, w: ws.Workspace, recorder: ws.Recorder, first: np.ndarray, finite: bool
+    prepared: PreparedScene, w: ws.Workspace, recorder: ws.Recorder, first: np.ndarray, finite: bool
 ) -> dict[str, Any]:
     """Return the report of a run from its workspace and recorder at the end, and its motion (N, 4) at the beginning.
 
     A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers
     that are not `finite`. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
+    scene, frame, _, pinned = prepared
     mass = np.ones(len(first)) if w.mass is None else w.mass
     count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :]
     conserved = conservation(mass, first, _motion(w).copy(), impulses[1:])
@@ -306,7 +307,6 @@ def report_of(
     # cell then counts as an overlap.
     overlap, stray = 1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0))), float(w.tally[ws.STRAY])
     overlap = max(overlap, stray) if stray > HEALTH_BOUND else overlap
-    pinned = len(mass) > 0 and mass.max() == np.inf
     sound = finite and overlap <= HEALTH_BOUND and (pinned or conserved.momentum_residual <= HEALTH_BOUND)
     sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], conserved.fastest * time_since_start(w))
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
