@@ -66,8 +66,7 @@ def new_batch(
 
     Raises RequestError for observables that the scene does not have.
     """
-    if key_and_reason := observables.problem(scene, tuple(names), average):
-        raise RequestError(f"{scene.name}: {': '.join(key_and_reason)}")
+    observables.refuse_unfit(scene, tuple(names), average)
     tracer = None
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)

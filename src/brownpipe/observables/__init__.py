@@ -10,7 +10,7 @@ neither (`own`).
 """
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -88,38 +88,34 @@ def numbers_in(scene: Scene, names: Iterable[str]) -> int:
 
 def refuse_unfit(scene: Scene, names: Sequence[str], average: str = "runs") -> None:
     """Raise RequestError if an observable is unknown, or observables or average make no sense in the scene."""
-    if key_and_reason := problem(scene, names, average):
-        raise RequestError(f"{scene.name}: {', '.join(key_and_reason)}")
+    for key, why in problems(scene, names, average):
+        raise RequestError(f"{scene.name}: {key}: {why}")
 
 
-def problem(scene: Scene, names: Sequence[str], average: str = "runs") -> tuple[str, str] | None:
-    """Return which is wrong, "observables" or "average", and why; None if they fit the scene."""
-    if why := _unfit(scene, names):
-        return "observables", why
-    why = None if average == "runs" else _unfit_average(scene, names, average)
-    return ("average", why) if why else None
+def problems(scene: Scene, names: Sequence[str], average: str = "runs") -> Iterator[tuple[str, str]]:
+    """Yield which is wrong, "observables" or "average", and why; nothing if they fit the scene.
 
-
-def _unfit(scene: Scene, names: Sequence[str]) -> str | None:
-    """Return why observables do not fit the scene, None if they do."""
+    The first is to be told: those after it may be wrong for the same reason.
+    """
     for name in names:
         if name not in OBSERVABLES and not own.is_own(name):
-            return f"{name!r} is unknown; must be of {', '.join(OBSERVABLES)}, or my_module:my_function"
+            yield "observables", f"{name!r} is unknown; must be of {', '.join(OBSERVABLES)}, or my_module:my_function"
     if len(set(map(own.title_of, names))) < len(names):
-        return "must differ"
+        yield "observables", "must differ"
     if names and scene.particles == 0:
-        return "there is no disk to measure"
-    return next((f"{name} {why}" for name in names if (why := record_of(name).unfit(scene))), None)
-
-
-def _unfit_average(scene: Scene, names: Collection[str], average: str) -> str | None:
-    """Return why an average within runs does not fit the scene or the observables, None if it does."""
+        yield "observables", "there is no disk to measure"
+    for name in names:
+        if why := record_of(name).unfit(scene):
+            yield "observables", f"{name} {why}"
+    if average == "runs":
+        return
     if average not in AVERAGES:
-        return f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
+        yield "average", f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
     if not of_tracer(names)[0]:
-        return f"{average} needs {' or '.join(of_tracer(OBSERVABLES)[0])} among the observables"
+        yield "average", f"{average} needs {' or '.join(of_tracer(OBSERVABLES)[0])} among the observables"
     if why := why_not_stationary(scene):
-        return f"{average} needs runs that are stationary from t = 0, but {why}"
+        yield "average", f"{average} needs runs that are stationary from t = 0, but {why}"
     if average == "disks" and len(equal_disks(scene)) < 2:
-        return "disks needs disks of the tracer's radius and mass, and there is no other"
-    return equilibrium.no_origins(scene) if average == "origins" else None
+        yield "average", "disks needs disks of the tracer's radius and mass, and there is no other"
+    if average == "origins" and (why := equilibrium.no_origins(scene)):
+        yield "average", why
