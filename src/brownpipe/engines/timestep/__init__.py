@@ -32,9 +32,7 @@ class Settings(NamedTuple):
 
 
 def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str]) -> None:
-    """Raise RequestError for unknown words, a time step that does not fit the scene, or a record of events."""
-    if settings.collisions not in COLLISIONS:
-        raise RequestError(f"collisions: must be one of {', '.join(COLLISIONS)}, found {settings.collisions!r}")
+    """Raise RequestError for a time step that does not fit the scene, or a record of events."""
     time_step, most, least = settings.time_step, largest_step(scene), smallest_step(scene)
     if not time_step <= most:  # NaN, too
         raise RequestError(
