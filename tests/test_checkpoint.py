@@ -130,8 +130,8 @@ def test_from_every_block_to_the_same_bytes(name, tmp_path):
     stored = simulate(scene, SEEDS, record, checkpoints)
     assert file_of(tmp_path, scene, stored) == file_of(tmp_path, scene, usual)
     assert bits_of(stored) == expected
-    assert sum("run.progress" in arrays for arrays in kept) >= 2 * len(SEEDS)  # at block ends
-    assert [int(arrays["done"]) for arrays in kept if "run.progress" not in arrays] == [1, 2]  # and between runs
+    assert sum("run.motion" in arrays for arrays in kept) >= 2 * len(SEEDS)  # at block ends
+    assert [len(arrays["runs.seeds"]) for arrays in kept if "run.motion" not in arrays] == [1, 2]  # and between runs
     if scene.equilibrate.time:
         assert {bool(arrays.get("run.equilibrating")) for arrays in kept} == {True, False}
     for arrays in kept:
@@ -161,7 +161,7 @@ def test_what_is_measured_in_the_runs(record, average, tmp_path):
     kept = []
     checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
     assert bits_of(simulate(scene, SEEDS, {record}, checkpoints, **measured)) == expected
-    assert {int(arrays["done"]) for arrays in kept} == {0, 1, 2}
+    assert {len(arrays["runs.seeds"]) for arrays in kept} == {0, 1, 2}
     for arrays in kept:
         assert bits_of(simulate(scene, SEEDS, {record}, from_checkpoint(arrays), **measured)) == expected
 

@@ -1,7 +1,5 @@
 """Estimators of velocities, pairs, thermodynamics and the control variate: from arrays measured in runs to results."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -12,6 +10,7 @@ from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.langevin import simulation as langevin
+from brownpipe.observables.observable import Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_scene
@@ -300,8 +299,7 @@ def snapshots(scene, held=None, runs=300):
     for _ in range(runs):
         position = 4.0 + (rng.random((scene.particles, 2)) - 0.5) * room
         position[0] = position[0] if held is None else held
-        one = SimpleNamespace(whole=SimpleNamespace(position=position[None]))
-        ones.append(observables.OBSERVABLES["pair_distribution"].measure(scene, one, "runs"))
+        ones.append(observables.OBSERVABLES["pair_distribution"].measure(scene, Track(position[None]), "runs"))
     return {name: np.array([one[name] for one in ones]) for name in ones[0]}
 
 

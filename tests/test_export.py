@@ -14,10 +14,10 @@ import pytest
 import brownpipe as bp
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import RunResult, Track
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.observables import observe
+from brownpipe.observables.observable import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene
@@ -210,7 +210,7 @@ def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks
     from MDAnalysis.analysis.msd import EinsteinMSD
 
     scene, _, track = run_in(fluid, 5)
-    run = RunResult(Track(*(values[:, :1] for values in track)), track, None, {})
+    run = Run(Track(*(values[:, :1] for values in track)), track)
     ours = observe(scene, run, ["square_displacement"], average)["square_displacement"]
     if average == "disks":
         np.testing.assert_array_equal(ours, read_trajectories(fluid).ensemble.observables["square_displacement"][0])

@@ -322,7 +322,7 @@ def test_a_disk_that_is_nowhere_fails_the_run(value, index):
     recorder = new_recorder(prepared, scene.times)
     begin(w, first)
     for failed in (False, True):
-        assert exact_run.report_of(scene, prepared.frame, w, recorder, first, finite=True)["failed"] == failed
+        assert exact_run.report_of(prepared, w, recorder, first, finite=True)["failed"] == failed
         w.disk[index] = value
 
 

@@ -21,7 +21,7 @@ from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING
 from brownpipe.figures.render import draw as draw_figure
 from brownpipe.figures.render import draw_into
 from brownpipe.figures.summary import answer, summary
-from brownpipe.observables.tracks import Track
+from brownpipe.observables.observable import Track
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures

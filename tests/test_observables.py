@@ -10,10 +10,10 @@ from scipy import stats
 from brownpipe import observables
 from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import RunResult, Track
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import RequestError
-from brownpipe.observables import ARRAYS, OBSERVABLES, observe, orientation
+from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, observe, orientation
+from brownpipe.observables.observable import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 
@@ -57,7 +57,7 @@ def made_up(scene, seed=1):
     velocity = rng.normal(size=shape) * np.sqrt(1.5 / scene.mass)[:, None]
     image = rng.integers(-3, 4, shape).astype(np.int32) if scene.box.periodic else None
     whole = Track(position, velocity, image)
-    return RunResult(Track(*(None if one is None else one[:, :1] for one in whole)), whole, None, {})
+    return Run(Track(*(None if one is None else one[:, :1] for one in whole)), whole)
 
 
 # -- against plain loops --------------------------------------------------------------------------------------------
@@ -70,7 +70,7 @@ def plain_pair_counts(scene, positions):
     for a in range(len(kinds)):
         for b in range(a, len(kinds)):
             place[a, b] = len(place)
-    middles = observables.axes(scene, "pair_counts")["distance"]
+    middles = AXES["distance"].coordinates(scene)
     width = middles[1] - middles[0]
     counts = np.zeros((len(place), len(middles)), int)
     images = list(product((0, -1, 1, -2, 2), repeat=2)) if scene.box.periodic else [(0, 0)]
@@ -104,7 +104,7 @@ def test_pairs_expected_around_the_tracer_are_those_of_many_points(small):
     run, rng = made_up(scene), np.random.default_rng(3)
     found = observe(scene, run, ("pair_distribution",))["pair_expected"]
     assert np.isnan(found[[0, 3, 4, 5]]).all()  # pairs without the tracer
-    middles = observables.axes(scene, "pair_counts")["distance"]
+    middles = AXES["distance"].coordinates(scene)
     edges = np.append(middles - middles[0], middles[-1] + middles[0])
     for number, radius, expected in ((12, small, found[1]), (3, 0.1, found[2])):
         counts = 0
@@ -124,7 +124,7 @@ def test_reach_of_the_pair_distribution():
         (make(W, BATH[:1], box={"x": [0, 3.0], "y": [0, 2.0]}), 0.4, 1.4),  # accessible to the largest
         (make(P, BATH[:1], None, box={"x": [0, 30], "y": [0, 30], "boundary": P}), 0.4, 2.0),  # 5 * 0.4
     ):
-        middles = observables.axes(scene, "pair_counts")["distance"]
+        middles = AXES["distance"].coordinates(scene)
         width = contact / 40
         assert middles[:2] == pytest.approx([width / 2, 3 * width / 2], rel=1e-14)
         assert middles[-1] + width / 2 == pytest.approx(reach, rel=1e-14)
@@ -246,7 +246,7 @@ def test_energies_and_the_temperature_of_a_scene_without_one():
     energy = 0.5 * scene.mass * np.sum(run.whole.velocity**2, axis=-1)
     plain = [energy[:, 0], energy[:, 1:13].mean(axis=1), energy[:, 13:].mean(axis=1)]
     np.testing.assert_allclose(found["species_energy"].T, plain, rtol=1e-14)
-    counts, middles = np.zeros((3, 120), int), observables.axes(scene, "velocity_counts")["velocity_bin"]
+    counts, middles = np.zeros((3, 120), int), AXES["velocity_bin"].coordinates(scene)
     for label, mass, velocity in zip([0, *[1] * 12, *[2] * 3], scene.mass, run.whole.velocity[-1], strict=True):
         for component in velocity / np.sqrt(energy[-1].mean() / mass):
             counts[label, np.argmin(abs(middles - component))] += 1
@@ -274,10 +274,11 @@ def test_kinds_in_a_list_of_disks():
     ]
     scene = make(W, disks=disks, velocities=None, equilibrate=None, duration=1e-3, sample_interval=None)
     found = simulate(scene, [0], {"none"}, observables=("species_energy", "pair_distribution")).observables
-    axes = observables.axes(scene, "species_energy") | observables.axes(scene, "pair_counts")
-    assert axes["species"] == ["kind-1", "kind-2", "kind-3"]
+    assert AXES["species"].coordinates(scene) == ["kind-1", "kind-2", "kind-3"]
     assert found["species_energy"][0, 0].tolist() == [1.0, 0.5, 13.5]
-    pairs = dict(zip(axes["species_pair"], found["pair_counts"][0].sum(axis=1).tolist(), strict=True))
+    pairs = dict(
+        zip(AXES["species_pair"].coordinates(scene), found["pair_counts"][0].sum(axis=1).tolist(), strict=True)
+    )
     expected = {"1:1": 0, "1:2": 2, "1:3": 1, "2:2": 0, "2:3": 0, "3:3": 0}  # nearer than 5 * 0.3 = 1.5
     assert pairs == {f"kind-{name[0]}:kind-{name[2]}": count for name, count in expected.items()}
 
@@ -356,7 +357,7 @@ def test_histograms_are_of_the_last_sample_unless_the_scene_is_stationary(name):
             values[-1] = last[-1]
         found, expected = (observe(scene, one, (name,)) for one in (other, run))
         same = all(np.array_equal(found[array], expected[array]) for array in expected)
-        assert same == (OBSERVABLES[name].is_over_samples and not observables.time_origins.is_stationary(scene))
+        assert same == (OBSERVABLES[name].is_over_samples and not observables.is_stationary(scene))
 
 
 # -- in files -------------------------------------------------------------------------------------------------------
@@ -378,8 +379,8 @@ def test_arrays_in_a_file(boundary, tmp_path):
             variable = ARRAYS[name]
             assert run[name].dims == ("seed", *variable.dims)
             assert run[name].attrs == {"units": variable.units, "long_name": variable.long_name}
-            for dim, values in observables.axes(scene, name).items():
-                assert np.array_equal(run[dim], values)
+            for dim in variable.dims:
+                assert np.array_equal(run[dim], AXES[dim].coordinates(scene))
         tracer = run.species_energy.sel(seed=9, species="tracer").sel(time=0.5, method="nearest")
         assert tracer == ensemble.observables["species_energy"][2, 5, 0]
         assert run.species_pair.values.tolist()[:3] == ["tracer:tracer", "tracer:bath", "tracer:rare"]

@@ -21,7 +21,7 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import settling_time
 from brownpipe.observables import ARRAYS
-from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
+from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 

@@ -18,9 +18,9 @@ from brownpipe.analysis.variables import EACH, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DENSEST
 from brownpipe.observables import profile
+from brownpipe.observables.equilibrium import is_stationary
 from brownpipe.observables.pairs import bins, species_pairs
 from brownpipe.observables.species import species_table
-from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
 NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrapolated to contact

@@ -66,25 +66,19 @@ class Engine(NamedTuple):
         """Raise RequestError if the engine cannot run the scene or cannot record `record` of it."""
         self.definition.refuse_unfit(scene, self.values, frozenset(record))
 
-    def forecast(
-        self, scene: Scene, record: Collection[str] = TRACER, observables: Collection[str] = (), average: str = "runs"
-    ) -> Cost:
+    def forecast(self, scene: Scene, record: Collection[str], observables: Collection[str], average: str) -> Cost:
         """Return the forecast for one run of a scene that the engine does not refuse."""
         return self.definition.forecast(scene, self.values, record, observables, average)
 
     def simulate(
-        self,
-        scene: Scene,
-        seeds: Sequence[int],
-        record: Collection[str],
-        *checkpoints: object,
-        observables: Collection[str] = (),
-        average: str = "runs",
+        self, scene: Scene, seeds: Sequence[int], record: Collection[str], *saving: Any, **measured: Any
     ) -> Ensemble:
-        """Run a scene once for every seed; `checkpoints` go to an engine that keeps checkpoints."""
+        """Run a scene once for every seed.
+
+        `saving`: Checkpoints, for an engine that keeps them; `measured`: `observables` and `average`.
+        """
         simulation = import_module(self.definition.simulation)
-        measured = {"observables": observables, "average": average}
-        return simulation.simulate(scene, seeds, record, *checkpoints, **measured, **dict(self.settings))
+        return simulation.simulate(scene, seeds, record, *saving, **measured, **dict(self.settings))
 
 
 def read_record(text: str, option: str) -> frozenset[str]:

@@ -12,22 +12,12 @@ import numpy as np
 from brownpipe import observables, progress
 from brownpipe.engines.placement import never_placed
 from brownpipe.errors import PlacementError, RequestError, RunError
-from brownpipe.observables.observable import RunArray
+from brownpipe.observables.observable import Events, Run, RunArray, Track
 from brownpipe.observables.own import is_own, measure
-from brownpipe.observables.tracks import Run, Track
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
 
 HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")  # observables with bounds that a run must not exceed
-
-
-class Events(NamedTuple):
-    """The E collisions of one run, in order of time."""
-
-    time: np.ndarray  # (E,) [time]
-    a: np.ndarray  # (E,) int32, the disk
-    b: np.ndarray  # (E,) int32, the other disk, or a wall: -1 left, -2 right, -3 bottom, -4 top
-    impulse: np.ndarray  # (E, 2) given to disk a [mass length/time]
 
 
 class Ensemble(NamedTuple):
@@ -49,22 +39,13 @@ class Ensemble(NamedTuple):
         return self.seeds[self.observables["failed"] > 0]
 
 
-class RunResult(NamedTuple):
-    """One run. Arrays of the tracer's track may be overwritten by the next run."""
-
-    tracer: Track  # M = 1
-    whole: Track | None  # M = N, if recorded
-    events: Events | None  # if recorded
-    observables: Mapping[str, Any]  # numbers and arrays reported by the engine itself, like counts of collisions
-
-
 class Batch(NamedTuple):
     """An ensemble to be filled, and what of every run is recorded and measured in it."""
 
     scene: Scene
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
-    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, in their order, then one's own
+    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, or of one's own
 
     @property
     def needed_record(self) -> frozenset[str]:
@@ -86,18 +67,17 @@ def new_batch(
     Raises RequestError for observables that the scene does not have.
     """
     observables.refuse_unfit(scene, tuple(names), average)
-    ordered = (*(name for name in observables.OBSERVABLES if name in names), *filter(is_own, names))
     tracer = None
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
         velocity = blank(shape, float) if "velocity" in record else None
         tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
     ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, {}, {}, average)
-    return Batch(scene, ensemble, frozenset(record), ordered)
+    return Batch(scene, ensemble, frozenset(record), tuple(names))
 
 
 def make_runs(
-    batch: Batch, run: Callable[[int], RunResult], first: int = 0, after: Callable[[int], object] = lambda done: None
+    batch: Batch, run: Callable[[int], Run], first: int = 0, after: Callable[[int], object] = lambda done: None
 ) -> Ensemble:
     """Make the runs of a batch from a column on, `run(column)`, and return the ensemble; call `after(done)` after each.
 
@@ -105,59 +85,55 @@ def make_runs(
     N and the seed before the message of any other RequestError, and of PlacementError if nearly every run of the scene
     is expected to lack places: such a scene is a mistake.
     """
-    scene, seeds = batch.scene, batch.ensemble.seeds
-    for column in range(first, len(seeds)):
-        progress.begin_piece("runs", column, len(seeds))
+    scene, ensemble = batch.scene, batch.ensemble
+    for column, seed in enumerate(ensemble.seeds[first:].tolist(), first):
+        progress.begin_piece("runs", column, len(ensemble.seeds))
         try:
             _add(batch, column, run(column))
         except (RunError, RequestError) as error:
             is_of_scene = isinstance(error, PlacementError) and never_placed(scene)
             if is_of_scene or not isinstance(error, RunError | PlacementError):
-                raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seeds[column]}: {error}") from None
-            batch.ensemble.stopped[int(seeds[column])] = str(error)
-            _write(batch, column, {"failed": np.uint8(1)})
-        progress.report("runs", column + 1, len(seeds))
+                raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
+            ensemble.stopped[seed] = str(error)
+            write(ensemble, slice(column, column + 1), None, {"failed": [np.uint8(1)]})
+        progress.report("runs", column + 1, len(ensemble.seeds))
         after(column + 1)
-    for values in batch.ensemble.observables.values():
+    for values in ensemble.observables.values():
         if values.dtype.kind == "f":
             values[np.isinf(values)] = np.nan  # beyond the floating-point numbers in the scene's units
-    return batch.ensemble
+    return ensemble
 
 
-def _add(batch: Batch, column: int, result: RunResult) -> None:
+def _add(batch: Batch, column: int, run: Run) -> None:
     """Measure a finished run, and copy what is recorded of it into its column of the ensemble."""
-    ensemble, seed = batch.ensemble, int(batch.ensemble.seeds[column])
-    values: dict[str, Any] = dict(result.observables)
-    if batch.scene.particles and result.tracer.velocity is not None:
-        x, y = result.tracer.velocity[0, 0].tolist()
+    scene, ensemble, seed, values = batch.scene, batch.ensemble, int(batch.ensemble.seeds[column]), {**run.observables}
+    if scene.particles and run.tracer.velocity is not None:
+        x, y = run.tracer.velocity[0, 0].tolist()
         values["initial_square_speed"] = x * x + y * y
-    tracks = Run(result.tracer, result.whole)
-    values |= observables.observe(batch.scene, tracks, batch.observables, ensemble.average)
+    values |= observables.observe(scene, run, batch.observables, ensemble.average)
     for name in filter(is_own, batch.observables):
-        values |= measure(name, batch.scene, tracks, observables.AXES, ensemble.own)
-    _write(batch, column, values)
-    if ensemble.tracer is not None:
-        for recorded, track in zip(ensemble.tracer, result.tracer, strict=True):
-            if recorded is not None:
-                recorded[:, column] = track[:, 0]
-    if result.whole is not None and "all" in batch.record:
-        ensemble.whole[seed] = result.whole
-    if result.events is not None:
-        ensemble.events[seed] = result.events
+        values |= measure(name, scene, run, observables.AXES, ensemble.own)
+    write(ensemble, slice(column, column + 1), run.tracer, {name: [value] for name, value in values.items()})
+    if run.whole is not None and "all" in batch.record:
+        ensemble.whole[seed] = run.whole
+    if run.events is not None:
+        ensemble.events[seed] = run.events
 
 
-def _write(batch: Batch, column: int, values: Mapping[str, Any]) -> None:
-    """Write observables into their column; in runs without them they are NaN, counts 0."""
-    ensemble = batch.ensemble
+def write(ensemble: Ensemble, columns: slice, tracer: Track | None, values: Mapping[str, Any]) -> None:
+    """Write track and observables of n runs into their columns; in runs without an observable it is NaN, a count 0."""
     for name, value in values.items():
         if name not in ensemble.observables:
-            like = np.asarray(value)
-            ensemble.observables[name] = blank((len(ensemble.seeds), *like.shape), like.dtype)
-        ensemble.observables[name][column] = value
+            like = np.asarray(value)  # (n, ...)
+            ensemble.observables[name] = blank((len(ensemble.seeds), *like.shape[1:]), like.dtype)
+        ensemble.observables[name][columns] = value
+    for recorded, track in zip(ensemble.tracer or (), tracer or (), strict=False):
+        if recorded is not None:
+            recorded[:, columns] = track
 
 
-def select(runs: Ensemble, rows: np.ndarray) -> Ensemble:
-    """Return the runs at `rows`: indices, or a mask (S,)."""
+def select(runs: Ensemble, rows: np.ndarray | slice) -> Ensemble:
+    """Return the runs at `rows`: indices, a mask (S,), or a slice."""
     kept = dict.fromkeys(runs.seeds[rows].tolist())
     return runs._replace(
         seeds=runs.seeds[rows],

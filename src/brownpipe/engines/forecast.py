@@ -20,9 +20,8 @@ from brownpipe.engines.friction import DENSEST, partners_of
 from brownpipe.engines.placement import is_grown, placement_caution
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
-from brownpipe.observables.quarters import claims_equilibrium
+from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.observables.species import bath_disks, equal_disks, species_table
-from brownpipe.observables.time_origins import is_stationary
 from brownpipe.scene import Scene
 
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
@@ -78,21 +77,24 @@ def of_run(
     record: Collection[str] = frozenset({"tracer"}),
     observables: Collection[str] = (),
     average: str = "runs",
+    alone: bool = False,
 ) -> Cost:
     """Return the forecast for one run of the exact engine that records `record` and measures `observables`.
 
-    `record` and `average` as in `engines.ensemble.new_batch`.
+    `record` and `average` as in `engines.ensemble.new_batch`. `alone`: only the tracer moves, without collisions.
     """
-    time = scene.duration + scene.equilibrate.time
+    time = 0.0 if alone else scene.duration + scene.equilibrate.time
     pair_collisions, wall_collisions = time * pair_rate(scene), time * wall_rate(scene)
     collisions = pair_collisions + wall_collisions
     every_disk = "all" in record or measures.needs_every_disk(observables, average)
     disk_samples = len(scene.times) * (1 + scene.particles * every_disk)
     working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * disk_samples
     recorded, kept = _bytes_of_record(scene, record, observables, collisions)
-    seconds = EACH_RUN * (1 + (scene.equilibrate.time > 0)) + seconds_to_record(disk_samples, recorded)
-    seconds += SECONDS_PER_EVENT * (collisions + time * crossing_rate(scene) + 5 * scene.particles)
+    seconds = EACH_RUN * (1 + (scene.equilibrate.time > 0 and not alone))
+    seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
     seconds += seconds_to_measure(scene, observables, average)
+    if not alone:
+        seconds += SECONDS_PER_EVENT * (collisions + time * crossing_rate(scene) + 5 * scene.particles)
     return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working)
 
 
@@ -117,15 +119,10 @@ def memory(cost: Cost, runs: int) -> float:
     return PROCESS + max(cost.working + runs * cost.kept, COPIES * runs * (cost.kept + cost.recorded))
 
 
-def seconds_to_record(disk_samples: int, recorded: float) -> float:
-    """Return the CPU seconds to take so many samples of a disk, and to write so many bytes."""
-    return SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
-
-
 def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> float:
     """Return the CPU seconds to measure observables in a run."""
     seconds = SECONDS_TO_MEASURE * len(names)
-    for observable in (measures.OBSERVABLES[name] for name in names):
+    for observable in map(measures.record_of, names):
         samples, disks = len(scene.times), scene.particles
         if observable.of == "tracer":
             disks = len(equal_disks(scene)) if average == "disks" else 1
@@ -138,11 +135,6 @@ def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> fl
     return seconds
 
 
-def machine_memory() -> int:
-    """Return the memory [bytes] of this machine."""
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-
-
 def most_runs(cost: Cost, available: float) -> int:
     """Return how many runs of this cost one process can make and write in so much memory [bytes]; 0 for none."""
     return bisect_right(range(1, MOST_RUNS + 1), available, key=lambda runs: memory(cost, runs))
@@ -150,7 +142,7 @@ def most_runs(cost: Cost, available: float) -> int:
 
 def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
     """Raise RequestError if so many runs of a scene, each of this cost, in one process exceed this machine's memory."""
-    needed, available = memory(cost, runs), machine_memory()
+    needed, available = memory(cost, runs), os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if needed > available:
         cure = f"this machine has {available / 1e9:.3g} GB: take fewer seeds a call, fewer samples, or record less"
         raise RequestError(f"{scene.name}: {runs} runs need some {needed / 1e9:.3g} GB of memory, and {cure}")

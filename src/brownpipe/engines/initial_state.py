@@ -105,11 +105,10 @@ def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     `lattice`: random sites of a triangular lattice that fills the box.
     Raises RequestError if the disks do not fit, PlacementError if random insertion ends before all have a place.
     """
-    fixed = scene.species[0].position if scene.species else None
-    if scene.placement == "lattice":
-        return _on_lattice(scene, fixed, stream)
     if not scene.particles:
         return np.zeros((0, 2))
+    if scene.placement == "lattice":
+        return _on_lattice(scene, stream)
     if not is_grown(scene):
         try:
             return _insert(scene, stream)
@@ -184,10 +183,8 @@ def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     )
 
 
-def _on_lattice(scene: Scene, fixed: tuple[float, float] | None, stream: np.random.Generator) -> np.ndarray:
-    """Return centres (N, 2) on random sites of a lattice; disk 0 is at `fixed`, if not None, off the lattice."""
-    if not scene.species:
-        return np.zeros((0, 2))
-    sites = lattice_sites(scene)
+def _on_lattice(scene: Scene, stream: np.random.Generator) -> np.ndarray:
+    """Return centres (N, 2) on random sites of a lattice; a tracer of given position is off the lattice."""
+    sites, fixed = lattice_sites(scene), scene.species[0].position
     position = sites[stream.permutation(len(sites))[: scene.particles - (fixed is not None)]]
     return position if fixed is None else np.concatenate([[fixed], position])

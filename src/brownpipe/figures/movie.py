@@ -23,7 +23,7 @@ from PIL import Image
 from brownpipe.errors import FigureError, RequestError
 from brownpipe.figures.origin import Record, metadata
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
-from brownpipe.observables.tracks import Track
+from brownpipe.observables.observable import Track
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import Trajectories

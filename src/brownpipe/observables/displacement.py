@@ -4,14 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from brownpipe.observables.observable import Observable, RunArray
-from brownpipe.observables.species import tracer_tracks
-from brownpipe.observables.time_origins import lags
-from brownpipe.observables.tracks import Run, Track
+from brownpipe.observables.equilibrium import lags
+from brownpipe.observables.observable import Observable, RunArray, Track
 from brownpipe.scene import Scene
 
 
-def square_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
+def square_displacement(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
     """Return the squared displacement and half its rate of change, (T,) each, of one run.
 
     Their means over runs are the MSD <r^2(t)>, for which eq. (12) is a model, and <v(t).(r(t) - r(0))>, which is
@@ -19,27 +17,17 @@ def square_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.nd
     every sample as time origin (`origins`; Frenkel and Smit, Understanding Molecular Simulation, section 4.4.2), or of
     all disks equal to it (`disks`).
     """
-    track = tracer_tracks(scene, run, average)
-    velocity = track.velocity
-    square, growth = averaged(scene, track, average, lambda r, _, later: (squared(r), dot(r, velocity[later])))
+    square, growth = averaged(scene, track, average, lambda r, _, later: (squared(r), dot(r, track.velocity[later])))
     return {"square_displacement": square, "displacement_velocity": growth}
 
 
-def quartic_displacement(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
+def quartic_displacement(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
     """Return the fourth power of the displacement (T,) of one run, averaged like the squared displacement.
 
     Means over runs of both make up the non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1.
     """
-    track = tracer_tracks(scene, run, average)
     (quartic,) = averaged(scene, track, average, lambda r, *_: (squared(r) ** 2,))
     return {"quartic_displacement": quartic}
-
-
-def velocity_displacement(scene: Scene, run: Run, average: str) -> np.ndarray:
-    """Return v(0).(r(t) - r(0)) (T,) of one run: exactly the integral of v(0).v(s) over s from 0 to t."""
-    track = tracer_tracks(scene, run, average)
-    velocity = track.velocity
-    return averaged(scene, track, average, lambda r, earlier, _: (dot(r, velocity[earlier]),))[0]
 
 
 def averaged(scene: Scene, track: Track, average: str, products: Callable) -> np.ndarray:
@@ -86,27 +74,15 @@ def squared(moved: np.ndarray) -> np.ndarray:
 SQUARE_DISPLACEMENT = Observable(
     square_displacement,
     {
-        "square_displacement": RunArray(
-            ("time",),
-            "length^2",
-            "squared displacement of the tracer; for averages within the run see the attribute `average`",
-        ),
-        "displacement_velocity": RunArray(
-            ("time",),
-            "length^2/time",
-            "v(t).(r(t) - r(0)) of the tracer, half of d(r^2)/dt; averaged like square_displacement",
-        ),
+        "square_displacement": RunArray(("time",), "length^2", "squared displacement of the tracer (see `average`)"),
+        "displacement_velocity": RunArray(("time",), "length^2/time", "v(t).(r(t) - r(0)) of the tracer"),
     },
     of="tracer",
     seconds_per_disk_sample=3.6e-8,
 )
 QUARTIC_DISPLACEMENT = Observable(
     quartic_displacement,
-    {
-        "quartic_displacement": RunArray(
-            ("time",), "length^4", "fourth power of the tracer's displacement; averaged like square_displacement"
-        )
-    },
+    {"quartic_displacement": RunArray(("time",), "length^4", "fourth power of the tracer's displacement")},
     of="tracer",
     seconds_per_disk_sample=3.6e-8,
 )

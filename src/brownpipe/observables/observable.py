@@ -1,13 +1,49 @@
-"""The record of an observable: how it is measured, its arrays, the scenes that it fits, the CPU time that it takes."""
+"""The records of an observable: the tracks that it is measured from, the arrays that it yields, what it takes.
+
+T sample times, N disks, of which the tracer is the first.
+"""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
+
+
+class Track(NamedTuple):
+    """The trajectories of M disks of a run, sampled at T times, which engines return."""
+
+    position: np.ndarray  # (T, M, 2) centres, inside the box [length]
+    velocity: np.ndarray | None = None  # (T, M, 2) [length/time]
+    image: np.ndarray | None = None  # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
+
+    def of(self, disks: np.ndarray | slice | int) -> "Track":
+        """Return the tracks of some of the disks: indices or a mask (M,), a slice, or one index."""
+        return Track(*(None if values is None else values[:, disks] for values in self))
+
+    def at_end(self) -> "Track":
+        """Return the tracks at the last sample, T = 1."""
+        return Track(*(None if values is None else values[-1:] for values in self))
+
+
+class Events(NamedTuple):
+    """The E collisions of one run, in order of time."""
+
+    time: np.ndarray  # (E,) [time]
+    a: np.ndarray  # (E,) int32, the disk
+    b: np.ndarray  # (E,) int32, the other disk, or a wall: -1 left, -2 right, -3 bottom, -4 top
+    impulse: np.ndarray  # (E, 2) given to disk a [mass length/time]
+
+
+class Run(NamedTuple):
+    """One run. Arrays of the tracer's track may be overwritten by the next run."""
+
+    tracer: Track  # disk 0, M = 1
+    whole: Track | None  # all disks, M = N; None if not recorded, see `needs_every_disk`
+    events: Events | None = None  # if recorded
+    observables: Mapping[str, Any] = MappingProxyType({})  # what the engine itself reports, like numbers of collisions
 
 
 class Axis(NamedTuple):
@@ -34,12 +70,22 @@ class RunArray(NamedTuple):
 class Observable(NamedTuple):
     """An observable; forecasts (`engines.forecast`) add up its CPU seconds, good to a factor of 2."""
 
-    measure: Callable[[Scene, Run, str], Mapping[str, np.ndarray | int]]  # (scene, run, average) -> values by array
+    measure: Callable[[Scene, Track, str], Mapping[str, np.ndarray]]  # (scene, track, average): values by array
     arrays: dict[str, RunArray]  # by name; the first is measured in every scene
     seconds_per_disk_sample: float  # CPU seconds for each disk in each sample, or each pair of samples of an average
     # Whose tracks it is made from: those of the tracer alone, to which all AVERAGES apply, of the bath, which may be
-    # averaged over origins, or of all disks
+    # averaged over origins, or of all disks. The track has all disks for the last two
     of: Literal["tracer", "bath", "all"] = "all"
     axes: Mapping[str, Axis] = MappingProxyType({})  # the dimensions that are its own, by name
-    is_over_samples: bool = False  # counted or averaged over the samples of a stationary scene, otherwise the last one
+    is_over_samples: bool = False  # its track has all samples of a stationary scene, otherwise the last one alone
     unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
+
+
+def counted_bins(end: float, width: float) -> tuple[int, float]:
+    """Return the number of whole bins of a width from 0 to an end, despite round-off, and the width; 0 if none fits."""
+    return max(0, int(end / width * (1 + 1e-12))), width
+
+
+def centres(number: int, width: float) -> np.ndarray:
+    """Return the centres (number,) of bins from 0 on."""
+    return (np.arange(number) + 0.5) * width

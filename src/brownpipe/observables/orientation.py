@@ -7,16 +7,14 @@ import math
 
 import numpy as np
 
-from brownpipe.observables.observable import Observable, RunArray
-from brownpipe.observables.quarters import ends_of_quarters, has_quarters
-from brownpipe.observables.time_origins import is_stationary
-from brownpipe.observables.tracks import Run
+from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters, is_stationary
+from brownpipe.observables.observable import Observable, RunArray, Track
 from brownpipe.scene import Scene
 
 MARGIN = 4.0  # width of the strip around the box whose images are triangulated at first, in mean distances sqrt(A/N)
 
 
-def order(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
+def order(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return abs(psi_6) and abs(psi_6)^2 of one run, means over the samples; if it is not stationary, of the last one.
 
     Of a stationary run also the mean of abs(psi_6) in each quarter (4,), over its samples but the one at its beginning.
@@ -24,11 +22,11 @@ def order(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     psi_6 is the mean over all disks j of the mean over the Voronoi neighbours k of j of exp(6 i theta_jk), theta_jk the
     angle of the bond from j to k (D. R. Nelson and B. I. Halperin, Phys. Rev. B 19, 2457 (1979)).
     """
-    position = run.whole.position[slice(None) if is_stationary(scene) else slice(-1, None)]
-    squared = np.array([square_order(scene, sample) for sample in position])
+    squared = np.array([square_order(scene, sample) for sample in track.position])
     values = {"orientational_order": np.sqrt(squared).mean(), "orientational_order_squared": squared.mean()}
-    if is_stationary(scene) and has_quarters(scene):
-        quarters = np.split(np.sqrt(squared), ends_of_quarters(scene.times)[:-1] + 1)[1:]
+    ends = ends_of_quarters(scene.times)
+    if is_stationary(scene) and claims_equilibrium(scene) and len(ends):
+        quarters = np.split(np.sqrt(squared), ends[:-1] + 1)[1:]
         values["quarter_order"] = np.array([part.mean() for part in quarters])
     return values
 
@@ -99,11 +97,7 @@ ORDER = Observable(
     {
         "orientational_order": RunArray((), "1", "bond-orientational order abs(psi_6), mean over samples", True),
         "orientational_order_squared": RunArray((), "1", "abs(psi_6)^2, mean over samples", True),
-        "quarter_order": RunArray(
-            ("quarter",),
-            "1",
-            "abs(psi_6) of all disks, mean over the samples of each quarter of the run",
-        ),
+        "quarter_order": RunArray(("quarter",), "1", "abs(psi_6), mean over the samples of each quarter of the run"),
     },
     seconds_per_disk_sample=7e-6,
     is_over_samples=True,

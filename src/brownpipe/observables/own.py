@@ -1,6 +1,6 @@
 """Observables of one's own: functions in a user's module, named `folder/my_module:my_function`.
 
-A function of scene and run, with the tracks `run.tracer` (M = 1) and `run.whole` (M = N) of `tracks.Track`, returns
+A function of scene and run, with the tracks `run.tracer` (M = 1) and `run.whole` (M = N) of `observable.Track`, returns
 named arrays as xarray takes variables: a number, `(dims, values)`, or `(dims, values, attributes)` with `units` and
 `long_name`. The bytes of the module's file are part of what determines the runs. Files of runs have all that is said
 of the arrays: no module is read or run to read them.
@@ -21,8 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.observables.observable import Observable, RunArray
-from brownpipe.observables.tracks import Run, Track
+from brownpipe.observables.observable import Observable, Run, RunArray, Track
 from brownpipe.scene import Scene
 
 SECONDS_PER_DISK_SAMPLE = 1e-7  # CPU, of a few operations of NumPy; what a function really takes is not known before
@@ -135,9 +134,9 @@ def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, R
     arrays that are not numbers, or are unlike those of the runs before.
     """
     function, measured = _found(name), dict[str, np.ndarray]()
-    tracks = Run(*(Track(*map(_read_only, track)) for track in (run.tracer, run.whole)))
+    tracer, whole = (Track(*map(_read_only, track)) for track in (run.tracer, run.whole))
     try:
-        returned = function.call(scene, tracks)
+        returned = function.call(scene, Run(tracer, whole))
         if not isinstance(returned, Mapping):
             raise TypeError(f"must return a mapping of names to arrays, not {returned!r:.40}")
         for array, value in returned.items():

@@ -8,10 +8,8 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.observables.observable import Axis, Observable, RunArray
+from brownpipe.observables.observable import Axis, Observable, RunArray, Track, centres, counted_bins
 from brownpipe.observables.species import SpeciesTable, species_table
-from brownpipe.observables.time_origins import is_stationary
-from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
 BINS_PER_CONTACT = 40  # bins per smallest contact distance
@@ -37,13 +35,7 @@ def bins(scene: Scene) -> tuple[int, float]:
     box, radius = scene.box, np.sort(scene.radius)
     side, width = min(box.width, box.height), (radius[0] + radius[1]) / BINS_PER_CONTACT
     reach = min(side / 2 if box.periodic else side - 2 * radius[-1], FARTHEST * (radius[-1] + radius[-2]))
-    return max(0, int(reach / width * (1 + 1e-12))), width
-
-
-def bin_centres(scene: Scene) -> np.ndarray:
-    """Return the centres (R,) of the bins [length]."""
-    number, width = bins(scene)
-    return (np.arange(number) + 0.5) * width
+    return counted_bins(reach, width)
 
 
 def pair_names(scene: Scene) -> list[str]:
@@ -62,7 +54,7 @@ def unfit(scene: Scene) -> str | None:
     return None
 
 
-def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray | int]:
+def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return the counts (P, R) of pairs by species and distance, and the number of samples they are summed over.
 
     All samples of a stationary run are counted, otherwise the last one. Between walls the counts that an ideal gas
@@ -73,43 +65,33 @@ def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray | int]:
     row = np.zeros((len(species.name),) * 2, np.int64)  # of a pair of species in the counts
     for p, (a, b) in enumerate(pairs):
         row[a, b] = row[b, a] = p
-    position = run.whole.position[slice(None) if is_stationary(scene) else slice(-1, None)]
     counts = np.zeros(len(pairs) * number, np.int64)
-    for sample in position:
+    for sample in track.position:
         disks, distance = close_pairs(scene, sample, number * width)
         column = (distance / width).astype(np.int64)
         inside = column < number
         a, b = species.label.take(disks.T)
         counts += np.bincount((row[a, b] * number + column)[inside], minlength=len(counts))
-    arrays: dict[str, np.ndarray | int] = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": len(position)}
-    lone = lone_pairs(scene, species)
-    return arrays | ({"pair_expected": expected_pairs(scene, species, lone, position)} if lone else {})
+    arrays = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": np.array(len(track.position))}
+    if not scene.box.periodic and len(pairs) > 1 and species.number.min() == 1:
+        arrays["pair_expected"] = expected_pairs(scene, species, track.position)
+    return arrays
 
 
-def lone_pairs(scene: Scene, species: SpeciesTable) -> list[tuple[int, int, int]]:
-    """Return (p, lone, other) for each pair p of two species, one of which, `lone`, is a single disk.
-
-    Empty for a periodic box, where no wall cuts the rings around that disk.
-    """
-    if scene.box.periodic:
-        return []
-    unlike = [(p, a, b) for p, (a, b) in enumerate(species_pairs(species)) if a != b]
-    lone_first = [(p, a, b) if species.number[a] == 1 else (p, b, a) for p, a, b in unlike]
-    return [(p, lone, other) for p, lone, other in lone_first if species.number[lone] == 1]
-
-
-def expected_pairs(
-    scene: Scene, species: SpeciesTable, lone_pairs: list[tuple[int, int, int]], position: np.ndarray
-) -> np.ndarray:
-    """Return the counts (P, R) that an ideal gas has around the lone disks, summed over samples `position` (T, N, 2).
+def expected_pairs(scene: Scene, species: SpeciesTable, position: np.ndarray) -> np.ndarray:
+    """Return the counts (P, R) that an ideal gas has around lone disks, summed over samples `position` (T, N, 2).
 
     N_k points, uniform in the rectangle accessible to the centres of species k, are expected in a ring in proportion
     to the part of its area inside the rectangle. The ring is centred at the position of the lone disk in each sample,
-    so that nothing is assumed about the distribution of that disk. NaN in the rows of all other pairs.
+    so that nothing is assumed about the distribution of that disk. NaN for pairs of species of which none is a single
+    disk.
     """
     size, (number, width) = np.array([scene.box.width, scene.box.height]), bins(scene)
     edges, expected = np.arange(number + 1) * width, np.full((len(species_pairs(species)), number), np.nan)
-    for p, lone, other in lone_pairs:
+    for p, (a, b) in enumerate(species_pairs(species)):
+        lone, other = (a, b) if species.number[a] == 1 else (b, a)
+        if a == b or species.number[lone] > 1:
+            continue
         accessible, disk = scene.box.accessible(species.radius[other])[1], np.flatnonzero(species.label == lone)[0]
         off_centre = position[:, disk, :, None] - (scene.box.origin + size / 2)[:, None]
         parts = [off_centre[k : k + SAMPLES_AT_ONCE].swapaxes(0, 1) for k in range(0, len(position), SAMPLES_AT_ONCE)]
@@ -145,15 +127,11 @@ DISTRIBUTION = Observable(
     {
         "pair_counts": RunArray(("species_pair", "distance"), "1", "histogram of the distances of pairs of disks"),
         "pair_snapshots": RunArray((), "1", "number of samples that pair_counts is summed over"),
-        "pair_expected": RunArray(
-            ("species_pair", "distance"),
-            "1",
-            "pair_counts of an ideal gas around a lone disk at its positions; else NaN",
-        ),
+        "pair_expected": RunArray(("species_pair", "distance"), "1", "pair_counts of an ideal gas around a lone disk"),
     },
     axes={
         "species_pair": Axis("1", "species of the two disks", pair_names),
-        "distance": Axis("length", "distance between the centres, centre of its bin", bin_centres),
+        "distance": Axis("length", "distance between the centres", lambda scene: centres(*bins(scene))),
     },
     seconds_per_disk_sample=2e-6,
     is_over_samples=True,

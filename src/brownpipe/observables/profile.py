@@ -5,10 +5,8 @@ N disks, K species, B bins of distance.
 
 import numpy as np
 
-from brownpipe.observables.observable import Axis, Observable, RunArray
+from brownpipe.observables.observable import Axis, Observable, RunArray, Track, centres, counted_bins
 from brownpipe.observables.species import species_table
-from brownpipe.observables.time_origins import is_stationary
-from brownpipe.observables.tracks import Run
 from brownpipe.scene import Scene
 
 BINS_PER_DIAMETER = 40  # bins per smallest diameter
@@ -27,21 +25,10 @@ def bins(scene: Scene) -> tuple[int, float]:
         return 0, 0.0
     width = 2 * radius.min() / BINS_PER_DIAMETER
     side = scene.box.accessible(radius.max())[1].min()
-    return max(0, int(min(side / 2, FARTHEST * 2 * radius.max()) / width * (1 + 1e-12))), width
+    return counted_bins(min(side / 2, FARTHEST * 2 * radius.max()), width)
 
 
-def bin_centres(scene: Scene) -> np.ndarray:
-    """Return the centres (B,) of the bins [length]."""
-    number, width = bins(scene)
-    return (np.arange(number) + 0.5) * width
-
-
-def unfit(scene: Scene) -> str | None:
-    """Return why the scene has no such profile, None if it has one."""
-    return None if bins(scene)[0] else "needs walls farther apart, by a twentieth of the smallest diameter at least"
-
-
-def density_profile(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
+def density_profile(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return the number density (K, B) [1/length^2] of centres of each species by distance from the walls.
 
     The distance is that of the disk's edge from a wall; in a periodic box that of its centre from a side, on which
@@ -49,8 +36,7 @@ def density_profile(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
     last sample. Each disk counts twice: at the nearer of the walls left and right, and of those below and above. The
     corners are part of both walls, as they are of the momentum that walls take up.
     """
-    species, (number, width) = species_table(scene), bins(scene)
-    position = run.whole.position[slice(None) if is_stationary(scene) else slice(-1, None)]
+    position, species, (number, width) = track.position, species_table(scene), bins(scene)
     profile = np.zeros((len(species.name), number))
     for k, radius in enumerate(species.radius):
         (corner, size), disks = scene.box.accessible(radius), np.flatnonzero(species.label == k)
@@ -66,16 +52,11 @@ def density_profile(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
 
 DENSITY_PROFILE = Observable(
     density_profile,
-    {
-        "density_profile": RunArray(
-            ("species", "wall_distance"),
-            "1/length^2",
-            "number density by distance from the walls, mean along all of them",
-            averaged=True,
-        )
+    {"density_profile": RunArray(("species", "wall_distance"), "1/length^2", "number density of the centres", True)},
+    axes={
+        "wall_distance": Axis("length", "distance of the disk's edge from a wall", lambda scene: centres(*bins(scene)))
     },
-    axes={"wall_distance": Axis("length", "distance of the disk's edge from a wall, centre of its bin", bin_centres)},
     seconds_per_disk_sample=8e-8,
     is_over_samples=True,
-    unfit=unfit,
+    unfit=lambda scene: None if bins(scene)[0] else "needs walls a twentieth of the smallest diameter farther apart",
 )

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.observables.tracks import Run, Track
 from brownpipe.scene import Scene
 
 
@@ -40,11 +39,6 @@ def equal_disks(scene: Scene) -> np.ndarray:
     """Return the indices (M,) of the disks with the radius and mass of the tracer, disk 0 among them."""
     radius, mass = scene.radius, scene.mass
     return np.flatnonzero((radius == radius[0]) & (mass == mass[0]))
-
-
-def tracer_tracks(scene: Scene, run: Run, average: str) -> Track:
-    """Return the track of the tracer, M = 1; for an average over `disks` the tracks of all disks equal to it."""
-    return run.whole.of(equal_disks(scene)) if average == "disks" else run.tracer
 
 
 def bath_disks(scene: Scene) -> np.ndarray:

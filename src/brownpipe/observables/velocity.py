@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from brownpipe.observables.displacement import velocity_displacement
-from brownpipe.observables.observable import Axis, Observable, RunArray
-from brownpipe.observables.species import bath_disks, species_table, tracer_tracks
-from brownpipe.observables.time_origins import is_stationary, lags
-from brownpipe.observables.tracks import Run
+from brownpipe.observables.displacement import averaged, dot
+from brownpipe.observables.equilibrium import lags
+from brownpipe.observables.observable import Axis, Observable, RunArray, Track
+from brownpipe.observables.species import bath_disks, species_table
 from brownpipe.scene import Scene
 
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
@@ -15,25 +14,23 @@ VELOCITIES, SPEEDS = (np.arange(120) - 59.5) * BIN, (np.arange(80) + 0.5) * BIN 
 VALUES_AT_ONCE = 2**18  # velocity components that are scaled and counted at a time, so that temporary arrays stay small
 
 
-def autocorrelation(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
+def autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
     """Return the velocity autocorrelation v(0).v(t) (T,) of the tracer, and its integral over time.
 
     The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half its mean
     (Green-Kubo). `average` as in `displacement.square_displacement`.
     """
-    return {
-        "velocity_autocorrelation": _correlation(scene, tracer_tracks(scene, run, average).velocity, average),
-        "velocity_displacement": velocity_displacement(scene, run, average),
-    }
+    correlation = _correlation(scene, track.velocity, average)
+    (integral,) = averaged(scene, track, average, lambda r, earlier, _: (dot(r, track.velocity[earlier]),))
+    return {"velocity_autocorrelation": correlation, "velocity_displacement": integral}
 
 
-def bath_autocorrelation(scene: Scene, run: Run, average: str) -> dict[str, np.ndarray]:
+def bath_autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
     """Return v(0).v(t) (T,), a mean over the disks of the most numerous species except the tracer's.
 
     `average`: from t = 0, or for `origins` from every sample as time origin.
     """
-    velocity = run.whole.velocity[:, bath_disks(scene)]
-    return {"bath_velocity_autocorrelation": _correlation(scene, velocity, average)}
+    return {"bath_velocity_autocorrelation": _correlation(scene, track.velocity[:, bath_disks(scene)], average)}
 
 
 def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray:
@@ -45,22 +42,21 @@ def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray
     return np.array([product.mean() / disks for product in products])
 
 
-def species_energy(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
+def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return the kinetic energy per disk (T, K) of each species: kT in equilibrium for any mass (equipartition)."""
-    species, square = species_table(scene), np.sum(run.whole.velocity**2, axis=-1)
+    species, square = species_table(scene), np.sum(track.velocity**2, axis=-1)
     energy = [mass / 2 * square[:, species.label == k].mean(axis=1) for k, mass in enumerate(species.mass)]
     return {"species_energy": np.stack(energy, axis=1)}
 
 
-def distribution(scene: Scene, run: Run, _: str) -> dict[str, np.ndarray]:
+def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return histograms of velocity components (K, 120) and of speeds (K, 80), in units of sqrt(kT/m).
 
     All samples of a stationary run are counted, otherwise the last one. kT is the scene's temperature or, if none is
     given, the mean kinetic energy per disk of the counted samples. In equilibrium the components are standard normal
     and the speeds have the density u exp(-u^2/2) (Maxwell-Boltzmann). The outermost bins include all values beyond.
     """
-    species = species_table(scene)
-    velocity = run.whole.velocity[slice(None) if is_stationary(scene) else slice(-1, None)]
+    species, velocity = species_table(scene), track.velocity
     scale = np.sqrt(scene.mass / (_temperature(scene, velocity) or np.inf))[:, None]
     components, speeds = (np.zeros((len(species.name), len(bins)), np.int64) for bins in (VELOCITIES, SPEEDS))
     step = max(1, VALUES_AT_ONCE // velocity[0].size)  # samples at a time
@@ -88,28 +84,16 @@ def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:
 AUTOCORRELATION = Observable(
     autocorrelation,
     {
-        "velocity_autocorrelation": RunArray(
-            ("time",), "length^2/time^2", "v(0).v(t) of the tracer; averaged like square_displacement"
-        ),
-        "velocity_displacement": RunArray(
-            ("time",),
-            "length^2/time",
-            "v(0).(r(t) - r(0)) of the tracer, the integral of v(0).v(s); averaged like square_displacement",
-        ),
+        "velocity_autocorrelation": RunArray(("time",), "length^2/time^2", "v(0).v(t) of the tracer (see `average`)"),
+        "velocity_displacement": RunArray(("time",), "length^2/time", "v(0).(r(t) - r(0)), the integral of v(0).v(s)"),
     },
     of="tracer",
     seconds_per_disk_sample=4e-8,
 )
+MEANING = "v(0).v(t), mean over the disks of the most numerous species except the tracer's"
 BATH_AUTOCORRELATION = Observable(
     bath_autocorrelation,
-    {
-        "bath_velocity_autocorrelation": RunArray(
-            ("time",),
-            "length^2/time^2",
-            "v(0).v(t), mean over the disks of the most numerous species except the tracer's",
-            averaged=True,
-        )
-    },
+    {"bath_velocity_autocorrelation": RunArray(("time",), "length^2/time^2", MEANING, averaged=True)},
     of="bath",
     seconds_per_disk_sample=2e-9,
     unfit=lambda scene: None if len(bath_disks(scene)) else "needs disks of another species than the tracer's",
@@ -119,6 +103,7 @@ ENERGY = Observable(
     {"species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk", averaged=True)},
     seconds_per_disk_sample=1.7e-8,
 )
+BEYOND = "centre of its bin; the last bin includes all beyond"
 DISTRIBUTION = Observable(
     distribution,
     {
@@ -126,16 +111,8 @@ DISTRIBUTION = Observable(
         "speed_counts": RunArray(("species", "speed_bin"), "1", "histogram of the speeds"),
     },
     axes={
-        "velocity_bin": Axis(
-            "sqrt(kT/mass)",
-            "velocity component, centre of its bin; the outermost bins include all beyond",
-            lambda scene: VELOCITIES,
-        ),
-        "speed_bin": Axis(
-            "sqrt(kT/mass)",
-            "speed, centre of its bin; the last bin includes all beyond",
-            lambda scene: SPEEDS,
-        ),
+        "velocity_bin": Axis("sqrt(kT/mass)", f"velocity component, {BEYOND}, the first, too", lambda _: VELOCITIES),
+        "speed_bin": Axis("sqrt(kT/mass)", f"speed, {BEYOND}", lambda _: SPEEDS),
     },
     seconds_per_disk_sample=2.8e-8,
     is_over_samples=True,

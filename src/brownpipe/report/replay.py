@@ -16,7 +16,7 @@ from brownpipe.storage.trajectories import chosen_seed, runs_record
 
 if TYPE_CHECKING:
     from brownpipe.engines.ensemble import Events
-    from brownpipe.observables.tracks import Track
+    from brownpipe.observables.observable import Track
     from brownpipe.scene import Scene
     from brownpipe.storage.trajectories import Trajectories
 

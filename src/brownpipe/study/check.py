@@ -7,7 +7,7 @@ from brownpipe.engines import forecast, friction
 from brownpipe.engines.friction import DECAY_TIMES, diffusive_from
 from brownpipe.engines.placement import is_grown
 from brownpipe.errors import RequestError
-from brownpipe.observables.quarters import claims_equilibrium
+from brownpipe.observables.equilibrium import claims_equilibrium
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.reading import read_yaml
 from brownpipe.scene.scene import is_study

@@ -236,8 +236,8 @@ class Study(Record):
     def _check_analysis(self) -> None:
         """Refuse what cannot be measured, windows with fewer than three samples, and times that are no sample times."""
         for case in self.cases:
-            if refusal := measures.problem(case, self.observables, self.average):
-                refuse(f"{case.name}, N = {case.particles}: {refusal[1]}", refusal[0])
+            for wrong, why in measures.problems(case, self.observables, self.average):
+                refuse(f"{case.name}, N = {case.particles}: {why}", wrong)
             for k, (t0, t1) in enumerate(self.fit_windows or ()):
                 inside = np.count_nonzero((case.times >= t0) & (case.times <= t1))
                 if t1 > case.duration or inside < 3:

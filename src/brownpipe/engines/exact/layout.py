@@ -195,7 +195,8 @@ def with_fitting_buckets(w: ws.Workspace, events: int, elapsed: float, estimated
     width = min(power_of_two(max(most / max(events, 1), shortest)), estimated)
     if width != scale.width:
         w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
-        compile_all(partial(push_all, w))
+        of_queue = w._replace(mass=None, image=None, shift=None, big=None, lists=None)  # for all kinds of scenes alike
+        compile_all(partial(push_all, of_queue))
     return w
 
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import progress
-from brownpipe.engines.ensemble import Events, RunResult
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
@@ -30,7 +29,8 @@ from brownpipe.engines.recording import (
 )
 from brownpipe.engines.units import Frame, State, frame_of, motion_of
 from brownpipe.errors import RequestError, RunError
-from brownpipe.observables.quarters import claims_equilibrium, ends_of_quarters
+from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
+from brownpipe.observables.observable import Events, Run
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
@@ -89,7 +89,7 @@ def beginning(prepared: PreparedScene, state: State, equilibrating: bool = False
 
 def to_end(
     prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Checkpoints = NO_CHECKPOINTS
-) -> RunResult:
+) -> Run:
     """Continue a run to its end and return its result; the tracer's track is in the recorder's arrays.
 
     A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next run starts with the
@@ -109,7 +109,7 @@ def to_end(
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first, {})
     tracer, whole, finite = tracks_of(scene, frame, recorder)
-    return RunResult(tracer, whole, _joined(logs), report_of(scene, frame, w, recorder, start.first, finite))
+    return Run(tracer, whole, _joined(logs), report_of(prepared, w, recorder, start.first, finite))
 
 
 def _to_last_sample(
@@ -157,7 +157,7 @@ def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
     arrays = {"progress": w.progress, "count": w.count, "tally": w.tally, "totals": recorder.totals}
     arrays |= {} if w.image is None else {"images_now": w.image}
     for of, track in (("track", recorder.track), ("whole", recorder.whole)):
-        arrays |= {f"{of}.{name}": values[: w.progress[ws.SAMPLE]] for name, values in track._asdict().items()}
+        arrays |= {f"{of}_{name}": values[: w.progress[ws.SAMPLE]] for name, values in track._asdict().items()}
     return arrays
 
 
@@ -292,13 +292,14 @@ def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
 
 
 def report_of(
-    scene: Scene, frame: Frame, w: ws.Workspace, recorder: ws.Recorder, first: np.ndarray, finite: bool
+    prepared: PreparedScene, w: ws.Workspace, recorder: ws.Recorder, first: np.ndarray, finite: bool
 ) -> dict[str, Any]:
     """Return the report of a run from its workspace and recorder at the end, and its motion (N, 4) at the beginning.
 
     A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers
     that are not `finite`. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
+    scene, frame, _, pinned = prepared
     mass = np.ones(len(first)) if w.mass is None else w.mass
     count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :]
     conserved = conservation(mass, first, _motion(w).copy(), impulses[1:])
@@ -306,7 +307,6 @@ def report_of(
     # cell then counts as an overlap.
     overlap, stray = 1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0))), float(w.tally[ws.STRAY])
     overlap = max(overlap, stray) if stray > HEALTH_BOUND else overlap
-    pinned = len(mass) > 0 and mass.max() == np.inf
     sound = finite and overlap <= HEALTH_BOUND and (pinned or conserved.momentum_residual <= HEALTH_BOUND)
     sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], conserved.fastest * time_since_start(w))
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]

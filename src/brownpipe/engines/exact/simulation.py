@@ -6,11 +6,12 @@ Each run is drawn from its seed (`initial_state`), equilibrated, run from collis
 
 import json
 from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple, TypeVar
+from functools import reduce
+from typing import Any
 
 import numpy as np
 
-from brownpipe.engines.ensemble import Batch, Ensemble, Events, RunResult, blank, make_runs, new_batch
+from brownpipe.engines.ensemble import Batch, Ensemble, make_runs, new_batch, select, write
 from brownpipe.engines.exact.run import (
     NO_CHECKPOINTS,
     Checkpoints,
@@ -24,11 +25,9 @@ from brownpipe.engines.exact.run import (
 from brownpipe.engines.initial_state import draw, without_total_momentum
 from brownpipe.engines.units import State
 from brownpipe.errors import RunError
+from brownpipe.observables.observable import Events, Run, Track
 from brownpipe.observables.own import own_arrays
-from brownpipe.observables.tracks import Track
 from brownpipe.scene import Scene
-
-Record = TypeVar("Record", bound=NamedTuple)
 
 
 def simulate(
@@ -56,7 +55,7 @@ def simulate(
     recorder = new_recorder(prepared, scene.times, batch.needed_record)
     finished, unfinished = resume(checkpoints.stored, batch)
 
-    def run(column: int) -> RunResult:
+    def run(column: int) -> Run:
         saving = checkpoints._replace(store=lambda state: checkpoints.store(pack(batch.ensemble, column, state)))
         start = unfinished if column == finished else None
         if start is None or start.equilibrating:
@@ -110,70 +109,37 @@ def equilibrate(
 def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str, np.ndarray]:
     """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies.
 
-    `done` is the number of finished runs; `tracer.*`, `observables`, `whole.SEED.*` and `events.SEED.*` are their
-    columns and records in the ensemble, `stopped` its reasons and `own` what is said of one's own arrays, as JSON, if
-    there are any; `run.*` is the RunState of the unfinished run, with `run.events.*`.
+    A name is the path of an array in the record of the ensemble or the state: `runs.tracer.position`,
+    `runs.whole.SEED.velocity`, `run.motion`. Texts are bytes, what is said of one's own arrays JSON.
     """
-    arrays = {"done": np.array(finished)}
-    if ensemble.tracer is not None:
-        arrays |= _named("tracer", ensemble.tracer.of(slice(finished)))
-    if finished:
-        fields = [(name, values.dtype, values.shape[1:]) for name, values in ensemble.observables.items()]
-        arrays["observables"] = np.empty(finished, fields)  # one table, which keeps the order of the observables
-        for name, values in ensemble.observables.items():
-            arrays["observables"][name] = values[:finished]
-    for group, records in (("whole", ensemble.whole), ("events", ensemble.events)):
-        for seed, record in records.items():
-            arrays |= _named(f"{group}.{seed}", record)
-    if ensemble.stopped:
-        arrays["stopped"] = np.frombuffer(json.dumps(dict(ensemble.stopped)).encode(), np.uint8)
-    if ensemble.own:
-        arrays["own"] = np.frombuffer(json.dumps(ensemble.own).encode(), np.uint8)
-    if state is not None:
-        arrays |= _named("run", state._replace(arrays=None, events=None))
-        arrays |= {f"run.{name}": values for name, values in state.arrays.items()}
-        arrays |= _named("run.events", state.events)
-    return arrays
+    runs = select(ensemble, slice(finished))._asdict()
+    return _flat("runs", runs | {"own": json.dumps(ensemble.own)}) | _flat("run", state)
 
 
 def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, RunState | None]:
     """Copy the finished runs of a checkpoint into a batch; return their number, and the unfinished run, if any."""
     if arrays is None:
         return 0, None
-    ensemble = batch.ensemble
-    if "stopped" in arrays:
-        stopped = json.loads(arrays["stopped"].tobytes())
-        ensemble.stopped.update((int(seed), reason) for seed, reason in stopped.items())
-    if "own" in arrays:
-        ensemble.own.update(own_arrays({"own_arrays": arrays["own"].tobytes()}))
-    finished = int(arrays["done"])
-    if ensemble.tracer is not None:
-        for name, values in ensemble.tracer._asdict().items():
-            if values is not None:
-                values[:, :finished] = arrays[f"tracer.{name}"]
-    for name in arrays["observables"].dtype.names if finished else ():
-        column = arrays["observables"][name]
-        ensemble.observables[name] = blank((len(ensemble.seeds), *column.shape[1:]), column.dtype)
-        ensemble.observables[name][:finished] = column
-    for seed in ensemble.seeds[:finished].tolist():
-        if whole := _record(Track, arrays, f"whole.{seed}"):
-            ensemble.whole[seed] = whole
-        if events := _record(Events, arrays, f"events.{seed}"):
-            ensemble.events[seed] = events
-    if "run.motion" not in arrays:
+    groups: dict[str, Any] = {}
+    for name, values in arrays.items():
+        *path, last = name.split(".")
+        reduce(lambda group, word: group.setdefault(word, {}), path, groups)[last] = values
+    runs, state, ensemble = groups["runs"], groups.get("run"), batch.ensemble
+    finished = len(runs["seeds"])
+    tracer = Track(**runs["tracer"]) if "tracer" in runs else None
+    write(ensemble, slice(finished), tracer, runs.get("observables", {}))
+    ensemble.whole.update({int(seed): Track(**track) for seed, track in runs.get("whole", {}).items()})
+    ensemble.events.update({int(seed): Events(**log) for seed, log in runs.get("events", {}).items()})
+    ensemble.stopped.update({int(seed): why.item().decode() for seed, why in runs.get("stopped", {}).items()})
+    ensemble.own.update(own_arrays({"own_arrays": runs["own"].item()}))
+    if state is None:
         return finished, None
-    run = {name.removeprefix("run."): values for name, values in arrays.items() if name.startswith("run.")}
-    numbers, events = (bool(run["equilibrating"]), int(run["slots"])), _record(Events, arrays, "run.events")
-    return finished, RunState(*numbers, run["first"], run["motion"], run, events)
+    return finished, RunState(**state | {"events": Events(**state["events"]) if "events" in state else None})
 
 
-def _named(group: str, record: Any) -> dict[str, np.ndarray]:
-    """Return the fields of a record that are not None as arrays, by names that begin with `group`."""
-    fields = record._asdict() if record is not None else {}
-    return {f"{group}.{name}": np.asarray(value) for name, value in fields.items() if value is not None}
-
-
-def _record(kind: type[Record], arrays: dict[str, np.ndarray], group: str) -> Record | None:
-    """Return the record that `_named` took apart; None if it was None."""
-    values = [arrays.get(f"{group}.{name}") for name in kind._fields]
-    return None if all(value is None for value in values) else kind._make(values)
+def _flat(name: str, value: Any) -> dict[str, np.ndarray]:
+    """Return all arrays in a record or a mapping by the paths to them, which begin with `name`; without None."""
+    value = value._asdict() if hasattr(value, "_asdict") else value
+    if isinstance(value, dict):
+        return {path: array for key, part in value.items() for path, array in _flat(f"{name}.{key}", part).items()}
+    return {} if value is None else {name: np.asarray(value.encode() if isinstance(value, str) else value)}

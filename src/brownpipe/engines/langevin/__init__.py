@@ -28,8 +28,6 @@ LARGEST_SHARE = 0.05  # of the tracer in the mass of all disks, above which a ca
 RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
 RATE_RUNS = 8  # of the exact engine that share these collisions
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
-SECONDS_PER_RUN = 7.5e-5  # CPU seconds, most of them to set up random number generators
-BYTES_PER_SAMPLE = 180.0  # of memory, during a run: random numbers, the path and intermediate arrays
 Friction = Literal["enskog", "boltzmann", "measured"]
 
 
@@ -101,15 +99,11 @@ def _forecast(
     scene: Scene, settings: Settings, record: Collection[str], observables: Collection[str], average: str
 ) -> forecast.Cost:
     """Return the cost of a run; measuring the friction by runs of the exact engine costs once per process."""
-    names, average = of_tracer(observables, average)
-    exact = forecast.of_run(scene, record, names, average)
-    seconds = SECONDS_PER_RUN + forecast.seconds_to_record(len(scene.times), exact.recorded)
-    seconds += forecast.seconds_to_measure(scene, names, average)
-    once, working = 0.0, BYTES_PER_SAMPLE * len(scene.times)
+    cost = forecast.of_run(scene, record, *of_tracer(observables, average), alone=True)
     if rate_scene := scene_of_rate(scene, settings.friction):
         rate = forecast.of_run(rate_scene)
-        once, working = RATE_RUNS * rate.seconds, max(rate.working, working)
-    return forecast.Cost(0.0, 0.0, seconds, exact.recorded, exact.kept, working, once)
+        return cost._replace(working=max(rate.working, cost.working), once=RATE_RUNS * rate.seconds)
+    return cost
 
 
 def scene_of_rate(scene: Scene, friction: str) -> Scene | None:

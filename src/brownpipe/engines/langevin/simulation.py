@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 
 from brownpipe import progress
-from brownpipe.engines.ensemble import Ensemble, RunResult, failures, make_runs, new_batch
+from brownpipe.engines.ensemble import Ensemble, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import bath_of, followed, friction_rate
 from brownpipe.engines.initial_state import draw_tracer, noise
@@ -27,7 +27,7 @@ from brownpipe.engines.kernels import compile_all, entry_point
 from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
-from brownpipe.observables.tracks import Track
+from brownpipe.observables.observable import Run, Track
 from brownpipe.scene import Scene
 
 FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) cancels and is summed as a power series
@@ -62,10 +62,10 @@ def simulate(
     no_path = np.empty((0, 2, 2))
     compile_all(partial(follow, no_path, no_path, weights[:0]), partial(folded, scene, no_path))
 
-    def run(column: int) -> RunResult:
+    def run(column: int) -> Run:
         path = _path(scene, mass, int(batch.ensemble.seeds[column]), weights)
         track, known = folded(scene, path)
-        return RunResult(track, None, None, {"friction_rate": gamma, "failed": np.uint8(not known)})
+        return Run(track, None, observables={"friction_rate": gamma, "failed": np.uint8(not known)})
 
     return make_runs(batch, run)
 

@@ -5,7 +5,7 @@ This file has its `Definition`, and the time steps that a scene can be run with;
 
 import math
 from collections.abc import Collection
-from typing import Annotated, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -32,9 +32,7 @@ class Settings(NamedTuple):
 
 
 def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str]) -> None:
-    """Raise RequestError for unknown words, a time step that does not fit the scene, or a record of events."""
-    if settings.collisions not in COLLISIONS:
-        raise RequestError(f"collisions: must be one of {', '.join(COLLISIONS)}, found {settings.collisions!r}")
+    """Raise RequestError for a time step that does not fit the scene, or a record of events."""
     time_step, most, least = settings.time_step, largest_step(scene), smallest_step(scene)
     if not time_step <= most:  # NaN, too
         raise RequestError(
@@ -77,11 +75,9 @@ def smallest_step(scene: Scene) -> float:
     return max(scene.duration / MOST_STEPS, moving)
 
 
-def _forecast(
-    scene: Scene, settings: Settings, record: Collection[str], observables: Collection[str], average: str
-) -> forecast.Cost:
+def _forecast(scene: Scene, settings: Settings, *recorded: Any) -> forecast.Cost:
     """Return the cost of a run: that of an exact one, plus that of the time steps and of the lists of pairs."""
-    exact = forecast.of_run(scene, record, observables, average)
+    exact = forecast.of_run(scene, *recorded)
     steps = scene.duration / settings.time_step
     seconds = SECONDS_PER_DISK_STEP * scene.particles * steps
     seconds += SECONDS_PER_CROSSING * scene.duration * forecast.crossing_rate(scene)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import progress
-from brownpipe.engines.ensemble import Ensemble, RunResult, make_runs, new_batch
+from brownpipe.engines.ensemble import Ensemble, make_runs, new_batch
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
@@ -22,9 +22,10 @@ from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.recording import blank_samples, conservation, images_fit, report, report_nothing, tracks_of
 from brownpipe.engines.timestep import Settings, refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
-from brownpipe.engines.timestep.steps import advance
+from brownpipe.engines.timestep.steps import advance, reaches_beyond
 from brownpipe.engines.timestep.workspace import EngineBox, PairList, Workspace
 from brownpipe.engines.units import Frame, State, common_radius, frame_of, motion_of, rms_speed
+from brownpipe.observables.observable import Run
 from brownpipe.scene import Scene
 
 REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
@@ -66,7 +67,7 @@ def simulate(
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator, setup = prepare_equilibration(scene), prepared(scene, Settings(**settings))
 
-    def run_of(column: int) -> RunResult:
+    def run_of(column: int) -> Run:
         drawn = draw(scene, int(batch.ensemble.seeds[column]))
         return run(setup, equilibrate(equilibrator, drawn), scene.times, batch.needed_record)
 
@@ -82,7 +83,7 @@ def prepared(scene: Scene, settings: Settings) -> SteppingSetup:
     return SteppingSetup(scene, frame, settings, w)
 
 
-def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> RunResult:
+def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> Run:
     """Run from a state and sample at the given times (T,). Full lists are replaced by lists of twice the capacity."""
     scene, frame, w = setup.scene, setup.frame, setup.workspace
     samples = recorder(scene, frame, setup.settings.time_step, times, record)
@@ -95,7 +96,7 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
     tracer, whole, finite = tracks_of(scene, frame, samples)
-    return RunResult(tracer, whole, None, report_of(scene, frame, w, first, finite))
+    return Run(tracer, whole, None, report_of(scene, frame, w, first, finite))
 
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: Workspace) -> Workspace:
@@ -200,7 +201,7 @@ def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finit
     last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
     count, impulses, elapsed = w.count.tolist(), w.tally[ws.VIRIAL :], float(w.counters[ws.STEP] * w.step)
     conserved = conservation(w.mass, first, last, impulses[1:])
-    sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(scene, frame, w, last[:, :2])
+    sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(w)
     sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
     overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
@@ -208,12 +209,8 @@ def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finit
     return report(scene, frame, conserved, collisions, impulses, overlap, sound, missed)
 
 
-def _are_inside(scene: Scene, frame: Frame, w: Workspace, place: np.ndarray) -> bool:
-    """Whether, between walls, no disk at `place` (N, 2) has escaped: REACHES."""
-    if w.box.periodic:
-        return True
-    radius = (scene.radius[frame.order] / frame.length)[:, None]
-    low = np.array([w.box.x, w.box.y]) + radius
-    high = np.array([w.box.x + w.box.width, w.box.y + w.box.height]) - radius
-    beyond = REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
-    return bool(((place >= low - beyond) & (place <= high + beyond)).all())
+def _are_inside(w: Workspace) -> bool:
+    """Whether, between walls, no disk has escaped: REACHES."""
+    box, far = w.box, REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
+    beyond = reaches_beyond(w.x, w.y, w.radius, box.x - far, box.right + far, box.y - far, box.top + far)
+    return box.periodic or not np.any(beyond)
