@@ -258,9 +258,9 @@ sample_interval: 0.5
     [
         ({"seeds": 5, "tolerance": 0.02}, "seeds: must be given, or a tolerance in their place; not both"),
         ({}, "seeds: must be given, or a tolerance in their place; not both"),
-        ({"tolerance": 0}, "tolerance: must be >= 0.000316"),
-        ({"tolerance": "200%"}, "tolerance: must be < 1"),
-        ({"tolerance": True}, "tolerance: must be a number"),
+        ({"tolerance": 0}, "tolerance: must be greater than or equal to 0.000316"),
+        ({"tolerance": "200%"}, "tolerance: must be less than 1"),
+        ({"tolerance": True}, "tolerance: must be a valid number"),
         ({"tolerance": 0.02, "target": "energy"}, "target: must be 'msd', 'd' or"),
         ({"seeds": 5, "instead_of": {"few": "few"}}, "instead_of.few: must be other scenes with the sample times"),
         ({"seeds": 5, "engines": ["exact", {"name": "exact", "seeds": 3}]}, "engines: must be engines or settings"),
@@ -297,8 +297,8 @@ def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--tolerance", "0"], "--tolerance: must be >= 0.000316"),
-        (["--tolerance", "much"], "--tolerance: must be a number"),
+        (["--tolerance", "0"], "--tolerance: must be greater than or equal to 0.000316"),
+        (["--tolerance", "much"], "--tolerance: must be a valid number"),
         ([], "--tolerance: missing; must be given, as the study has none"),
         (["--tolerance", "2%", "--target", "energy"], "--target: must be 'msd', 'd' or"),
     ],

@@ -60,12 +60,12 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (SPECIES, "x: [-3, 3]", "x: [1, 2, 3]", 2, "box.x", "a list of at most 2"),
     (SPECIES, "y: [-3, 3]", "y: [-3, 3]\n  boundary: periodc", 4, "box.boundary", "did you mean periodic?"),
     (SPECIES, "y: [-3, 3]", "y: [0, 1]\n  boundary: periodic", 7, "disks.tracer.radius", "at most a quarter of the"),
-    (SPECIES, "particles: 150", "particles: -1", 4, "particles", ">= 0, not -1"),
+    (SPECIES, "particles: 150", "particles: -1", 4, "particles", "or equal to 0, not -1"),
     (SPECIES, "particles: 150", "N: 150", 4, "N", "did you mean particles? allowed: box,"),
     (SPECIES, "particles: 150", "particles: 2000", 5, "disks", "2000 disks cover 1.752 times the area of the box"),
     (SPECIES, "count: rest", "count: 5", 4, "particles", "must be 6"),
     (SPECIES, "count: rest", "count: rset", 8, "disks.species[0].count", "or 'rest', not 'rset'; did you mean rest?"),
-    (SPECIES, "name: bath", "name: tracer", 8, "disks.species[0].name", "a name of its own"),
+    (SPECIES, "name: bath", "name: tracer", 7, "disks.species", "names that differ"),
     (SPECIES, "name: bath", "name: ../bath", 8, "disks.species[0].name", "a name: letters"),
     (SPECIES, "mass: 0.4", "mas: 0.4", 8, "disks.species[0].mas", "did you mean mass?"),
     (SPECIES, "mass: 0.4", "mass: 1e-210", 5, "disks", "within a factor of 1e+200"),
@@ -73,8 +73,8 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (SPECIES, "radius: 0.3", "radius: 0,3", 6, "disks.tracer.3", "unknown key; a number has a decimal point"),
     (SPECIES, "1.6", "1, standard_deviation: 2", 9, "velocities", "either standard_deviation or temperature"),
     (SPECIES, "1.6", "1, zero_momentum: yes", 9, "velocities.zero_momentum", "true or false, not 'yes'"),
-    (SPECIES, "duration: 1", "duration: 10 s", 10, "duration", "a number, not '10 s'; without quotes, unit or comma"),
-    (SPECIES, "duration: 1", "duration: .inf", 10, "duration", "a finite number, not inf"),
+    (SPECIES, "duration: 1", "duration: 10 s", 10, "duration", "a valid number, not '10 s'"),
+    (SPECIES, "duration: 1", "duration: .inf", 10, "duration", "a valid number, not '.inf'"),
     (SPECIES, "sample_interval: 0.1", "sample_interval: 1e-8", 11, "sample_interval", "at least 1e-07, for"),
     (SPECIES, "sample_interval: 0.1", "sample_interval: 2", 11, "sample_interval", "at most the duration, 1.0"),
     (SPECIES, "sample_interval: 0.1", "samples: {first: 0.1}", 11, "samples.per_decade", "missing"),
@@ -99,8 +99,8 @@ STUDIES = [
     ("scenes:\n", "scenes:\n- absent.yaml\n", 2, "scenes[0]", "absent.yaml: cannot be read: No such file"),
     ("harrison2020_thermal", "harrison2020", 1, "scenes", "values that differ"),
     ("harrison2020_thermal", "../scenes/harrison2020", 3, "scenes[1]", "a name (file stem) of its own"),
-    ("- exact", "- exat", 6, "engines[0].name", "'exact', 'timestep', 'langevin', not 'exat'; did you mean exact?"),
-    ("- exact", "- {friction: enskog}", 6, "engines[0].name", "missing"),
+    ("- exact", "- exat", 6, "engines[0]", "'exact', 'timestep', 'langevin', not 'exat'; did you mean exact?"),
+    ("- exact", "- {friction: enskog}", 6, "engines[0]", "must have the key 'name'"),
     ("- exact", "- {name: exact, time_step: 1}", 6, "engines[0].time_step", "allowed: name, scenes, seeds"),
     (
         "- exact",
@@ -126,17 +126,12 @@ STUDIES = [
     ),
 ]
 VARIED = [
-    (
-        "{disks.tracer.mass: [-1]}",
-        "vary",
-        "with disks.tracer.mass, particles replaced: disks.tracer.mass: must be > 0",
-    ),
-    ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or mass of disks.species.bath"),
-    ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be <= 1, not 1.5"),
+    ("{disks.tracer.mass: [-1]}", "vary", "harrison2020.yaml: disks.tracer.mass: must be greater than 0, not -1"),
+    ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or"),
+    ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be less than or equal to 1"),
     ("{packing_fraction: [0.1]}", "vary", "packing_fraction: must be with one number of particles"),
     ("{duration: [1, 1.0000000000001]}", "vary", "must be values that differ"),
-    ("{duration: {from: 1, to: 3}}", "vary.duration.count", "missing"),
-    ("{duration: {from: 0, to: 3, count: 3, spacing: log}}", "vary.duration.from", "different from 0"),
+    ("{duration: 3}", "vary.duration", "must be a list, not 3"),
     ("{particles: [16]}", "vary", "by the key `particles`"),
     ("{duration: [1, 2], box.x: [[0, 1]]}\nvary_together: true", "vary", "lists of the same length"),
 ]
@@ -217,7 +212,7 @@ def test_files_that_cannot_be_read_or_have_no_name_for_results(tmp_path, capsys)
     (tmp_path / "scene.yaml").write_text(LISTED)
     assert refusal(tmp_path / "scene", read_scene, capsys).endswith("did you mean scene.yaml?")
     (tmp_path / "my scene.yaml").write_text(LISTED)
-    assert "name of the file: must be a name: " in refusal(tmp_path / "my scene.yaml", read_scene, capsys)
+    assert "name: must be a name: " in refusal(tmp_path / "my scene.yaml", read_scene, capsys)
 
 
 @pytest.mark.slow
@@ -233,13 +228,13 @@ def test_any_bytes_are_refused_in_one_line(tmp_path_factory, content):
 def test_a_value_of_the_command_line_has_no_line(tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text(STUDY)
-    with pytest.raises(RequestError, match=r"study.yaml with batch replaced: batch: must be >= 1 or 'auto', not -1"):
+    with pytest.raises(RequestError, match=r"study.yaml: batch: must be .* 1 or 'auto', not -1"):
         read_study(path, {"batch": -1})
     path.write_text(STUDY.replace("record: tracer", "record: trace"))
-    with pytest.raises(RequestError, match=r"study.yaml with batch replaced: line 10: record: must be"):
+    with pytest.raises(RequestError, match=r"study.yaml: line 10: record: must be"):
         read_study(path, {"batch": 3})
     (tmp_path / "scene.yaml").write_text(LISTED)
-    with pytest.raises(RequestError, match=r"scene.yaml with particles replaced: particles: must be 2"):
+    with pytest.raises(RequestError, match=r"scene.yaml: particles: must be 2"):
         read_scene(tmp_path / "scene.yaml", particles=3)
 
 

@@ -10,7 +10,6 @@ from brownpipe.errors import RequestError
 from brownpipe.observables.quarters import claims_equilibrium
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.reading import read_yaml
-from brownpipe.scene.scene import is_study
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import describe_workload, run_sets
 from brownpipe.text import in_bytes, in_lines, in_time
@@ -19,7 +18,7 @@ from brownpipe.text import in_bytes, in_lines, in_time
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:
     """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
     mapping = read_yaml(path)
-    if is_study(mapping):
+    if "scenes" in mapping:
         if particles is not None:
             raise RequestError(f"{path}: --particles is for scenes; a study says for itself")
         return in_lines([f"{path}: a valid study", *_study(read_study(path))])
