@@ -15,9 +15,7 @@ standard error se of the bias and the standard deviation `spread` over runs.
 """
 
 import os
-import time
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,10 +52,9 @@ class Pilot(NamedTuple):
     """Pilot runs of an engine in a case."""
 
     runs: tradeoff.EngineRuns
-    cost: forecast.Cost  # of one run; the forecast, with the CPU seconds as measured if runs were made
+    cost: forecast.Cost  # of one run
     folder: Path
     made: int  # runs that were not there before
-    seconds: float  # of CPU, to make them
     settled: list[str]  # a line that says whether the runs drift, if that is tested
 
 
@@ -77,31 +74,23 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     seeds = np.asarray(wanted.seeds)
     parts = stored_runs(scene, engine, wanted.digest, seeds)
     missing = ranges(without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts]))
-    simulate = partial(engine.simulate, scene, record=record, observables=observables, average=average)
-    seconds = 0.0
-    if missing:
-        simulate(seeds=[first])  # loads kernels
-        wanted.folder.mkdir(parents=True, exist_ok=True)
     for first, last in missing:
-        before = time.process_time()
-        parts.append(simulate(seeds=range(first, last + 1)))
-        seconds += time.process_time() - before - cost.once
+        wanted.folder.mkdir(parents=True, exist_ok=True)
+        parts.append(engine.simulate(scene, range(first, last + 1), record, observables=observables, average=average))
         refuse_taken(parts[-1].own)
         write_trajectories(wanted.folder / f"{first}-{last}.h5", scene, engine, parts[-1], digest=wanted.digest)
-    if made := sum(last - first + 1 for first, last in missing):
-        cost = cost._replace(seconds=max(seconds / made, 1e-9))
+    made = sum(last - first + 1 for first, last in missing)
     every = joined(parts)
     ensemble = select(every, np.isin(every.seeds, seeds))
     runs = tradeoff.runs_of(scene, engine, ensemble, squares)
     settled = equilibrium(Trajectories(scene, engine, ensemble))
-    return Pilot(runs, cost, wanted.folder, made, seconds, settled)
+    return Pilot(runs, cost, wanted.folder, made, settled)
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
-    """Return a line that says what the pilot runs took, and where they are."""
-    made, seconds = sum(pilot.made for pilot in pilots), sum(pilot.seconds for pilot in pilots)
-    folders = ", ".join(str(pilot.folder) for pilot in pilots)
-    return f"{counted(made, 'pilot run')} made in {in_time(seconds)} of CPU; the study uses them again: {folders}"
+    """Return a line that says how many pilot runs were made, and where they are."""
+    made, folders = sum(pilot.made for pilot in pilots), ", ".join(str(pilot.folder) for pilot in pilots)
+    return f"{counted(made, 'pilot run')} made; the study uses them again: {folders}"
 
 
 def case_title(scene: Scene) -> str:
