@@ -297,10 +297,7 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, {10**30}), "seeds: must be"),
         (lambda: bp.simulate(SCENE, range(10**9)), "seeds: must be seeds like .* at most 10000000, not '0-999999999'"),
         (lambda: bp.read_scene(None), "path: must be the path of a file, not None"),
-        (
-            lambda: bp.simulate(SCENE, engine="exakt"),
-            "engine: must be .* not 'exakt'; did you mean exact",
-        ),
+        (lambda: bp.simulate(SCENE, engine="exakt"), "engine: must be .* not 'exakt'"),
         (lambda: bp.simulate(SCENE, time_step=0.1), "time_step 0.1: the exact engine has no such setting"),
         (lambda: bp.simulate(SCENE, recrod="all"), "recrod: unknown; did you mean record?"),
         (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt: unknown; did you mean time_step?"),
@@ -339,7 +336,7 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
     shown = bp.plot(result)._repr_png_()
     with Image.open(io.BytesIO(shown)) as one, Image.open(tmp_path / "msd.png") as other:
         assert one.tobytes() == other.tobytes(), "in notebooks"
-    with pytest.raises(RequestError, match=r"figure: must be .*, not 'mds'; did you mean msd"):
+    with pytest.raises(RequestError, match=r"figure: must be .*, not 'mds'"):
         bp.plot(result, "mds")
     with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):
         bp.plot(result, "velocity_autocorrelation")

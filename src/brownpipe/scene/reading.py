@@ -4,7 +4,6 @@ It names the file, its line, the key, the allowed values and the value found.
 """
 
 import difflib
-import os
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -20,7 +19,6 @@ from pydantic_core import PydanticCustomError, ValidationError
 from brownpipe.errors import RequestError
 from brownpipe.text import shell_path
 
-LONGEST_SHOWN = 80  # characters of a value in a message
 MOST_DISKS = 10_000_000
 SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
@@ -29,9 +27,7 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 CONSTANTS = {"null": None, "~": None, "": None, "true": True, "false": False}  # .inf and .nan are no values
-CONSTANTS |= {form: value for word, value in CONSTANTS.items() for form in (word.title(), word.upper())}
-LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader  # all scalars are texts
-TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "seq", "map")}
+LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader  # all scalars are texts; tags mean nothing
 
 
 class Document(dict[str, Any]):
@@ -75,8 +71,7 @@ def read_yaml(path: str | Path) -> Document:
             raise ValueError(f"{'' if node else 'empty; '}must be a mapping of keys to values")
         document.update(_value(node, (), lines))
     except OSError as error:
-        hint = f"; did you mean {Path(path).name}.yaml?" if os.path.isfile(f"{path}.yaml") else ""
-        raise RequestError(f"{path}: cannot be read: {error.strerror}{hint}") from None
+        raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise RequestError(f"{path}: not text; if it is an HDF5 file: brownpipe inspect {shell_path(path)}") from None
     except (ValueError, RecursionError) as error:
@@ -84,7 +79,6 @@ def read_yaml(path: str | Path) -> Document:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", "a character that is not allowed").removeprefix("but ")
-        problem = problem.replace("found char", "found a tab or another char")
         raise RequestError(f"{path}: {f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}") from None
     document.lines = lines
     return document
@@ -92,9 +86,7 @@ def read_yaml(path: str | Path) -> Document:
 
 def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
     """Return the value of a node, and add its line and those of all in it to `lines`."""
-    line = lines.setdefault(path, node.start_mark.line + 1)
-    if node.tag not in TAGS:
-        raise ValueError(f"line {line}: tags are not allowed")
+    lines.setdefault(path, node.start_mark.line + 1)
     if isinstance(node, yaml.ScalarNode):
         return node.value if node.style else scalar(node.value)
     if isinstance(node, yaml.SequenceNode):
@@ -114,7 +106,7 @@ def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
 def scalar(text: str) -> object:
     """Return the value of a plain scalar: None, bool, int, float, otherwise str. (010 is 10.)"""
     if not NUMBER.fullmatch(text):
-        return CONSTANTS.get(text, text)
+        return CONSTANTS.get(text.lower(), text)
     return int(text) if text.lstrip("+-").isdigit() else float(text)
 
 
@@ -146,7 +138,7 @@ class Record(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, value: object) -> object:
-        keys = tuple(field.alias or name for name, field in cls.model_fields.items())
+        keys = tuple(cls.model_fields)
         if not isinstance(value, Mapping):
             raise PydanticCustomError("record_type", f"must be a mapping with the keys {', '.join(keys)}")
         for key in value:
@@ -212,7 +204,7 @@ def refuse(problem: str, *path: str | int) -> NoReturn:
     raise PydanticCustomError("refused", "{problem}", {"problem": problem, "path": path})
 
 
-def validated(kind: Any, value: object, file: str = "", key: str = "", context: dict | None = None) -> Any:
+def validated(kind: Any, value: object, file: str = "", key: str = "", context: Any = None) -> Any:
     """Return a value as `kind`, a type that pydantic knows. Raises RequestError, naming the file and the key.
 
     The line is named, too, if the value is from a `Document`: that of the mapping that lacks a missing key.
@@ -241,9 +233,7 @@ def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str 
     if here[0]["type"] == "refused" or problems[0].startswith("missing"):
         return path, problems[0]
     problem = " or ".join(dict.fromkeys(problems)).replace(" or must be ", " or ")
-    found = here[0].get("ctx", {}).get("tag", here[0]["input"])
-    hint = did_you_mean(str(found), re.findall("'([^']+)'", problem))
-    return path, f"{problem}, not {shown(found)}{'; ' if hint else ''}{hint.strip()}"
+    return path, f"{problem}, not {here[0]['input']!r:.80}"
 
 
 def _path(error: Any, value: Any) -> list[str | int]:
@@ -259,11 +249,5 @@ def _path(error: Any, value: Any) -> list[str | int]:
 
 def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:
     """Return a question about the most similar option, "" if none is similar."""
-    near = [SYNONYMS.get(word.lower(), ""), *difflib.get_close_matches(word[:LONGEST_SHOWN].lower(), options, n=1)]
+    near = [SYNONYMS.get(word.lower(), ""), *difflib.get_close_matches(word.lower(), options, n=1)]
     return next((f"did you mean {name}? " for name in near if name in options), "")
-
-
-def shown(value: object) -> str:
-    """Return the value on one line, shortened."""
-    text = repr(value)
-    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."

@@ -75,7 +75,7 @@ def value_of(scene: Scene, path: str) -> Any:
     found: Any = scene.as_mapping()
     for word in path.split("."):
         found = found[word] if isinstance(found, dict) else next(item for item in found if item["name"] == word)
-    return type(found)(float(_word(found))) if is_number(found) else _word(found)
+    return found if is_number(found) else _word(found)
 
 
 def unit_of(path: str) -> str:

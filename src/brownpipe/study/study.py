@@ -34,7 +34,6 @@ MOST_RINGS = 100_000
 MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
-REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of these keys
 
 
 def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: str | int) -> None:
@@ -144,11 +143,10 @@ class Study(Record):
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
-        given = info.context or {}
-        self._resolve(name=given.get("name", "study"))
-        self._read_scenes(given.get("folder", Path()))
+        name, folder = info.context
+        self._resolve(name=name, observables=tuple(beside(folder, name) for name in self.observables))
+        self._read_scenes(folder)
         self._read_engines()
-        self._resolve(observables=tuple(beside(given.get("folder", Path()), name) for name in self.observables))
         self._check_seeds()
         self._check_analysis()
         self._check_figures()
@@ -311,10 +309,10 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     if "scenes" not in mapping and "box" in mapping:
         cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
         raise RequestError(f"{path}: is a scene, not a study; {cure}")
-    gone = [REPLACED[new] for new in overrides if overrides[new] and REPLACED.get(new) in mapping]
-    mapping = reading.with_values(mapping, {**dict.fromkeys(gone), **overrides}) if overrides else mapping
+    runs = dict.fromkeys(("seeds", "tolerance")) if overrides.keys() & {"seeds", "tolerance"} else {}
+    mapping = reading.with_values(mapping, {**runs, **overrides})
     name = reading.validated(Name, Path(path).stem, str(path), "name")
     for replaced, value in sorted(overrides.items()):  # so that the results stand in another folder
         word = value if isinstance(value, str) else json.dumps(value)
         name += f"+{replaced}={word if PLAIN.fullmatch(word) else digest_of(word)}"
-    return reading.validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
+    return reading.validated(Study, mapping, str(path), context=(name, Path(path).parent))
