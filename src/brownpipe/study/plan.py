@@ -33,7 +33,7 @@ from brownpipe.scene import Scene
 from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS, ranges
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.store import stored_runs, without
+from brownpipe.storage.store import RUNS, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
 from brownpipe.study.run_sets import run_set, seconds_of_jobs
 from brownpipe.study.study import REFERENCE, EngineUse, Study
@@ -53,7 +53,6 @@ class Pilot(NamedTuple):
 
     runs: tradeoff.EngineRuns
     cost: forecast.Cost  # of one run
-    folder: Path
     made: int  # runs that were not there before
     settled: list[str]  # a line that says whether the runs drift, if that is tested
 
@@ -84,13 +83,12 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     ensemble = select(every, np.isin(every.seeds, seeds))
     runs = tradeoff.runs_of(scene, engine, ensemble, squares)
     settled = equilibrium(Trajectories(scene, engine, ensemble))
-    return Pilot(runs, cost, wanted.folder, made, settled)
+    return Pilot(runs, cost, made, settled)
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
     """Return a line that says how many pilot runs were made, and where they are."""
-    made, folders = sum(pilot.made for pilot in pilots), ", ".join(str(pilot.folder) for pilot in pilots)
-    return f"{counted(made, 'pilot run')} made; the study uses them again: {folders}"
+    return f"{counted(sum(pilot.made for pilot in pilots), 'pilot run')} made in {RUNS}; the study uses them again"
 
 
 def case_title(scene: Scene) -> str:

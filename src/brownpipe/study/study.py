@@ -30,7 +30,6 @@ from brownpipe.text import shell_path
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
-MOST_RINGS = 100_000
 MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
@@ -105,7 +104,7 @@ class Rings(Record):
     """The rings of the displacement distribution; runs beyond the last one are counted too."""
 
     dr: Positive = key("their width [length]")
-    count: Annotated[AtLeastOne, Field(le=MOST_RINGS)] = key("their number")
+    count: AtLeastOne = key("their number")
 
 
 class Study(Record):
@@ -155,9 +154,7 @@ class Study(Record):
 
     def _read_scenes(self, folder: Path) -> None:
         """Read every scene with all values of varied keys and every particle count, or with its own."""
-        paths: dict[str, Path] = {}
-        cases: list[Scene] = []
-        varied: dict[str, tuple[Path, dict[str, Any]]] = {}
+        paths, cases, varied = dict[str, Path](), list[Scene](), dict[str, tuple[Path, dict[str, Any]]]()
         for k, text in enumerate(self.scenes):
             if Path(text).stem in paths:
                 refuse(f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k)
