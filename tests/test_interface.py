@@ -289,7 +289,7 @@ def test_a_scene_from_numbers_is_that_of_the_file():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: bp.Scene(**KEYS | {"duration": -1}), "Scene: duration: must be > 0, not -1"),
+        (lambda: bp.Scene(**KEYS | {"duration": -1}), "Scene: duration: must be greater than 0, not -1"),
         (lambda: bp.Scene(**KEYS, name="a b"), "Scene: name: must be a name"),
         (lambda: bp.simulate(SCENE, -3), "seeds: must be a count like 2400, or seeds"),
         (lambda: bp.simulate(SCENE, 2.5), "seeds: must be"),
@@ -297,22 +297,19 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, {10**30}), "seeds: must be"),
         (lambda: bp.simulate(SCENE, range(10**9)), "seeds: must be seeds like .* at most 10000000, not '0-999999999'"),
         (lambda: bp.read_scene(None), "path: must be the path of a file, not None"),
-        (
-            lambda: bp.simulate(SCENE, engine="exakt"),
-            "engine: must be .* not 'exakt'; did you mean exact",
-        ),
+        (lambda: bp.simulate(SCENE, engine="exakt"), "engine: must be .* not 'exakt'"),
         (lambda: bp.simulate(SCENE, time_step=0.1), "time_step 0.1: the exact engine has no such setting"),
         (lambda: bp.simulate(SCENE, recrod="all"), "recrod: unknown; did you mean record?"),
         (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt: unknown; did you mean time_step?"),
         (lambda: bp.scan(SCENE, {"duration": [1, 2]}, core=2), "core: unknown; did you mean cores?"),
-        (lambda: bp.simulate(SCENE, cores=0), "cores: must be >= 1, not 0"),
+        (lambda: bp.simulate(SCENE, cores=0), "cores: must be greater than or equal to 1, not 0"),
         (lambda: bp.mean(np.zeros(3)), "array: must be an array with the dimension seed"),
         (lambda: bp.mean(xarray.DataArray([1.0, 2.0], {"seed": [4, 4]})), "array: must have every seed once"),
         (lambda: bp.simulate(KEYS), "scene: must be the path of a file, not {"),
         (lambda: bp.simulate(SCENE, record=None), "record: must be a name or a list of names, not None"),
         (lambda: bp.simulate(SCENE, engine="timestep"), "time_step: missing; must be given with engine timestep"),
         (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.nan), "time_step: must be a finite number"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step="1e-3"), "time_step: must be a number"),
+        (lambda: bp.simulate(SCENE, engine="timestep", time_step="1e-3"), "time_step: must be a valid number"),
         (lambda: bp.simulate(bp.read_scene(SCENE), particles=3), "particles: must not be given with a scene"),
         (lambda: bp.analyse(bp.read_scene(SCENE)), "runs: must be what simulate or open returns"),
         (lambda: bp.analyse([xarray.DataTree()]), "runs: must be what simulate or open returns"),
@@ -339,7 +336,7 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
     shown = bp.plot(result)._repr_png_()
     with Image.open(io.BytesIO(shown)) as one, Image.open(tmp_path / "msd.png") as other:
         assert one.tobytes() == other.tobytes(), "in notebooks"
-    with pytest.raises(RequestError, match=r"figure: must be .*, not 'mds'; did you mean msd"):
+    with pytest.raises(RequestError, match=r"figure: must be .*, not 'mds'"):
         bp.plot(result, "mds")
     with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):
         bp.plot(result, "velocity_autocorrelation")

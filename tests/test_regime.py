@@ -6,7 +6,7 @@ import pytest
 import brownpipe as bp
 from brownpipe.engines import friction, initial_state
 from brownpipe.figures.summary import summary
-from brownpipe.scene import scene_yaml
+from brownpipe.scene.reading import yaml_text
 from brownpipe.study.check import describe_scene_or_study
 
 TRACER = {"radius": 0.5, "mass": 8.0}
@@ -54,7 +54,7 @@ def test_the_drift_of_the_centre_of_mass_is_that_of_drawn_velocities(width):
 def test_check_says_what_the_centre_of_mass_does_to_d(tmp_path):
     def line(momentum):
         velocities = {"temperature": 1.5, "zero_momentum": momentum}
-        (tmp_path / "one.yaml").write_text(scene_yaml(scene(velocities=velocities)))
+        (tmp_path / "one.yaml").write_text(yaml_text(scene(velocities=velocities).as_mapping()))
         text = describe_scene_or_study(str(tmp_path / "one.yaml"))
         return next(line for line in text.splitlines() if line.startswith("momentum"))
 
@@ -81,6 +81,6 @@ def test_windows_begin_when_motion_is_diffusive(tmp_path):
     assert friction.default_windows([long])[0] == (pytest.approx(start, rel=0.05), 40.0)
     alone = scene(disks={"tracer": TRACER})
     assert np.isnan(friction.diffusive_from(alone)) and friction.default_windows([alone])[0] == (0.4, 4.0)
-    (tmp_path / "one.yaml").write_text(scene_yaml(scene(disks={"tracer": THIN, "species": [BATH]})))
+    (tmp_path / "one.yaml").write_text(yaml_text(scene(disks={"tracer": THIN, "species": [BATH]}).as_mapping()))
     caution = "caution   the fit window [2, 4] begins before 3/gamma"
     assert caution in describe_scene_or_study(str(tmp_path / "one.yaml"))

@@ -58,14 +58,14 @@ allow_failed: 0
 SCENES = [  # of which text, what in it, is replaced by what; line, key, and a word of the message
     (SPECIES, "x: [-3, 3]", "x: [3, -3]", 2, "box.x", "low < high"),
     (SPECIES, "x: [-3, 3]", "x: [1, 2, 3]", 2, "box.x", "a list of at most 2"),
-    (SPECIES, "y: [-3, 3]", "y: [-3, 3]\n  boundary: periodc", 4, "box.boundary", "did you mean periodic?"),
+    (SPECIES, "y: [-3, 3]", "y: [-3, 3]\n  boundary: periodc", 4, "box.boundary", "or 'periodic', not 'periodc'"),
     (SPECIES, "y: [-3, 3]", "y: [0, 1]\n  boundary: periodic", 7, "disks.tracer.radius", "at most a quarter of the"),
-    (SPECIES, "particles: 150", "particles: -1", 4, "particles", ">= 0, not -1"),
+    (SPECIES, "particles: 150", "particles: -1", 4, "particles", "or equal to 0, not -1"),
     (SPECIES, "particles: 150", "N: 150", 4, "N", "did you mean particles? allowed: box,"),
     (SPECIES, "particles: 150", "particles: 2000", 5, "disks", "2000 disks cover 1.752 times the area of the box"),
     (SPECIES, "count: rest", "count: 5", 4, "particles", "must be 6"),
-    (SPECIES, "count: rest", "count: rset", 8, "disks.species[0].count", "or 'rest', not 'rset'; did you mean rest?"),
-    (SPECIES, "name: bath", "name: tracer", 8, "disks.species[0].name", "a name of its own"),
+    (SPECIES, "count: rest", "count: rset", 8, "disks.species[0].count", "or 'rest', not 'rset'"),
+    (SPECIES, "name: bath", "name: tracer", 7, "disks.species", "names that differ"),
     (SPECIES, "name: bath", "name: ../bath", 8, "disks.species[0].name", "a name: letters"),
     (SPECIES, "mass: 0.4", "mas: 0.4", 8, "disks.species[0].mas", "did you mean mass?"),
     (SPECIES, "mass: 0.4", "mass: 1e-210", 5, "disks", "within a factor of 1e+200"),
@@ -73,8 +73,8 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (SPECIES, "radius: 0.3", "radius: 0,3", 6, "disks.tracer.3", "unknown key; a number has a decimal point"),
     (SPECIES, "1.6", "1, standard_deviation: 2", 9, "velocities", "either standard_deviation or temperature"),
     (SPECIES, "1.6", "1, zero_momentum: yes", 9, "velocities.zero_momentum", "true or false, not 'yes'"),
-    (SPECIES, "duration: 1", "duration: 10 s", 10, "duration", "a number, not '10 s'; without quotes, unit or comma"),
-    (SPECIES, "duration: 1", "duration: .inf", 10, "duration", "a finite number, not inf"),
+    (SPECIES, "duration: 1", "duration: 10 s", 10, "duration", "a valid number, not '10 s'"),
+    (SPECIES, "duration: 1", "duration: .inf", 10, "duration", "a valid number, not '.inf'"),
     (SPECIES, "sample_interval: 0.1", "sample_interval: 1e-8", 11, "sample_interval", "at least 1e-07, for"),
     (SPECIES, "sample_interval: 0.1", "sample_interval: 2", 11, "sample_interval", "at most the duration, 1.0"),
     (SPECIES, "sample_interval: 0.1", "samples: {first: 0.1}", 11, "samples.per_decade", "missing"),
@@ -93,14 +93,14 @@ STUDIES = [
     ("seeds: 60", "seeds: 0-99999999", 8, "seeds", "at most 10000000, not"),
     ("seeds: 60\nbatch: 30", "seeds: 10000\nbatch: 1", 9, "batch", "at most 10000 jobs (80000 with this one)"),
     ("seeds: 60", "seeds: 3\ntolerance: 2%", 8, "seeds", "or a tolerance in their place; not both"),
-    ("seeds: 60", "tolerance: 2%\ntarget: mds", 9, "target", "did you mean msd?"),
+    ("seeds: 60", "tolerance: 2%\ntarget: mds", 9, "target", "'displacement_distribution', not 'mds'"),
     ("particles: [50, 150]", "particles: [50, 50]", 4, "particles", "differ"),
     ("particles: [50, 150]", "particles: 2000", 2, "scenes[0]", "line 9: disks: 2000 disks cover 1.752 times"),
     ("scenes:\n", "scenes:\n- absent.yaml\n", 2, "scenes[0]", "absent.yaml: cannot be read: No such file"),
     ("harrison2020_thermal", "harrison2020", 1, "scenes", "values that differ"),
     ("harrison2020_thermal", "../scenes/harrison2020", 3, "scenes[1]", "a name (file stem) of its own"),
-    ("- exact", "- exat", 6, "engines[0].name", "'exact', 'timestep', 'langevin', not 'exat'; did you mean exact?"),
-    ("- exact", "- {friction: enskog}", 6, "engines[0].name", "missing"),
+    ("- exact", "- exat", 6, "engines[0]", "'exact', 'timestep', 'langevin', not {'name': 'exat'}"),
+    ("- exact", "- {friction: enskog}", 6, "engines[0]", "must have the key 'name'"),
     ("- exact", "- {name: exact, time_step: 1}", 6, "engines[0].time_step", "allowed: name, scenes, seeds"),
     (
         "- exact",
@@ -111,7 +111,7 @@ STUDIES = [
     ),
     ("time_step: 0.001", "time_step: 1", 7, "engines[1]", "time_step: must be at most 0.03484"),
     ("average: runs\nobs", "average: origins\nobs", 11, "average", "origins needs square_displacement"),
-    ("observables: []", "observables: [species]", 12, "observables[0]", "did you mean species_energy?"),
+    ("observables: []", "observables: [species]", 12, "observables[0]", "my_module:my_function, not 'species'"),
     ("figures: [msd]", "panel: [scene, mass]", 13, "panel", "must be scene or particles or engine, not 'mass'"),
     ("figures: [msd]", "figures: energy", 13, "figures", "needs the observable species_energy"),
     ("displacement_times: [0.5]", "displacement_times: 0.333", 14, "displacement_times[0]", "a sample time of some"),
@@ -126,17 +126,12 @@ STUDIES = [
     ),
 ]
 VARIED = [
-    (
-        "{disks.tracer.mass: [-1]}",
-        "vary",
-        "with disks.tracer.mass, particles replaced: disks.tracer.mass: must be > 0",
-    ),
-    ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or mass of disks.species.bath"),
-    ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be <= 1, not 1.5"),
+    ("{disks.tracer.mass: [-1]}", "vary", "harrison2020.yaml: disks.tracer.mass: must be greater than 0, not -1"),
+    ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or"),
+    ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be less than or equal to 1"),
     ("{packing_fraction: [0.1]}", "vary", "packing_fraction: must be with one number of particles"),
     ("{duration: [1, 1.0000000000001]}", "vary", "must be values that differ"),
-    ("{duration: {from: 1, to: 3}}", "vary.duration.count", "missing"),
-    ("{duration: {from: 0, to: 3, count: 3, spacing: log}}", "vary.duration.from", "different from 0"),
+    ("{duration: 3}", "vary.duration", "must be a list, not 3"),
     ("{particles: [16]}", "vary", "by the key `particles`"),
     ("{duration: [1, 2], box.x: [[0, 1]]}\nvary_together: true", "vary", "lists of the same length"),
 ]
@@ -150,7 +145,7 @@ BOTH = [
     (b"a: \x00", None, "not valid YAML"),
     (b"a: 1\n---\nb: 2\n", 2, "found another document"),
     (b"a: 1\nb: 2\na: 3\n", 3, "duplicate key 'a'"),
-    (b"a: !!python/object/apply:os.system ['true']\n", 1, "tags are not allowed"),
+    (b"a: !!python/object/apply:os.system ['true']\n", 1, "a: unknown key"),
     (b"? [a, b]\n: 1\n", 1, "a key must be a plain word"),
     (b"a: " + 5000 * b"1", None, "Exceeds the limit"),
     (b"a: " + 3000 * b"[", None, ""),
@@ -214,10 +209,8 @@ def test_the_texts_themselves_are_accepted(tmp_path):
 def test_files_that_cannot_be_read_or_have_no_name_for_results(tmp_path, capsys):
     assert refusal(tmp_path / "absent.yaml", read_scene, capsys) == "cannot be read: No such file or directory"
     assert refusal(tmp_path, read_scene, capsys) == "cannot be read: Is a directory"
-    (tmp_path / "scene.yaml").write_text(LISTED)
-    assert refusal(tmp_path / "scene", read_scene, capsys).endswith("did you mean scene.yaml?")
     (tmp_path / "my scene.yaml").write_text(LISTED)
-    assert "name of the file: must be a name: " in refusal(tmp_path / "my scene.yaml", read_scene, capsys)
+    assert "name: must be a name: " in refusal(tmp_path / "my scene.yaml", read_scene, capsys)
 
 
 @pytest.mark.slow
@@ -233,13 +226,13 @@ def test_any_bytes_are_refused_in_one_line(tmp_path_factory, content):
 def test_a_value_of_the_command_line_has_no_line(tmp_path):
     path = tmp_path / "study.yaml"
     path.write_text(STUDY)
-    with pytest.raises(RequestError, match=r"study.yaml with batch replaced: batch: must be >= 1 or 'auto', not -1"):
+    with pytest.raises(RequestError, match=r"study.yaml: batch: must be .* 1 or 'auto', not -1"):
         read_study(path, {"batch": -1})
     path.write_text(STUDY.replace("record: tracer", "record: trace"))
-    with pytest.raises(RequestError, match=r"study.yaml with batch replaced: line 10: record: must be"):
+    with pytest.raises(RequestError, match=r"study.yaml: line 10: record: must be"):
         read_study(path, {"batch": 3})
     (tmp_path / "scene.yaml").write_text(LISTED)
-    with pytest.raises(RequestError, match=r"scene.yaml with particles replaced: particles: must be 2"):
+    with pytest.raises(RequestError, match=r"scene.yaml: particles: must be 2"):
         read_scene(tmp_path / "scene.yaml", particles=3)
 
 

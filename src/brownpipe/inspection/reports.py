@@ -16,7 +16,7 @@ from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
 from brownpipe.observables.displacement import displacement
 from brownpipe.provenance import made_with
-from brownpipe.scene import scene_yaml
+from brownpipe.scene.reading import yaml_text
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage.datasets import read_contents, read_dataset
 from brownpipe.storage.layout import described, dims_of
@@ -69,7 +69,8 @@ def variables(path: str | Path) -> str:
 def scene_text(path: str | Path) -> str:
     """Return the scene of a trajectory file as the text of a scene file (YAML). Errors as of `report`."""
     scene = read_trajectories(path).scene
-    return f"# Scene {scene.name} of a trajectory file, with all defaults. Digest: {scene.digest}\n{scene_yaml(scene)}"
+    head = f"# Scene {scene.name} of a trajectory file, with all defaults. Digest: {scene.digest}"
+    return f"{head}\n{yaml_text(scene.as_mapping())}"
 
 
 def runs_of(path: str | Path, seed: int | None = None) -> Trajectories:

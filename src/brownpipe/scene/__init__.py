@@ -1,5 +1,5 @@
 """Scenes: what is simulated. Their records, which are the format of their files, sample times, and seeds of runs."""
 
-from brownpipe.scene.scene import Box, Disk, Scene, Species, Velocities, parse_scene, read_scene, scene_yaml
+from brownpipe.scene.scene import Box, Disk, Scene, Species, Velocities, parse_scene, read_scene
 
-__all__ = ["Box", "Disk", "Scene", "Species", "Velocities", "parse_scene", "read_scene", "scene_yaml"]
+__all__ = ["Box", "Disk", "Scene", "Species", "Velocities", "parse_scene", "read_scene"]

@@ -4,10 +4,8 @@ It names the file, its line, the key, the allowed values and the value found.
 """
 
 import difflib
-import math
-import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from copy import deepcopy
 from pathlib import Path
@@ -21,37 +19,22 @@ from pydantic_core import PydanticCustomError, ValidationError
 from brownpipe.errors import RequestError
 from brownpipe.text import shell_path
 
-LONGEST_SHOWN = 80  # characters of a value in a message
 MOST_DISKS = 10_000_000
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 # -- YAML -----------------------------------------------------------------------------------------------------------
 
 NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-CONSTANTS = {"null": None, "~": None, "": None, "true": True, "false": False, ".nan": math.nan}
-CONSTANTS |= {".inf": math.inf, "+.inf": math.inf, "-.inf": -math.inf}
-CONSTANTS |= {form: value for word, value in CONSTANTS.items() for form in (word.title(), word.upper())}
-LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader  # all scalars are texts
-TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "seq", "map")}
+CONSTANTS = {"null": None, "~": None, "": None, "true": True, "false": False}  # .inf and .nan are no values
+LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader  # all scalars are texts; tags mean nothing
 
 
 class Document(dict[str, Any]):
-    """A mapping with the lines that it was read from, of which some keys may be replaced by other values."""
+    """A mapping with the lines that it was read from."""
 
-    lines: Mapping[tuple[str | int, ...], int] = {}  # from 1, of each value by its path of keys and indices
-    replaced: tuple[str, ...] = ()
-
-    def place_of(self, path: Sequence[str | int]) -> str:
-        """Return, after the name of the file, the replaced keys and the line of a value: of its key or list item.
-
-        That of the mapping that lacks it if it is missing; no line if it is not from the text.
-        """
-        place = f" with {', '.join(self.replaced)} replaced" if self.replaced else ""
-        if not self.lines or (path and path[0] in [word.split(".")[0] for word in self.replaced]):
-            return place
-        known = (self.lines.get(tuple(path[:length])) for length in range(len(path), -1, -1))
-        return f"{place}: line {next(filter(None, known))}"
+    # From 1, of each value by its path of keys and indices: of its key or list item. 0: not from the text.
+    lines: Mapping[tuple[str | int, ...], int] = {}
 
 
 def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: str = "") -> Document:
@@ -61,20 +44,18 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     name of the file, `where`.
     """
     document = Document(deepcopy(dict(mapping)))
-    document.lines, document.replaced = getattr(mapping, "lines", {}), (*getattr(mapping, "replaced", ()), *values)
+    new = {(path.split(".")[0],): 0 for path in values}
+    document.lines = {at: line for at, line in getattr(mapping, "lines", {}).items() if at[:1] not in new} | new
     for path, value in values.items():
         *parents, last = path.split(".")
-        part, known = document, "NAME"  # type: Any, str
-        for word in parents:
-            if isinstance(part, list | tuple):
-                named = {str(one.get("name")): one for one in part if isinstance(one, dict)}
-                part, known = named.get(word), " or ".join(named)
-            elif isinstance(part, dict):
-                part = part.setdefault(word, {})
-        if not isinstance(part, dict):
-            allowed = f"must be a key like disks.tracer.mass, or mass of disks.species.{known}"
-            raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}")
-        part[last] = round(value) if last == "count" and isinstance(value, float) else value
+        part: Any = document
+        try:
+            for word in parents:
+                part = part.setdefault(word, {}) if isinstance(part, dict) else {one["name"]: one for one in part}[word]
+            part[last] = value
+        except (LookupError, TypeError):
+            allowed = "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name of a species"
+            raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}") from None
     return document
 
 
@@ -90,8 +71,7 @@ def read_yaml(path: str | Path) -> Document:
             raise ValueError(f"{'' if node else 'empty; '}must be a mapping of keys to values")
         document.update(_value(node, (), lines))
     except OSError as error:
-        hint = f"; did you mean {Path(path).name}.yaml?" if os.path.isfile(f"{path}.yaml") else ""
-        raise RequestError(f"{path}: cannot be read: {error.strerror}{hint}") from None
+        raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise RequestError(f"{path}: not text; if it is an HDF5 file: brownpipe inspect {shell_path(path)}") from None
     except (ValueError, RecursionError) as error:
@@ -99,7 +79,6 @@ def read_yaml(path: str | Path) -> Document:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", "a character that is not allowed").removeprefix("but ")
-        problem = problem.replace("found char", "found a tab or another char")
         raise RequestError(f"{path}: {f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}") from None
     document.lines = lines
     return document
@@ -107,9 +86,7 @@ def read_yaml(path: str | Path) -> Document:
 
 def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
     """Return the value of a node, and add its line and those of all in it to `lines`."""
-    line = lines.setdefault(path, node.start_mark.line + 1)
-    if node.tag not in TAGS:
-        raise ValueError(f"line {line}: tags are not allowed")
+    lines.setdefault(path, node.start_mark.line + 1)
     if isinstance(node, yaml.ScalarNode):
         return node.value if node.style else scalar(node.value)
     if isinstance(node, yaml.SequenceNode):
@@ -129,7 +106,7 @@ def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
 def scalar(text: str) -> object:
     """Return the value of a plain scalar: None, bool, int, float, otherwise str. (010 is 10.)"""
     if not NUMBER.fullmatch(text):
-        return CONSTANTS.get(text, text)
+        return CONSTANTS.get(text.lower(), text)
     return int(text) if text.lstrip("+-").isdigit() else float(text)
 
 
@@ -161,7 +138,7 @@ class Record(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, value: object) -> object:
-        keys = tuple(field.alias or name for name, field in cls.model_fields.items())
+        keys = tuple(cls.model_fields)
         if not isinstance(value, Mapping):
             raise PydanticCustomError("record_type", f"must be a mapping with the keys {', '.join(keys)}")
         for key in value:
@@ -180,28 +157,16 @@ def key(meaning: str, default: Any = ..., **more: Any) -> Any:
     return Field(default, description=meaning, **more)
 
 
-def converted(convert: Callable[[Any], Any], schema: Any) -> BeforeValidator:
-    """Read what a function makes of a value; `schema` is the type of what may be given."""
-    return BeforeValidator(convert, json_schema_input_type=schema)
-
-
 def alone(name: str, schema: Any) -> BeforeValidator:
     """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
-    return converted(lambda value: value if isinstance(value, Mapping) else {name: value}, schema)
+    return BeforeValidator(
+        lambda value: value if isinstance(value, Mapping) else {name: value}, json_schema_input_type=schema
+    )
 
 
 def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
     """Let values be read as this type, which is made at run time."""
     return GetPydanticSchema(lambda _, handler: handler.generate_schema(kind))
-
-
-def distinct(kind: Any, least: int = 0) -> Any:
-    """Return the type of a list of values that differ, at least so many."""
-    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_differing)]
-
-
-def _differing(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    return values if len({*values}) == len(values) else refuse("must be values that differ")
 
 
 def plain(value: Any) -> Any:
@@ -220,27 +185,17 @@ def plain(value: Any) -> Any:
 
 # -- refusals -------------------------------------------------------------------------------------------------------
 
-PROBLEMS = {  # by pydantic's names of errors, with the context that comes with them
+PROBLEMS = {  # by pydantic's names of errors, with the context that comes with them; others as pydantic words them
     "missing": "missing; must be given",
-    "union_tag_not_found": "missing; must be given",
+    "union_tag_not_found": "must have the key {discriminator}",
     "union_tag_invalid": "must be {expected_tags}",
-    "literal_error": "must be {expected}",
-    "float_type": "must be a number",
-    "finite_number": "must be a finite number",
-    "int_type": "must be an integer",
     "bool_type": "must be true or false",
-    "string_type": "must be a text",
-    "string_too_short": "must be a text that is not empty",
     "string_pattern_mismatch": "must be a name: letters, digits, '.', '_', '-', first a letter or digit, at most 64",
     "path_type": "must be the path of a file",
     "tuple_type": "must be a list",
     "too_short": "must be a list of at least {min_length}",
     "too_long": "must be a list of at most {max_length}",
     "dict_type": "must be a mapping",
-    "greater_than": "must be > {gt:.8g}",
-    "greater_than_equal": "must be >= {ge:.8g}",
-    "less_than": "must be < {lt:.8g}",
-    "less_than_equal": "must be <= {le:.8g}",
 }
 
 
@@ -249,16 +204,18 @@ def refuse(problem: str, *path: str | int) -> NoReturn:
     raise PydanticCustomError("refused", "{problem}", {"problem": problem, "path": path})
 
 
-def validated(kind: Any, value: object, file: str = "", key: str = "", context: dict | None = None) -> Any:
+def validated(kind: Any, value: object, file: str = "", key: str = "", context: Any = None) -> Any:
     """Return a value as `kind`, a type that pydantic knows. Raises RequestError, naming the file and the key.
 
-    The line is named, too, if the value is a `Document`.
+    The line is named, too, if the value is from a `Document`: that of the mapping that lacks a missing key.
     """
     try:
         return TypeAdapter(kind).validate_python(value, context=context)
     except ValidationError as error:
         path, problem = _place_and_problem(error, value)
-    file += value.place_of(path) if isinstance(value, Document) else ""
+    lines, places = getattr(value, "lines", {}), [tuple(path[:length]) for length in range(len(path), -1, -1)]
+    line = next((lines[place] for place in places if place in lines), 0)
+    file += f": line {line}" if line else ""
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in (key, *path) if part != "")
     raise RequestError(": ".join(filter(None, (file, place.removeprefix("."), problem)))) from None
 
@@ -271,35 +228,26 @@ def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str 
     errors = [(_path(one, value), one) for one in error.errors(include_url=False)]
     path = max((path for path, _ in errors if path[: len(errors[0][0])] == errors[0][0]), key=len)
     here = [one for other, one in errors if other == path]
-    problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=one["msg"], **one.get("ctx", {})) for one in here]
+    words = [(one["msg"].replace("Input should", "must"), one) for one in here]
+    problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=msg, **one.get("ctx", {})) for msg, one in words]
     if here[0]["type"] == "refused" or problems[0].startswith("missing"):
         return path, problems[0]
     problem = " or ".join(dict.fromkeys(problems)).replace(" or must be ", " or ")
-    found = here[0].get("ctx", {}).get("tag", here[0]["input"])
-    hint = did_you_mean(str(found), re.findall("'([^']+)'", problem))
-    if isinstance(found, str) and here[0]["type"] in ("float_type", "int_type"):
-        hint = hint or "without quotes, unit or comma"
-    return path, f"{problem}, not {shown(found)}{'; ' if hint else ''}{hint.strip()}"
+    return path, f"{problem}, not {here[0]['input']!r:.80}"
 
 
 def _path(error: Any, value: Any) -> list[str | int]:
     """Return where in a value an error is: its place without the names of types that pydantic puts in between."""
-    path, context = list[str | int](), error.get("ctx", {})
+    path = list[str | int]()
     for part in error["loc"]:
         with suppress(LookupError, TypeError):
             value = value[part]
             path.append(part)
     missing = error["loc"][-1:] if error["type"] == "missing" and value is not None else ()
-    return [*path, *missing, *context.get("path", ()), *filter(None, [context.get("discriminator", "").strip("'")])]
+    return [*path, *missing, *error.get("ctx", {}).get("path", ())]
 
 
 def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:
     """Return a question about the most similar option, "" if none is similar."""
-    near = [SYNONYMS.get(word.lower(), ""), *difflib.get_close_matches(word[:LONGEST_SHOWN].lower(), options, n=1)]
+    near = [SYNONYMS.get(word.lower(), ""), *difflib.get_close_matches(word.lower(), options, n=1)]
     return next((f"did you mean {name}? " for name in near if name in options), "")
-
-
-def shown(value: object) -> str:
-    """Return the value on one line, shortened."""
-    text = repr(value)
-    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."

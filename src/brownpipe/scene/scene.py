@@ -26,7 +26,6 @@ LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacement
 LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
 SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
 HEXAGONAL_PACKING = math.pi / math.sqrt(12)  # its packing fraction; no placement of species is denser
-STUDY_KEYS = {"scenes", "seeds", "tolerance", "engines", "batch", "figures"}  # that no scene has
 
 # With the values of varied keys (`variation`): `fluid,tracer_mass=10`.
 SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,\w+=[\w.-]{{1,64}})*$")]
@@ -118,12 +117,11 @@ class Mixture(Record):
 
     @model_validator(mode="after")
     def _check(self) -> "Mixture":
-        for k, species in enumerate(self.species):
-            before = self.species[:k]
-            if species.name in ("tracer", *(one.name for one in before)):
-                refuse(f"must be a name of its own (tracer is reserved), not {species.name!r}", "species", k, "name")
-            if species.count == "rest" in [one.count for one in before]:
-                refuse("must be a number, as only one species can be the rest", "species", k, "count")
+        names, counts = [one.name for one in self.species], [one.count for one in self.species]
+        if len({"tracer", *names}) <= len(names):
+            refuse(f"must have names that differ, and none the name tracer, not {', '.join(names)}", "species")
+        if counts.count("rest") > 1:
+            refuse("must have numbers of disks but for one species, which can be the rest", "species")
         return self
 
 
@@ -252,9 +250,8 @@ class Scene(Record):
         held = "pinned" if isinstance(self.disks, Mixture) and self.disks.tracer else "free"
         if self.placement and velocities is None:
             refuse("missing; must be given with species", "velocities")
-        if not self.placement and (velocities is not None or start.time > 0):
-            given = "equilibrate" if velocities is None else "velocities"
-            refuse("must not be given with an explicit list of disks, which says it all", given)
+        if not self.placement and (given := {"velocities", "equilibrate"} & self.model_fields_set):
+            refuse("must not be given with an explicit list of disks, which says it all", min(given))
         if start.tracer is None or start.time == 0:
             start._resolve(tracer=held)
         elif start.tracer == "pinned" != held:
@@ -301,9 +298,6 @@ class Scene(Record):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scene) and (self.name, self.text) == (other.name, other.text)
 
-    def __hash__(self) -> int:
-        return hash((self.name, self.digest))
-
     @property
     def label(self) -> str:
         """Name and number of disks, by which a trade-off names it."""
@@ -329,7 +323,7 @@ class Scene(Record):
 
     def replace(self, **keys: object) -> "Scene":
         """Return a scene of the same name with other values of some keys, which may be paths like disks.tracer.mass."""
-        return parse_scene(dict(reading.with_values(self.given, reading.plain(keys))), "", name=self.name)
+        return parse_scene(reading.with_values(self.given, reading.plain(keys)), "", name=self.name)
 
     def as_mapping(self) -> dict:
         """Return the scene as a mapping like that of a scene file, with every default written out."""
@@ -359,11 +353,6 @@ def read_scene(path: str | Path, particles: int | None = None) -> Scene:
     return parse_scene(reading.read_yaml(path), str(path), particles)
 
 
-def scene_yaml(scene: Scene) -> str:
-    """Return the text of a scene file, with every default written out; `read_scene` returns an equal scene from it."""
-    return reading.yaml_text(scene.as_mapping())
-
-
 def parse_scene(mapping: Any, where: str, particles: int | None = None, name: str | None = None) -> Scene:
     """Return the scene of a mapping as read from a scene file.
 
@@ -372,19 +361,13 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
 
     Raises RequestError for anything wrong.
     """
-    if "box" not in mapping and is_study(mapping):
+    if "scenes" in mapping:
         raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
     if particles is not None:
         mapping = reading.with_values(mapping, {"particles": particles})
-    stem, key = (Path(where).stem, "name of the file") if name is None else (name, "name")
-    scene = reading.validated(Scene, mapping, where)
-    scene._resolve(name=reading.validated(SceneName, stem, where, key))
+    scene, stem = reading.validated(Scene, mapping, where), Path(where).stem if name is None else name
+    scene._resolve(name=reading.validated(SceneName, stem, where, "name"))
     return scene
-
-
-def is_study(mapping: dict) -> bool:
-    """Whether a mapping is meant as a study, by its keys; a scene with a misplaced study key is none."""
-    return "scenes" in mapping or ("box" not in mapping and bool(mapping.keys() & STUDY_KEYS))
 
 
 def overlap(
@@ -397,8 +380,6 @@ def overlap(
 
     A disk of radius R that overlaps another one, no larger, is nearer to it than 2 R: a k-d tree finds both.
     """
-    if len(radius) < 2:
-        return None
     from scipy.spatial import KDTree  # takes 0.2 s
 
     sides, inside = None, position

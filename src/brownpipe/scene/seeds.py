@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from brownpipe.scene.reading import refuse, shown, validated
+from brownpipe.scene.reading import refuse, validated
 
 MOST_SEEDS = 10_000_000
 LARGEST_SEED = 10**18 - 1
@@ -32,7 +32,7 @@ def _seeds(value: Any) -> Sequence[int]:
     sizes = [last + 1 - first for first, last in ends]
     if None in found or not 0 < min(sizes, default=0) <= sum(sizes) <= MOST_SEEDS:
         allowed = "seeds" if isinstance(value, str) else "a count like 2400, or seeds"
-        refuse(f"must be {allowed} like 17, 0-2399 or 3,5,9, ascending, at most {MOST_SEEDS}, not {shown(value)}")
+        refuse(f"must be {allowed} like 17, 0-2399 or 3,5,9, ascending, at most {MOST_SEEDS}, not {value!r:.80}")
     if len(ends) == 1:  # without 10 s of sorting for the most seeds
         return range(ends[0][0], ends[0][1] + 1)
     seeds = np.unique(np.concatenate([np.arange(first, last + 1) for first, last in ends]))

@@ -6,11 +6,9 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 from brownpipe.engines import forecast, friction
 from brownpipe.engines.friction import DECAY_TIMES, diffusive_from
 from brownpipe.engines.placement import is_grown
-from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.reading import read_yaml
-from brownpipe.scene.scene import is_study
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import describe_workload, run_sets
 from brownpipe.text import in_bytes, in_lines, in_time
@@ -19,10 +17,9 @@ from brownpipe.text import in_bytes, in_lines, in_time
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:
     """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
     mapping = read_yaml(path)
-    if is_study(mapping):
-        if particles is not None:
-            raise RequestError(f"{path}: --particles is for scenes; a study says for itself")
-        return in_lines([f"{path}: a valid study", *_study(read_study(path))])
+    if "scenes" in mapping:
+        replaced = {} if particles is None else {"particles": particles}
+        return in_lines([f"{path}: a valid study", *_study(read_study(path, replaced))])
     return in_lines([f"{path}: a valid scene", *_scene(parse_scene(mapping, path, particles))])
 
 

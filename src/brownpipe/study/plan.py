@@ -15,9 +15,7 @@ standard error se of the bias and the standard deviation `spread` over runs.
 """
 
 import os
-import time
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,7 +33,7 @@ from brownpipe.scene import Scene
 from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS, ranges
 from brownpipe.storage.files import naming, read_sealed, sealed, write_file
-from brownpipe.storage.store import stored_runs, without
+from brownpipe.storage.store import RUNS, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
 from brownpipe.study.run_sets import run_set, seconds_of_jobs
 from brownpipe.study.study import REFERENCE, EngineUse, Study
@@ -54,10 +52,8 @@ class Pilot(NamedTuple):
     """Pilot runs of an engine in a case."""
 
     runs: tradeoff.EngineRuns
-    cost: forecast.Cost  # of one run; the forecast, with the CPU seconds as measured if runs were made
-    folder: Path
+    cost: forecast.Cost  # of one run
     made: int  # runs that were not there before
-    seconds: float  # of CPU, to make them
     settled: list[str]  # a line that says whether the runs drift, if that is tested
 
 
@@ -77,31 +73,22 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     seeds = np.asarray(wanted.seeds)
     parts = stored_runs(scene, engine, wanted.digest, seeds)
     missing = ranges(without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts]))
-    simulate = partial(engine.simulate, scene, record=record, observables=observables, average=average)
-    seconds = 0.0
-    if missing:
-        simulate(seeds=[first])  # loads kernels
-        wanted.folder.mkdir(parents=True, exist_ok=True)
     for first, last in missing:
-        before = time.process_time()
-        parts.append(simulate(seeds=range(first, last + 1)))
-        seconds += time.process_time() - before - cost.once
+        wanted.folder.mkdir(parents=True, exist_ok=True)
+        parts.append(engine.simulate(scene, range(first, last + 1), record, observables=observables, average=average))
         refuse_taken(parts[-1].own)
         write_trajectories(wanted.folder / f"{first}-{last}.h5", scene, engine, parts[-1], digest=wanted.digest)
-    if made := sum(last - first + 1 for first, last in missing):
-        cost = cost._replace(seconds=max(seconds / made, 1e-9))
+    made = sum(last - first + 1 for first, last in missing)
     every = joined(parts)
     ensemble = select(every, np.isin(every.seeds, seeds))
     runs = tradeoff.runs_of(scene, engine, ensemble, squares)
     settled = equilibrium(Trajectories(scene, engine, ensemble))
-    return Pilot(runs, cost, wanted.folder, made, seconds, settled)
+    return Pilot(runs, cost, made, settled)
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
-    """Return a line that says what the pilot runs took, and where they are."""
-    made, seconds = sum(pilot.made for pilot in pilots), sum(pilot.seconds for pilot in pilots)
-    folders = ", ".join(str(pilot.folder) for pilot in pilots)
-    return f"{counted(made, 'pilot run')} made in {in_time(seconds)} of CPU; the study uses them again: {folders}"
+    """Return a line that says how many pilot runs were made, and where they are."""
+    return f"{counted(sum(pilot.made for pilot in pilots), 'pilot run')} made in {RUNS}; the study uses them again"
 
 
 def case_title(scene: Scene) -> str:

@@ -96,20 +96,16 @@ def run_set(study: Study, case: Scene, engine: Engine, seeds: Sequence[int]) -> 
     return RunSet(engine, case, seeds, batch, cost, digest, folder_of_runs(case, engine, digest))
 
 
-def batches_of(runs: RunSet) -> list[tuple[int, int]]:
-    """Return first and last seed of each file: those that are there, and those to be made of the seeds that are not."""
-    seeds = np.asarray(runs.seeds, np.int64)
-    stored = stored_batches(runs.folder, seeds)
-    return sorted([*stored, *batches(without(seeds, stored), runs.cost, runs.batch)])
-
-
 def files_of(study: Study) -> list[StoredFile]:
-    """Return the files with the runs of a study, relative to the working directory."""
-    return [
-        StoredFile(runs.folder / f"{first}-{last}.h5", runs.digest, first, last, runs.seeds)
-        for runs in run_sets(study)
-        for first, last in batches_of(runs)
-    ]
+    """Return the files with the runs of a study, relative to the working directory: those that are there, and those to
+    be made of the seeds that are not."""
+    files = []
+    for runs in run_sets(study):
+        seeds = np.asarray(runs.seeds, np.int64)
+        stored = stored_batches(runs.folder, seeds)
+        for first, last in sorted([*stored, *batches(without(seeds, stored), runs.cost, runs.batch)]):
+            files.append(StoredFile(runs.folder / f"{first}-{last}.h5", runs.digest, first, last, runs.seeds))
+    return files
 
 
 def commands(study: Study) -> dict[str, str]:
@@ -129,7 +125,7 @@ def commands(study: Study) -> dict[str, str]:
 
 def listed_runs(study: Study) -> list[str]:
     """Return a line for each set of runs: its folder and its seeds."""
-    return [f"{runs.folder} {seed_text(np.asarray(runs.seeds))}" for runs in run_sets(study)]
+    return [f"{runs.folder} {seed_text(runs.seeds)}" for runs in run_sets(study)]
 
 
 def figure_options(study: Study) -> list[str]:
@@ -148,9 +144,8 @@ def digests(study: Study) -> dict[str, str]:
     """Return the first digits of a SHA-256 over all that each step of the workflow after `simulate` is made from."""
     unknown = {"seeds": ()} if study.tolerance else {}
     runs = [*listed_runs(study.model_copy(update=unknown)), study.tolerance, study.target, study.fit_windows[0]]
-    rings = study.rings and [study.rings.dr, study.rings.count]
-    windows = study.fit_windows, "fit_windows" in study.model_fields_set  # the dataset says if they were asked for
-    analysis = [*windows, study.displacement_times, rings, [*study.vary], study.vary_together]
+    keys = study.model_dump(include={"fit_windows", "displacement_times", "rings", "vary", "vary_together"})
+    analysis = keys, "fit_windows" in study.model_fields_set  # the dataset says if they were asked for
     found = {step: source_digest(*modules) for step, modules in STEPS.items()}
     aggregate = digest_of(runs, analysis, found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
-from pydantic import AfterValidator, Field, StrictBool, ValidationInfo, create_model, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, StrictBool, ValidationInfo, create_model, model_validator
 
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
@@ -23,20 +23,16 @@ from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, OWN, SCAN
 from brownpipe.observables.own import beside, is_own
 from brownpipe.provenance import digest_of
 from brownpipe.scene import Scene, reading
-from brownpipe.scene.reading import As, AtLeastOne, Count, Name, NotNegative, Positive, Record, converted, key, refuse
-from brownpipe.scene.scene import is_study
+from brownpipe.scene.reading import As, AtLeastOne, Count, Name, NotNegative, Positive, Record, key, refuse
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.variation import PACKING_FRACTION, Vary, combinations, is_number, scene_with
 from brownpipe.text import shell_path
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
 SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
-MOST_RINGS = 100_000
 MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
-REPLACED = {"seeds": "tolerance", "tolerance": "seeds"}  # by a new value of these keys
-TARGETS = ("msd", "d", "displacement_distribution")  # quantities that a tolerance can be given for
 
 
 def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: str | int) -> None:
@@ -49,8 +45,12 @@ def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: st
 def one_or_more(kind: Any, least: int = 1) -> Any:
     """Return the type of a list of values that differ; a single value stands for a list of one."""
     schema = kind | Annotated[list[kind], Field(min_length=least)]
-    listed = converted(lambda value: value if isinstance(value, list | tuple) else [value], schema)
-    return Annotated[reading.distinct(kind, least), listed]
+    listed = BeforeValidator(lambda one: one if isinstance(one, list | tuple) else [one], json_schema_input_type=schema)
+    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_differing), listed]
+
+
+def _differing(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    return values if len({*values}) == len(values) else refuse("must be values that differ")
 
 
 def _share(value: Any) -> Any:
@@ -73,8 +73,9 @@ def _own_name(name: str) -> str:
 
 
 Text = Annotated[str, Field(min_length=1)]
-Tolerance = Annotated[float, Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1), converted(_share, float | str)]
-Target = Annotated[str, As(Literal[TARGETS])]
+SHARE = BeforeValidator(_share, json_schema_input_type=float | str)
+Tolerance = Annotated[float, Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1), SHARE]
+Target = Literal["msd", "d", "displacement_distribution"]
 EngineRecord: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Field(discriminator="name")]  # noqa: UP007  # as many as there are
 EngineKey: Any = Annotated[EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
@@ -87,7 +88,7 @@ Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
 Window = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ascending)]
-Windows = Annotated[tuple[tuple[float, float], ...], As(reading.distinct(Window, 1))]
+Windows = Annotated[tuple[Window, ...], Field(min_length=1)]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
 
 
@@ -103,7 +104,7 @@ class Rings(Record):
     """The rings of the displacement distribution; runs beyond the last one are counted too."""
 
     dr: Positive = key("their width [length]")
-    count: Annotated[AtLeastOne, Field(le=MOST_RINGS)] = key("their number")
+    count: AtLeastOne = key("their number")
 
 
 class Study(Record):
@@ -111,7 +112,7 @@ class Study(Record):
 
     scenes: Texts = key("scene files, relative to the folder of the study file")
     particles: Counts | None = key("numbers of disks; every scene is run with each (default: its own)", None)
-    vary: Vary = key("keys of the scenes, such as disks.tracer.mass, and their values: a list, or from, to, count", {})
+    vary: Vary = key("keys of the scenes, such as disks.tracer.mass, and their values", {})
     vary_together: StrictBool = key(
         "first values of all varied keys, then second ones, ...; not all combinations", False
     )
@@ -119,7 +120,7 @@ class Study(Record):
     engines: Engines = key("engines, with their settings if any", ("exact",))
     seeds: Seeds | None = key("a count (2400: seeds 0 to 2399), a range (100-199), or a list of both", None)
     tolerance: Tolerance | None = key("in place of seeds: relative standard error of the target", None)
-    target: Target = key("the quantity that the tolerance refers to", TARGETS[0])
+    target: Target = key("the quantity that the tolerance refers to", "msd")
     batch: AtLeastOne | Literal["auto"] = key("seeds per job; auto: from the forecast; results are the same", "auto")
     record: Literal["tracer", "none"] = key("the trajectory of the tracer, or only the observables", "tracer")
     observables: Observables = key("quantities measured in each run, from all of its disks", ())
@@ -141,11 +142,10 @@ class Study(Record):
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
-        given = info.context or {}
-        self._resolve(name=given.get("name", "study"))
-        self._read_scenes(given.get("folder", Path()))
+        name, folder = info.context
+        self._resolve(name=name, observables=tuple(beside(folder, name) for name in self.observables))
+        self._read_scenes(folder)
         self._read_engines()
-        self._resolve(observables=tuple(beside(given.get("folder", Path()), name) for name in self.observables))
         self._check_seeds()
         self._check_analysis()
         self._check_figures()
@@ -154,9 +154,7 @@ class Study(Record):
 
     def _read_scenes(self, folder: Path) -> None:
         """Read every scene with all values of varied keys and every particle count, or with its own."""
-        paths: dict[str, Path] = {}
-        cases: list[Scene] = []
-        varied: dict[str, tuple[Path, dict[str, Any]]] = {}
+        paths, cases, varied = dict[str, Path](), list[Scene](), dict[str, tuple[Path, dict[str, Any]]]()
         for k, text in enumerate(self.scenes):
             if Path(text).stem in paths:
                 refuse(f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k)
@@ -305,16 +303,13 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
     """
     mapping, overrides = reading.read_yaml(path), overrides or {}
-    if not is_study(mapping) and mapping.keys() & {"box", "disks", "duration"}:
+    if "scenes" not in mapping and "box" in mapping:
         cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
         raise RequestError(f"{path}: is a scene, not a study; {cure}")
-    gone = [REPLACED[new] for new in overrides if overrides[new] and REPLACED.get(new) in mapping]
-    mapping = reading.with_values(mapping, {**dict.fromkeys(gone), **overrides}) if overrides else mapping
-    name = reading.validated(Name, Path(path).stem, str(path), "name of the file") + variant(overrides)
-    return reading.validated(Study, mapping, str(path), context={"name": name, "folder": Path(path).parent})
-
-
-def variant(overrides: Mapping[str, Any]) -> str:
-    """Return what the name of a study gets for keys that are replaced, so that its results stand in another folder."""
-    words = {key: value if isinstance(value, str) else json.dumps(value) for key, value in sorted(overrides.items())}
-    return "".join(f"+{key}={word if PLAIN.fullmatch(word) else digest_of(word)}" for key, word in words.items())
+    runs = dict.fromkeys(("seeds", "tolerance")) if overrides.keys() & {"seeds", "tolerance"} else {}
+    mapping = reading.with_values(mapping, {**runs, **overrides})
+    name = reading.validated(Name, Path(path).stem, str(path), "name")
+    for replaced, value in sorted(overrides.items()):  # so that the results stand in another folder
+        word = value if isinstance(value, str) else json.dumps(value)
+        name += f"+{replaced}={word if PLAIN.fullmatch(word) else digest_of(word)}"
+    return reading.validated(Study, mapping, str(path), context=(name, Path(path).parent))

@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 from brownpipe.errors import RequestError
 from brownpipe.provenance import PACKAGE
-from brownpipe.scene.reading import read_yaml, scalar, validated
+from brownpipe.scene.reading import read_yaml, scalar
 from brownpipe.study.run_sets import run_sets, seconds_of_jobs
 from brownpipe.study.study import Study, read_study
 from brownpipe.text import counted, in_time, shell_path
@@ -45,7 +45,7 @@ def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object
     try:
         replaced: dict[str, object] = {}
         for file in others:
-            replaced |= validated(dict[str, Any], read_yaml(file), file)
+            replaced |= read_yaml(file)
         replaced |= from_command_line(dict(config))
         study = read_study(first, replaced)
     except RequestError as error:
