@@ -16,7 +16,8 @@ from brownpipe.cli import main
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.scan import table
 from brownpipe.scene import parse_scene
-from brownpipe.scene.variation import scene_with
+from brownpipe.scene.reading import validated
+from brownpipe.scene.variation import Vary, scene_with
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import commands, run_sets
 
@@ -54,6 +55,8 @@ def test_a_variant_is_the_scene_with_these_values_in_its_file():
     variant = scene_with(FLUID, "a/fluid.yaml", values)
     assert variant.text == parse_scene(keys, "fluid.yaml").text
     assert variant.name == "fluid,tracer_mass=10,bath_count=5,duration=2,equilibrate_time=2,box_x=0-9"
+    span = {"from": 1, "to": 100, "count": 3, "spacing": "log"}
+    assert validated(Vary, {MASS: span}) == {MASS: pytest.approx((1.0, 10.0, 100.0))}
 
 
 @given(st.floats(1e-3, 0.5))

@@ -195,7 +195,7 @@ def analyse(
 
 def scan(
     scene: SceneRecord | str | Path,
-    vary: Mapping[str, Sequence],
+    vary: Mapping[str, Sequence | Mapping],
     seeds: int | str | Collection[int] = 1,
     *,
     together: bool = False,
@@ -205,7 +205,8 @@ def scan(
 ) -> Dataset:
     """Return the analysis of runs of a scene with all combinations of values of some of its keys.
 
-    vary: values by key, such as {"disks.tracer.mass": [1, 10, 100], "packing_fraction": [0.1, 0.3]}.
+    vary: values by key, such as {"disks.tracer.mass": [1, 10, 100], "packing_fraction": [0.1, 0.3]}, or
+    {"from": 1, "to": 100, "count": 5, "spacing": "log"} in place of a list.
     together: the first values of all keys, then the second ones, ..., instead of all combinations.
     fit_windows: as of `analyse`. options: as of `simulate`, with the same seeds for all values.
 

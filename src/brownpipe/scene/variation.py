@@ -9,12 +9,13 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+import numpy as np
+from pydantic import AfterValidator, Field
 
 from brownpipe.errors import RequestError
-from brownpipe.scene.reading import Positive, validated, with_values
+from brownpipe.scene.reading import As, Number, Positive, Record, key, refuse, validated, with_values
 from brownpipe.scene.scene import Scene, parse_scene
 
 PACKING_FRACTION = "packing_fraction"
@@ -22,7 +23,27 @@ GROUPS = ("disks", "species", "velocities")  # words of a path that its short na
 DIGITS = 12  # of a value in names and coordinates: 0.3 is 0.3, although the box is calculated from it
 
 
-Vary = dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]]
+class Span(Record):
+    """Values at equal steps, or at equal factors (log)."""
+
+    first: Number = key("the first value", alias="from")
+    last: Number = key("the last value", alias="to")
+    count: Annotated[int, Field(strict=True, ge=2, le=10_000)] = key("how many")
+    spacing: Literal["linear", "log"] = key("equal steps or equal factors", "linear")
+
+
+def _spanned(span: Span) -> tuple[float, ...]:
+    """Return the values of a span. Powers are computed by Python: NumPy's may differ between processors."""
+    first, last, count = span.first, span.last, span.count
+    if span.spacing == "log" and not first * last > 0:
+        refuse("must be different from 0 and of one sign for spacing: log", "from")
+    if span.spacing == "linear":
+        return tuple(np.linspace(first, last, count).tolist())
+    return *(first * (last / first) ** (k / (count - 1)) for k in range(count - 1)), last
+
+
+Values: Any = Annotated[Span, AfterValidator(_spanned)] | Annotated[tuple[Any, ...], Field(min_length=1)]
+Vary = dict[str, Annotated[tuple[Any, ...], As(Values)]]
 
 
 def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
@@ -48,6 +69,8 @@ def scene_with(
 
     Raises RequestError for anything wrong.
     """
+    if not values:
+        return parse_scene(mapping, where, particles, name)
     keys = {path: value for path, value in values.items() if path != PACKING_FRACTION}
     words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
     name = ",".join([name or Path(where).stem, *words])
@@ -60,7 +83,7 @@ def scene_with(
     factor = math.sqrt(scene.packing_fraction / wanted)
     lengths = {"box.x": scene.box.x, "box.y": scene.box.y, "disks.tracer.position": scene.species[0].position}
     scaled = {path: [factor * end for end in ends] for path, ends in lengths.items() if ends}
-    return parse_scene(with_values(scene.given, scaled), where, name=name)
+    return parse_scene(dict(with_values(scene.given, scaled)), where, name=name)
 
 
 def short_name(path: str) -> str:
