@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, fits_of, frame_of, has, over_time, series_of
+from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, fits_of, frame_of, has, series_of
 from brownpipe.figures.style import DASHED, MARKS, SERIES, WIDTH, grid, heads, log_axis, points
 
 LOGARITHMIC = 30.0  # ratio of the largest value to the smallest, beyond which an axis is logarithmic
@@ -46,7 +46,7 @@ def draw(cases: list[Dataset]) -> Figure:
 def _shown(series: Mapping[str, list[Dataset]], name: str) -> dict[str, list[Dataset]]:
     """Return the cases of each series at the end of their runs, or at a fit window, where they have a value."""
     if name != D:
-        ends = {label: [over_time(case).isel(time=-1) for case in cases] for label, cases in series.items()}
+        ends = {label: [case.isel(time=-1) for case in cases] for label, cases in series.items()}
         return {label: [case for case in cases if has(case, name)] for label, cases in ends.items()}
     shown = {}
     windows = next(iter(series.values()))[0].window.values.tolist()
@@ -92,7 +92,7 @@ def table(cases: list[Dataset]) -> DataFrame:
     axis, ends = axis_of(cases), []
     for series in series_of(cases, axis).values():
         for before, case in pairwise([None, *series]):
-            ends.append(over_time(case).isel(time=-1).assign(_differences(before, case)))
+            ends.append(case.isel(time=-1).assign(_differences(before, case)))
     differences = [f"{name}_difference" for name in OF_RUNS]
     theory = [expected for _, _, expected in PANELS.values() if expected]
     names = ("packing_fraction", "window_start", "window_end", *PANELS, *theory, *differences)
