@@ -18,8 +18,8 @@ from brownpipe.engines import Engine, requested
 from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style, velocity_distribution
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
+from brownpipe.figures.render import cases_shown, draw_into
 from brownpipe.figures.render import draw as draw_figure
-from brownpipe.figures.render import draw_into
 from brownpipe.figures.summary import answer, summary
 from brownpipe.observables.tracks import Track
 from brownpipe.storage.trajectories import write_trajectories
@@ -548,6 +548,16 @@ def test_scenes_share_no_pair(dataset, tmp_path, run_through):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert render(dataset.assign(gaps | {"pair_distribution": pair}), tmp_path, list(OF_OBSERVABLES))
+
+
+def test_rows_of_every_table_name_their_case_with_its_varied_keys(dataset):
+    shown = cases_shown(in_densities(dataset, 2))
+    for name, of_name in shown.items():
+        module = MODULES[name]
+        frame = module.table(of_name) if hasattr(module, "table") else cases.frame_of(of_name, *module.TABLE)
+        assert [*frame.columns[:4]] == ["scene", "tracer_mass", "particles", "engine"]
+        assert {*frame.tracer_mass} == {1.0, 2.0}
+    assert {*shown} == {*NAMES}
 
 
 def columns(dataset, *chosen):
