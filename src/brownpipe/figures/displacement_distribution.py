@@ -12,8 +12,8 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe.analysis import goodness
-from brownpipe.figures.cases import distributions_of, has, label_of, parts_of, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, MODEL, columns, heads, highest, residual_panel
+from brownpipe.figures.cases import distributions_of, label_of, parts_of, plus_minus, title_of
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, INK, MODEL, columns, heads, highest, residual_panel
 
 # By the source of a model's D; msd and square are also the names of their models, all others are slopes:
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (MODEL, DASHED, "s"), "square": (INK, DOTTED, "^")}  # colour, line, marker
@@ -21,7 +21,6 @@ SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "reflecting 
 LINE = 58  # characters of a line below a column
 HEIGHTS = (4.4, 2.0)  # of the counts and of their residuals [inch]
 LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where no runs are expected
-OVERFLOW = 2.6  # half the width of the strip that counts the runs beyond the last ring, in ring widths
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -34,8 +33,7 @@ def draw(cases: list[Dataset]) -> Figure:
     for case, (main, low) in zip(shown, axes.T, strict=True):
         low.sharex(main)
         main.tick_params(labelbottom=False)
-        _counts(main, case)
-        _residuals(low, case)
+        _counts(main, low, case)
         low.set_xlabel("displacement $r$")
         below = {"xycoords": ("axes fraction", low.xaxis.label), "fontsize": 8.8, "va": "top"}
         low.annotate(_verdicts(case), (0, 0), (0, -5), textcoords="offset points", **below)
@@ -70,58 +68,25 @@ def _verdict(model: Dataset) -> str:
     return f"{said} at the {100 * goodness.LEVEL:.0f} % level: {of_each}"
 
 
-def _counts(axes: Axes, case: Dataset) -> None:
-    """Draw the observed counts with their intervals, the expected ones, and the strip for runs beyond the last ring."""
-    observed, r = case.displacement_counts.values, case.r.values
+def _counts(axes: Axes, low: Axes, case: Dataset) -> None:
+    """Draw observed counts with their intervals and expected ones, and the residuals of every model below.
+
+    The legend has the runs beyond the last ring, and the number that each model expects there.
+    """
+    observed, r, edge = case.displacement_counts.values, case.r.values, case.r_outer[-1].item()
     axes.bar(r, observed, 0.92 * _width(case), color=DATA, alpha=0.18, linewidth=0)
     reach = np.abs(np.stack([case.displacement_counts_low, case.displacement_counts_high]) - observed)
-    axes.errorbar(r, observed, reach, fmt="none", ecolor=DATA, elinewidth=1.1)
-    axes.plot(r, observed, "o", color=DATA, markersize=3.5, label=f"{int(case.runs):,} runs, 95 % intervals")
+    runs = f"{int(case.runs):,} runs, 95 % intervals; {int(case.displacement_overflow):,} beyond $r$ = {edge:g}"
+    axes.errorbar(r, observed, reach, fmt="o", color=DATA, markersize=3.5, elinewidth=1.1, label=runs)
+    residual_panel(low)
     for source, model in _models(case).items():
-        colour, line, _ = LOOKS[source]
-        axes.plot(r, model.expected_counts, color=colour, linestyle=line, label=_legend(model, source))
-    beyond = f"{int(case.displacement_overflow):,} runs beyond $r$ = {case.r_outer[-1].item():g}"
-    place = _overflow_strip(axes, case)
-    axes.text(place, 0.5, beyond, rotation=90, ha="center", va="center", transform=axes.get_xaxis_transform())
-
-
-def _overflow_strip(axes: Axes, case: Dataset) -> float:
-    """Mark the part of the axis that stands for all displacements beyond the last ring; return its middle."""
-    edge = case.r_outer[-1].item()
-    middle = edge + OVERFLOW * _width(case)
-    axes.axvspan(edge, 2 * middle - edge, color="#F3F3F3", linewidth=0, zorder=0)
-    axes.axvline(edge, color=GREY, linewidth=0.8)
-    axes.set_xlim(0, 2 * middle - edge)
-    return middle
-
-
-def _legend(model: Dataset, source: str) -> str:
-    """The D of a model, chi-square over the degrees of freedom if tested, and the runs expected beyond the rings."""
-    diffusion = float(model.model_diffusion_coefficient)
-    beyond = float(model.expected_overflow)
-    test = f"$\\chi^2$/dof = {float(model.chi_square):.1f}/{int(model.degrees_of_freedom)}; "
-    return f"{SOURCES[source]} = {diffusion:.3g}: {test if has(model, 'chi_square') else ''}{beyond:.0f} beyond"
-
-
-def _residuals(axes: Axes, case: Dataset) -> None:
-    """Draw the standardised residuals of every model; in the strip, those of the runs beyond the rings."""
-    edge = case.r_outer[-1].item()
-    residual_panel(axes)
-    beyond = _overflow_strip(axes, case)
-    for source, model in _models(case).items():
-        colour, _, marker = LOOKS[source]
-        residuals = _standardised(case, model)
-        axes.plot(np.append(case.r, beyond), residuals, marker, color=colour, markersize=4, markerfacecolor="none")
-    ticks = [tick for tick in axes.get_xticks() if 0 <= tick < edge - 2 * _width(case)]
-    axes.set_xticks([*ticks, beyond], [*(f"{tick:.2g}" for tick in ticks), f"> {edge:g}"])
-
-
-def _standardised(case: Dataset, model: Dataset) -> np.ndarray:
-    """Observed less expected counts (K + 1,) over the standard error of the expected; NaN where both must be equal."""
-    observed, expected = _all_counts(case, "displacement"), _all_counts(model, "expected")
-    variance = expected * (1 - expected / float(case.runs))
-    defined = (variance > 0.0) | (observed != expected)
-    return np.where(defined, (observed - expected) / np.sqrt(np.maximum(variance, LEAST_VARIANCE)), np.nan)
+        colour, line, marker = LOOKS[source]
+        diffusion, beyond = float(model.model_diffusion_coefficient), float(model.expected_overflow)
+        label = f"{SOURCES[source]} = {diffusion:.3g}: {beyond:.0f} beyond"
+        expected = model.expected_counts.values
+        error = np.sqrt(np.maximum(expected * (1 - expected / float(case.runs)), LEAST_VARIANCE))
+        axes.plot(r, expected, color=colour, linestyle=line, label=label)
+        low.plot(r, (observed - expected) / error, marker, color=colour, markersize=4, markerfacecolor="none")
 
 
 def _models(case: Dataset) -> dict[str, Dataset]:
@@ -131,7 +96,7 @@ def _models(case: Dataset) -> dict[str, Dataset]:
         name = model.model.item()
         first.setdefault(name if name in LOOKS else "slope", model)
     if {"msd", "square"} <= first.keys():
-        free, walled = (_all_counts(first[name], "expected") for name in ("msd", "square"))
+        free, walled = (first[name].expected_counts.values for name in ("msd", "square"))
         if np.all(np.abs(free - walled) < 0.1 * np.sqrt(np.maximum(free, 1))):  # a tenth of a standard error
             del first["square"]
     return first
