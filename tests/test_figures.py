@@ -16,7 +16,14 @@ from brownpipe import provenance
 from brownpipe.analysis import aggregate, velocity
 from brownpipe.engines import Engine, requested
 from brownpipe.errors import FigureError
-from brownpipe.figures import cases, displacement_distribution, pair_distribution, style, velocity_distribution
+from brownpipe.figures import (
+    cases,
+    displacement_distribution,
+    pair_distribution,
+    style,
+    tradeoff,
+    velocity_distribution,
+)
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import cases_shown, draw_into
 from brownpipe.figures.render import draw as draw_figure
@@ -383,13 +390,13 @@ def test_tick_labels_stand_clear_of_each_other(dataset, times):
 def test_labels_keep_their_distance_and_their_order():
     rng = np.random.default_rng(1)
     for places in rng.uniform(0.2, 0.8, (50, 6)):
-        moved = style.apart(places, 0.05, 0, 1)
+        moved = tradeoff.apart(places, 0.05, 0, 1)
         order = np.argsort(places)
         assert np.diff(moved[order]).min() > 0.05 - 1e-12
         assert np.abs(moved - places).max() <= 0.25 + 1e-12
-    assert style.apart([0.1, 0.5, 0.9], 0.05, 0, 1) == pytest.approx([0.1, 0.5, 0.9])
-    assert style.apart([0.99, 0.98, 0.01], 0.1, 0, 1) == pytest.approx([1, 0.9, 0.01])
-    assert style.apart([0.5] * 21, 0.1, 0, 1) == pytest.approx(np.linspace(0, 1, 21))
+    assert tradeoff.apart([0.1, 0.5, 0.9], 0.05, 0, 1) == pytest.approx([0.1, 0.5, 0.9])
+    assert tradeoff.apart([0.99, 0.98, 0.01], 0.1, 0, 1) == pytest.approx([1, 0.9, 0.01])
+    assert tradeoff.apart([0.5] * 21, 0.1, 0, 1) == pytest.approx(np.linspace(0, 1, 21))
 
 
 @pytest.mark.slow
