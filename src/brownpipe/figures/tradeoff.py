@@ -4,7 +4,7 @@ An engine with its settings is named by its label, as in studies and result fold
 """
 
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -116,17 +116,11 @@ def table(dataset: Dataset) -> DataFrame:
     return frame[["scene", "particles", "setting", *numbers]]
 
 
-def _measured(dataset: Dataset, scene: str) -> list[Dataset]:
-    """The part of the dataset on each setting of a scene that has runs, the exact one first."""
-    return [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
-
-
 def summary(dataset: Dataset) -> str:
-    """Return the trade-off as text: for every scene a table, and the settings that are not on the Pareto front."""
+    """Return the trade-off as text: a table for every scene."""
     lines = []
     for scene in scenes_of(dataset):
-        of_scene = [*aligned(columns_of(dataset, scene)), *off_front(dataset, scene)]
-        lines += [scene, *(f"  {line}" for line in of_scene), ""]
+        lines += [scene, *(f"  {line}" for line in aligned(columns_of(dataset, scene))), ""]
     return in_lines(lines) + "\n" + REMARK
 
 
@@ -136,26 +130,16 @@ REMARK = (
     "distance: total variation distance of the displacement distributions at the end.\n"
     "departs: median time at which the tracer leaves the exact trajectory.\n"
     "front: CPU times at which no other setting has a smaller expected error of the MSD (Pareto front);\n"
-    "unresolved biases are at their 95 % upper bound.\n"
+    "unresolved biases are at their 95 % upper bound; `perhaps`: if these are small, or its cost low.\n"
 )
 
 
 def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:
     """Return the table of a scene in words, by columns; those without any number are left out."""
-    settings = _measured(dataset, scene)
+    settings = [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
     rows = [_row(setting, float(settings[0].seconds)) for setting in settings]
     columns = [(name, *(row[name] for row in rows)) for name in rows[0]]
     return [column for column in columns if {*column[1:]} != {"-"}]
-
-
-def off_front(dataset: Dataset, scene: str) -> Iterator[str]:
-    """Yield lines that name the settings of a scene that are not, or perhaps not, on the Pareto front."""
-    missing = [setting for setting in _measured(dataset, scene) if np.isnan(setting.pays_from)]
-    never = [setting.setting.item() for setting in missing if np.isnan(setting.may_pay_from)]
-    possibly = [setting.setting.item() for setting in missing if not np.isnan(setting.may_pay_from)]
-    yield f"not on the Pareto front: {'; '.join(never) or 'none of them'}"
-    if possibly:
-        yield f"on it only if an unresolved bias is small or its cost low: {'; '.join(possibly)}"
 
 
 def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
@@ -171,7 +155,7 @@ def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
         "g(contact)": _bias(setting, "contact_bias"),
         "overlap": f"{float(setting.worst_overlap):.1g}".replace("nan", "-"),
         "departs": f"{float(setting.departure_time):.3g}".replace("nan", "-").replace("inf", "never"),
-        "front, s": _interval(float(setting.pays_from), float(setting.pays_to)),
+        "front, s": _interval(setting),
     }
 
 
@@ -201,9 +185,11 @@ def _percent(fraction: float) -> str:
     return f"{100 * fraction:.0f} %" if fraction >= 0.1 else f"{100 * fraction:.2g} %"
 
 
-def _interval(start: float, end: float) -> str:
+def _interval(setting: Dataset) -> str:
+    """The CPU times at which a setting is on the Pareto front; `-` if it never is."""
+    start, end = float(setting.pays_from), float(setting.pays_to)
     if np.isnan(start):
-        return "-"
+        return "-" if np.isnan(setting.may_pay_from) else "perhaps"
     return f"{start:.2g} on" if end == np.inf else f"{start:.2g} to {end:.2g}"
 
 

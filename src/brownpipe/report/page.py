@@ -16,7 +16,7 @@ from xarray import Dataset
 from brownpipe import figures
 from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import cases_of
-from brownpipe.figures.origin import Record, installation_in_words
+from brownpipe.figures.origin import Record
 from brownpipe.figures.render import Drawing
 from brownpipe.figures.summary import answer
 from brownpipe.text import counted, printable
@@ -57,28 +57,25 @@ def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record)
         title=record.get("title") or "Brownian motion of hard disks",
         lead=f"{', '.join(scenes)}; N = {', '.join(counts)}; {runs}",
         note=(record.get("note") or "").strip().split("\n\n"),
-        answers=[("", _rows(found.columns), [])],
+        answers=[("", _rows(found.columns))],
         warnings=[*found.drifting, *found.missing],
         legend=found.legend,
         figures=[_figure(one, one.name) for one in drawings],
         record=record,
-        made_by=installation_in_words(record["made_by"]),
     )
 
 
 def page_of_tradeoff(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
     """Return the page of a cost-accuracy trade-off: for each scene the answer and its figure."""
     scenes = tradeoff.scenes_of(dataset)
-    tables = {scene: _rows(tradeoff.columns_of(dataset, scene)) for scene in scenes}
     return filled(
         "page.html",
         title=caption_of("tradeoff")[0],
         lead=", ".join(scenes),
-        answers=[(scene, table, tradeoff.off_front(dataset, scene)) for scene, table in tables.items()],
+        answers=[(scene, _rows(tradeoff.columns_of(dataset, scene))) for scene in scenes],
         legend=tradeoff.REMARK.splitlines(),
         figures=[_figure(one, "tradeoff") | {"title": scene} for one, scene in zip(drawings, scenes, strict=True)],
         record=record,
-        made_by=installation_in_words(record["made_by"]),
     )
 
 
