@@ -109,7 +109,7 @@ def check(text):
 
 def test_the_page_is_well_formed_and_loads_nothing(written):
     elements = check(written)
-    assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Health of the runs", "Make it again"]
+    assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
     assert elements.named("h1")[0][1] == "Two baths" and '<p class="note">Second &lt;part&gt;.</p>' in written
     assert len(elements.named("img")) == len(SHOWN)
 
@@ -155,30 +155,19 @@ def test_figures_that_are_not_drawn_again_go(results, tmp_path):
 
 
 def test_the_answer_is_that_of_the_summary(results, written):
-    """Word for word; the scene of a group of rows is in a row of its own."""
     table = written.partition('id="answer"')[2].partition("</table>")[0]
     found = [re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<t[hd][ >].*?</t[hd]>", table)]
-    dataset = read_dataset(results / "s.nc")
-    scenes, *columns = answer(dataset).columns
-    assert [*map(html.unescape, found)] == [
-        *(heading for heading, *_ in columns),
-        *(cell for k, row in enumerate(zip(*columns, strict=True)) if k for cell in (*_new(scenes, k), *row)),
-    ]
+    columns = answer(read_dataset(results / "s.nc")).columns
+    assert [*map(html.unescape, found)] == [cell for row in zip(*columns, strict=True) for cell in row]
     said = (results / "figures" / "summary.txt").read_text().splitlines()
     assert all(html.escape(line) in written for line in said[-8:-2])
     assert "failed and left out" in said[-4] and 'class="warning"' in written
-    assert written.count(html.escape(said[-4])) == 1, "the section on health links to the answer"
-
-
-def _new(scenes, k):
-    return (scenes[k],) if scenes[k] != scenes[k - 1] else ()
 
 
 def test_a_figure_has_its_caption_and_its_numbers(written):
     for name in SHOWN:
         title, paragraphs = page.caption_of(name)
-        shown = [text for text in paragraphs if not text.startswith("The note ")]
-        assert all(str(escape(text)) in written for text in (title, *shown)), "but for what the note found"
+        assert all(str(escape(text)) in written for text in (title, *paragraphs))
         assert not re.search(r"[*`_]{2}|::", title + "".join(paragraphs)), "marks that the page does not know"
     tables = re.findall(r"The numbers: (\d+) rows", written)
     assert len(tables) == len(SHOWN)

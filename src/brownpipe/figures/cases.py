@@ -4,24 +4,19 @@ A case is one scene with one value of each varied key, one particle count and on
 dimensions. A part of it, such as a species or a pair of species, lacks that dimension, too.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, SupportsFloat
+from typing import Any, SupportsFloat
 
 import numpy as np
+import pandas
+from xarray import Dataset
 
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.varied import labels_of_cases
 from brownpipe.engines.friction import window_caution
 from brownpipe.errors import FigureError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Sequence
-
-    from pandas import DataFrame
-    from xarray import Dataset
 
 MOST_CURVES = 6  # cases in one panel
 LONGEST = 10.0  # duration of the cases in one panel over the shortest
@@ -72,12 +67,11 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
 
 def differing(cases: list[Dataset]) -> list[str]:
     """Return the labels that tell cases or their parts apart: scene, varied keys, particle count, engine, species."""
-    names = [name for name in (*labels_of_cases(cases[0]), *SPECIES) if all(_is_label(case, name) for case in cases)]
-    return [name for name in names if len({case[name].item() for case in cases}) > 1]
+    return [name for name in _labels(cases[0]) if len({case[name].item() for case in cases}) > 1]
 
 
-def _is_label(case: Dataset, name: str) -> bool:
-    return name in case and not case[name].dims
+def _labels(case: Dataset) -> list[str]:
+    return [name for name in (*labels_of_cases(case), *SPECIES) if name in case and not case[name].dims]
 
 
 def axis_of(cases: list[Dataset], otherwise: str = "particles") -> str:
@@ -100,22 +94,18 @@ def panels_of(
     """
     keys = [*keys]
     for name in keys:
-        if not _is_label(cases[0], name):
+        if name not in _labels(cases[0]):
             allowed = ", ".join(labels_of_cases(cases[0]))
             raise FigureError(f"panel: must be of {allowed}, not {name!r}")
     further = differing(cases)
     choices = [keys, *([*keys, name] for name in further), [*keys, *further]]
-    groupings = [[*_grouped(cases, partial(_values, names=names)).values()] for names in choices]
+    groupings = [[*_grouped(cases, partial(in_words, names=names)).values()] for names in choices]
     groups = min((groups for groups in groupings[:-1] if all(map(_fits, groups))), key=len, default=groupings[-1])
     panels = [] if part else groups
     for group in groups if part else ():
         parts = [one for case in group for one in parts_of(case, part, variable)]
         panels += [parts] if part == "species" and len(group) == 1 else panels_of(parts, [part])
     return panels
-
-
-def _values(case: Dataset, names: list[str]) -> tuple[object, ...]:
-    return tuple(case[name].item() for name in names)
 
 
 def _fits(group: list[Dataset]) -> bool:
@@ -135,20 +125,19 @@ def series_of(cases: list[Dataset], *axes: str, drift: bool = False) -> dict[str
 
 def _grouped(cases: list[Dataset], name: Callable[[Dataset], Any]) -> dict[Any, list[Dataset]]:
     """Group the cases by name; names and cases keep their order."""
-    groups: dict[Hashable, list[Dataset]] = {}
+    groups: dict[Any, list[Dataset]] = {}
     for case in cases:
         groups.setdefault(name(case), []).append(case)
     return groups
 
 
-def over_time(case: Dataset, name: str = "msd") -> Dataset:
-    """Return the case at the times where it has a value of `name`: scenes of other durations leave gaps."""
-    return defined(case, name, "time")
+def defined(case: Dataset, name: str) -> Dataset:
+    """Return the case at the points where a variable has a value, along its last dimension if it has one.
 
-
-def defined(case: Dataset, name: str, dim: str) -> Dataset:
-    """Return the case restricted along `dim` to the points where `name` has a value."""
-    return case.dropna(dim, how="all", subset=[name])
+    Scenes of other durations, sizes or pairs leave gaps.
+    """
+    dims = case[name].dims
+    return case.dropna(dims[-1], how="all", subset=[name]) if dims else case
 
 
 def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
@@ -163,7 +152,7 @@ def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
 def distributions_of(case: Dataset) -> list[Dataset]:
     """Return the case at each time of its displacement distribution, with the rings used at that time."""
     at_times = parts_of(case, "displacement_time", "displacement_overflow")
-    return [defined(at_time, "displacement_counts", "r") for at_time in at_times]
+    return [defined(at_time, "displacement_counts") for at_time in at_times]
 
 
 def at_last_distribution(case: Dataset) -> Dataset:
@@ -204,8 +193,7 @@ def title_of(*cases: Dataset) -> str:
     Of a single case also whether its runs drift.
     """
     apart = differing([*cases])
-    names = [name for name in (*labels_of_cases(cases[0]), *SPECIES) if _is_label(cases[0], name)]
-    common = in_words(cases[0], [name for name in names if name not in apart])
+    common = in_words(cases[0], [name for name in _labels(cases[0]) if name not in apart])
     return common + (drift_in_words(cases[0]) if len(cases) == 1 else "")
 
 
@@ -251,13 +239,11 @@ def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
 # -- tables: numbers (pandas, written as CSV), and words in aligned columns -------------------------------------------
 
 
-def frame_of(cases: Iterable[Dataset], dims: Sequence[str], names: Iterable[str]) -> DataFrame:
+def frame_of(cases: Iterable[Dataset], dims: Sequence[str], names: Iterable[str]) -> pandas.DataFrame:
     """Return one row per case and point along `dims` with the variables `names` there, each with its uncertainties.
 
     Variables and uncertainties that no case has are left out, and so are empty rows.
     """
-    import pandas
-
     cases = [*cases]
     labels = labels_of_cases(cases[0])
     shown = [name for name in names if name not in labels and any(has(case, name) for case in cases)]

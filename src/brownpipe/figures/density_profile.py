@@ -5,7 +5,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from xarray import Dataset
 
-from brownpipe.figures.cases import defined, estimate_of, has
+from brownpipe.figures.cases import estimate_of, has
 from brownpipe.figures.style import DOTTED, band, points, told_apart
 
 NAME = "density_profile"
@@ -16,7 +16,6 @@ BULK = 0.75  # share of the largest distance from which on the density is that o
 
 def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
     """Draw the profile of each species with its 95 % band, its value at the wall, and that of the bulk."""
-    parts = [defined(part, NAME, "wall_distance") for part in parts]
     for part, line in told_apart(parts, _contact_in_words, looks):
         band(axes, part, NAME, **line)
         if has(part, "contact_density"):

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from xarray import Dataset
 
-from brownpipe.figures.cases import estimate_of, fits_of, has, over_time
+from brownpipe.figures.cases import estimate_of, fits_of, has
 from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, time_axis, told_apart
 
 LABELS = ("diffusion coefficient $D(t)$, 95 % bands",)
@@ -29,7 +29,6 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
 
     Of several cases or with `looks` it is the running slope, or MSD/4t without one.
     """
-    cases = [over_time(case) for case in cases]
     if len(cases) == 1 and not looks:
         _routes(axes, cases[0])
     else:

@@ -3,8 +3,6 @@
 This is the self part of the van Hove function, integrated over rings around the start.
 """
 
-import textwrap
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,16 +10,15 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe.analysis import goodness
-from brownpipe.figures.cases import distributions_of, has, label_of, parts_of, plus_minus, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, GREY, INK, MODEL, columns, heads, highest, residual_panel
+from brownpipe.figures.cases import distributions_of, label_of, parts_of, title_of
+from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, INK, MODEL, columns, heads, highest, residual_panel
 
 # By the source of a model's D; msd and square are also the names of their models, all others are slopes:
 LOOKS = {"msd": (FIT, "-", "o"), "slope": (MODEL, DASHED, "s"), "square": (INK, DOTTED, "^")}  # colour, line, marker
 SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "reflecting square, D"}
-LINE = 58  # characters of a line below a column
+OF_MODELS = ("model_diffusion_coefficient", "expected_overflow", "p_value_joint")  # in the legend
 HEIGHTS = (4.4, 2.0)  # of the counts and of their residuals [inch]
 LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where no runs are expected
-OVERFLOW = 2.6  # half the width of the strip that counts the runs beyond the last ring, in ring widths
 
 
 def draw(cases: list[Dataset]) -> Figure:
@@ -34,94 +31,35 @@ def draw(cases: list[Dataset]) -> Figure:
     for case, (main, low) in zip(shown, axes.T, strict=True):
         low.sharex(main)
         main.tick_params(labelbottom=False)
-        _counts(main, case)
-        _residuals(low, case)
+        _counts(main, low, case)
         low.set_xlabel("displacement $r$")
-        below = {"xycoords": ("axes fraction", low.xaxis.label), "fontsize": 8.8, "va": "top"}
-        low.annotate(_verdicts(case), (0, 0), (0, -5), textcoords="offset points", **below)
         main.set_ylim(0, 1.05 * highest(shown if comparable else [case], "displacement_counts"))
     heads(axes[0], [f"{title_of(case)}, $t$ = {case.displacement_time.item():g}" for case in shown])
     return figure
 
 
-def _verdicts(case: Dataset) -> str:
-    """The verdict on every model that is shown, the power of the first test, and the kurtosis, in wrapped lines."""
-    models = _models(case)
-    names = {source: name if source == "square" else f"eq. (18) with {name}" for source, name in SOURCES.items()}
-    lines = [f"{names[source]}: {_verdict(model)}" for source, model in models.items()]
-    for first in (model for model in [*models.values()][:1] if np.isfinite(model.p_value)):
-        power = 100 * first.power_5_percent.item()
-        lines.append(f"power: rings reject a D off by 5 % with probability {power:.0f} %")
-    if np.isfinite(case.kurtosis):
-        lines.append(f"kurtosis: {plus_minus(case.kurtosis, case.kurtosis_standard_error)}; by eq. (18): 1")
-    lines = [line.replace("p = ", "p\u00a0=\u00a0").replace("p < ", "p\u00a0<\u00a0") for line in lines]  # not parted
-    return "\n".join(part for line in lines for part in textwrap.wrap(line, LINE))
+def _counts(axes: Axes, low: Axes, case: Dataset) -> None:
+    """Draw observed counts with their intervals and expected ones, and the residuals of every model below.
 
-
-def _verdict(model: Dataset) -> str:
-    """The result of a model's tests in words: p-values of the rings and, for eq. (18), of the kurtosis."""
-    p, joint = model.p_value.item(), model.p_value_joint.item()
-    if np.isnan(p):
-        return "not tested: too few runs, too few rings with runs, or no diffusion coefficient"
-    said = "rejected" if joint < goodness.LEVEL else "not rejected"
-    of_each = f"rings {goodness.in_words(p)}"
-    if model.model != "square" and np.isfinite(model.kurtosis_p_value):
-        of_each = f"{goodness.in_words(joint)} ({of_each}, kurtosis {goodness.in_words(model.kurtosis_p_value.item())})"
-    return f"{said} at the {100 * goodness.LEVEL:.0f} % level: {of_each}"
-
-
-def _counts(axes: Axes, case: Dataset) -> None:
-    """Draw the observed counts with their intervals, the expected ones, and the strip for runs beyond the last ring."""
-    observed, r = case.displacement_counts.values, case.r.values
+    The legend has the p-value of each model by all its tests, the runs beyond the last ring, and those expected there.
+    """
+    observed, r, edge = case.displacement_counts.values, case.r.values, case.r_outer[-1].item()
     axes.bar(r, observed, 0.92 * _width(case), color=DATA, alpha=0.18, linewidth=0)
     reach = np.abs(np.stack([case.displacement_counts_low, case.displacement_counts_high]) - observed)
+    runs = f"{int(case.runs):,} runs, 95 % intervals; {int(case.displacement_overflow):,} beyond $r$ = {edge:g}"
     axes.errorbar(r, observed, reach, fmt="none", ecolor=DATA, elinewidth=1.1)
-    axes.plot(r, observed, "o", color=DATA, markersize=3.5, label=f"{int(case.runs):,} runs, 95 % intervals")
+    axes.plot(r, observed, "o", color=DATA, markersize=3.5, label=runs)
+    axes.set_xlim(0, edge)
+    residual_panel(low)
     for source, model in _models(case).items():
-        colour, line, _ = LOOKS[source]
-        axes.plot(r, model.expected_counts, color=colour, linestyle=line, label=_legend(model, source))
-    beyond = f"{int(case.displacement_overflow):,} runs beyond $r$ = {case.r_outer[-1].item():g}"
-    place = _overflow_strip(axes, case)
-    axes.text(place, 0.5, beyond, rotation=90, ha="center", va="center", transform=axes.get_xaxis_transform())
-
-
-def _overflow_strip(axes: Axes, case: Dataset) -> float:
-    """Mark the part of the axis that stands for all displacements beyond the last ring; return its middle."""
-    edge = case.r_outer[-1].item()
-    middle = edge + OVERFLOW * _width(case)
-    axes.axvspan(edge, 2 * middle - edge, color="#F3F3F3", linewidth=0, zorder=0)
-    axes.axvline(edge, color=GREY, linewidth=0.8)
-    axes.set_xlim(0, 2 * middle - edge)
-    return middle
-
-
-def _legend(model: Dataset, source: str) -> str:
-    """The D of a model, chi-square over the degrees of freedom if tested, and the runs expected beyond the rings."""
-    diffusion = float(model.model_diffusion_coefficient)
-    beyond = float(model.expected_overflow)
-    test = f"$\\chi^2$/dof = {float(model.chi_square):.1f}/{int(model.degrees_of_freedom)}; "
-    return f"{SOURCES[source]} = {diffusion:.3g}: {test if has(model, 'chi_square') else ''}{beyond:.0f} beyond"
-
-
-def _residuals(axes: Axes, case: Dataset) -> None:
-    """Draw the standardised residuals of every model; in the strip, those of the runs beyond the rings."""
-    edge = case.r_outer[-1].item()
-    residual_panel(axes)
-    beyond = _overflow_strip(axes, case)
-    for source, model in _models(case).items():
-        colour, _, marker = LOOKS[source]
-        residuals = _standardised(case, model)
-        axes.plot(np.append(case.r, beyond), residuals, marker, color=colour, markersize=4, markerfacecolor="none")
-    ticks = [tick for tick in axes.get_xticks() if 0 <= tick < edge - 2 * _width(case)]
-    axes.set_xticks([*ticks, beyond], [*(f"{tick:.2g}" for tick in ticks), f"> {edge:g}"])
-
-
-def _standardised(case: Dataset, model: Dataset) -> np.ndarray:
-    """Observed less expected counts (K + 1,) over the standard error of the expected; NaN where both must be equal."""
-    observed, expected = _all_counts(case, "displacement"), _all_counts(model, "expected")
-    variance = expected * (1 - expected / float(case.runs))
-    defined = (variance > 0.0) | (observed != expected)
-    return np.where(defined, (observed - expected) / np.sqrt(np.maximum(variance, LEAST_VARIANCE)), np.nan)
+        colour, line, marker = LOOKS[source]
+        diffusion, beyond, p = (model[name].item() for name in OF_MODELS)
+        tested = goodness.in_words(p) if np.isfinite(p) else "not tested"
+        label = f"{SOURCES[source]} = {diffusion:.3g}: {beyond:.0f} beyond; {tested}"
+        expected = model.expected_counts.values
+        error = np.sqrt(np.maximum(expected * (1 - expected / float(case.runs)), LEAST_VARIANCE))
+        axes.plot(r, expected, color=colour, linestyle=line, label=label)
+        low.plot(r, (observed - expected) / error, marker, color=colour, markersize=4, markerfacecolor="none")
 
 
 def _models(case: Dataset) -> dict[str, Dataset]:
@@ -131,7 +69,7 @@ def _models(case: Dataset) -> dict[str, Dataset]:
         name = model.model.item()
         first.setdefault(name if name in LOOKS else "slope", model)
     if {"msd", "square"} <= first.keys():
-        free, walled = (_all_counts(first[name], "expected") for name in ("msd", "square"))
+        free, walled = (first[name].expected_counts.values for name in ("msd", "square"))
         if np.all(np.abs(free - walled) < 0.1 * np.sqrt(np.maximum(free, 1))):  # a tenth of a standard error
             del first["square"]
     return first

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from xarray import Dataset
 
-from brownpipe.figures.cases import estimate_of, has, over_time
+from brownpipe.figures.cases import defined, estimate_of, has
 from brownpipe.figures.style import DOTTED, INK, band, highest, time_axis, told_apart
 
 NAME = "species_energy"
@@ -18,7 +18,7 @@ TABLE = (("species", "time"), (NAME,))
 
 def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
     """Draw the energy of each species with its 95 % band, and the mean over all disks."""
-    parts = [over_time(part, NAME) for part in parts]
+    parts = [defined(part, NAME) for part in parts]
     for part, line in told_apart(parts, lambda part: f"{estimate_of(part.isel(time=-1), NAME)} at the end", looks):
         band(axes, part, NAME, **line)
     for mean in dict.fromkeys(float(part.kinetic_temperature) for part in parts if has(part, "kinetic_temperature")):

@@ -1,6 +1,5 @@
 """Figure `msd`: mean squared displacement against time (the note's figure 1), ballistic flight and diffusion."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.figures import style
-from brownpipe.figures.cases import early_mark, estimate_of, fits_of, frame_of, has, over_time
+from brownpipe.figures.cases import early_mark, estimate_of, fits_of, frame_of, has
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
@@ -22,7 +21,6 @@ FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is fo
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise with models."""
-    cases = [over_time(case) for case in cases]
     single = len(cases) == 1 and not looks
     for case, line in style.told_apart(cases, _last_in_words if single else _fitted_diffusion, looks):
         dots = DOTS | {"markevery": -(-case.time.size // MOST_DOTS)} if single else {}  # models are lines
@@ -36,7 +34,7 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
             axes.axline(*zip(t, _fitted(fit, t), strict=True), color=style.FIT, linewidth=0.7)
     if single:
         _models(axes, cases[0], np.linspace(0, cases[0].time.values[-1], 201))
-        axes.set_ylim(0, _top(cases))
+        axes.set_ylim(0, HEADROOM * style.highest(cases, "msd") or 1.0)
     axes.set_xlim(0, 1.01 * max(axes.dataLim.x1, *(case.time.values[-1] for case in cases)))
     axes.set_xlabel("time $t$")
 
@@ -53,71 +51,54 @@ def _last_in_words(case: Dataset) -> str:
     return f"{int(case.runs):,} runs{with_band}: MSD({case.time[-1]:g}) = {estimate_of(case.isel(time=-1), 'msd')}"
 
 
-def _top(cases: list[Dataset]) -> float:
-    """The upper end of a linear axis."""
-    return HEADROOM * style.highest(cases, "msd") or 1.0
-
-
 def _models(axes: Axes, case: Dataset, t: np.ndarray) -> None:
-    """Draw the MSD of diffusion and of ballistic flight at times t."""
-    for diffusion, label in _diffusing(case):
-        looks: dict[str, Any] = {"color": style.MODEL, "linestyle": style.DASHED, "linewidth": 1.4}
-        axes.plot(t, _diffusion(case, t, diffusion), label=label, **looks)
+    """Draw the MSD of diffusion and of ballistic flight at times t, each if it is known."""
+    diffusion, label = _diffusion(case, t)
+    if label:
+        axes.plot(t, diffusion, color=style.MODEL, linestyle=style.DASHED, linewidth=1.4, label=label)
     square_speed = float(case.initial_square_speed)
-    if np.isfinite(square_speed):  # known before the runs
+    if np.isfinite(square_speed):
         label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
         axes.plot(t, theory.ballistic_msd(t, square_speed), color=style.GREY, linestyle=style.DOTTED, label=label)
 
 
-def _diffusing(case: Dataset) -> Iterator[tuple[float, str]]:
-    """Yield the diffusion coefficient whose MSD is drawn, and its legend; nothing where there is no diffusion yet.
+def _diffusion(case: Dataset, t: np.ndarray) -> tuple[np.ndarray, str]:
+    """Return the MSD of diffusion at times t and its legend; NaN and "" where there is no diffusion yet.
 
     D is that of the fit window that begins last, where the initial velocity is forgotten most. Once walls have stopped
     the spreading (MSD above half of its limit, 2/3 of the squared accessible half-width), the slope there says nothing
     of D, which then follows from the last MSD below that half. There is no D if no line could be fitted, if it does not
     rise, or if the tracer still moves ballistically where the window begins.
     """
-    stopped = np.flatnonzero(_walled(case) and case.msd > float(case.accessible_half_width) ** 2 / 3)
-    if len(stopped) and stopped[0] > 1 and _diffuses(case, case.time.values[stopped[0] - 1]):
-        t = case.time.values[stopped[0] - 1]
-        msd = float(case.msd[stopped[0] - 1])
-        diffusion = theory.reflecting_square_diffusion(msd, t, float(case.accessible_half_width))
-        yield diffusion, f"diffusion between walls: D from MSD({t:.3g}) = {diffusion:.3g}"
-        return
-    fits = [fit for fit in fits_of(case) if _diffuses(case, float(fit.window_start))]
-    for fit in sorted(fits, key=lambda fit: float(fit.window_start))[-1:]:
-        value = estimate_of(fit, "diffusion_coefficient")
-        model = "diffusion between walls" if _walled(case) else "free diffusion, $4Dt$"
-        if fit.diffusion_coefficient > 0:
-            yield float(fit.diffusion_coefficient), f"{model}: D over {fit.window.item()} = {value}"
-
-
-def _diffuses(case: Dataset, time: float) -> bool:
-    """Return whether the MSD at this time is far below that of ballistic flight; False if that is unknown (NaN)."""
-    ballistic = float(theory.ballistic_msd(time, float(case.initial_square_speed)))
-    return float(np.interp(time, case.time.values, case.msd.values)) < FORGOTTEN * ballistic
-
-
-def _walled(case: Dataset) -> bool:
-    return has(case, "accessible_half_width")
-
-
-def _diffusion(case: Dataset, t: np.ndarray, diffusion: float) -> np.ndarray:
-    """MSD [length^2] of diffusion at times t: 4Dt, or that from the centre of the reflecting square of the tracer."""
-    if _walled(case):
-        return theory.reflecting_square_msd(t, diffusion, float(case.accessible_half_width))
-    return theory.diffusive_msd(t, diffusion)
+    half_width = float(case.accessible_half_width) if has(case, "accessible_half_width") else np.inf
+    start, value, source = np.nan, np.nan, ""
+    stopped = np.flatnonzero(case.msd > half_width**2 / 3)
+    if len(stopped) and stopped[0] > 1:
+        start, msd = (float(values[stopped[0] - 1]) for values in (case.time, case.msd))
+        value = theory.reflecting_square_diffusion(msd, start, half_width)
+        source = f"D from MSD({start:.3g}) = {value:.3g}"
+    elif fits := fits_of(case):
+        fit = max(fits, key=lambda fit: float(fit.window_start))
+        start, value = float(fit.window_start), float(fit.diffusion_coefficient)
+        source = f"D over {fit.window.item()} = {estimate_of(fit, 'diffusion_coefficient')}"
+    ballistic = theory.ballistic_msd(start, float(case.initial_square_speed))
+    if not (value > 0 and np.interp(start, case.time, case.msd) < FORGOTTEN * ballistic):  # nor if any is unknown: NaN
+        return np.full(t.shape, np.nan), ""
+    if half_width < np.inf:
+        return theory.reflecting_square_msd(t, value, half_width), f"diffusion between walls: {source}"
+    return theory.diffusive_msd(t, value), f"free diffusion, $4Dt$: {source}"
 
 
 def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     """Draw MSD(t) on logarithmic axes, where ballistic flight has slope 2 and diffusion slope 1; of one case both."""
-    cases = [over_time(case) for group in groups for case in group]
-    axes[0, 0].set_ylim(0, _top(cases))
+    cases = [case for group in groups for case in group]
+    top = HEADROOM * style.highest(cases, "msd") or 1.0
+    axes[0, 0].set_ylim(0, top)
     for panel, group in zip(axes[1], groups, strict=True):
-        _decades(panel, [over_time(case) for case in group])
+        _decades(panel, group)
     msd = np.concatenate([case.msd.values for case in cases])
     if (msd > 0).any():
-        style.log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, max(msd.max() * MARGIN, _top(cases)))
+        style.log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, max(msd.max() * MARGIN, top))
 
 
 def _decades(axes: Axes, cases: list[Dataset]) -> None:
@@ -143,11 +124,10 @@ def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:
 def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and time: the curves of the figure. Fitted lines are empty outside their windows."""
     frames = []
-    for case in map(over_time, cases):
+    for case in cases:
         t = case.time.values
-        curves = {"ballistic": theory.ballistic_msd(t, float(case.initial_square_speed)), "diffusion": np.nan}
-        for diffusion, _ in _diffusing(case):
-            curves["diffusion"] = _diffusion(case, t, diffusion)
-        curves |= {f"fit over {window}": _fitted(case.sel(window=window), t) for window in case.window.values}
-        frames.append(frame_of([case], ["time"], ["msd", "msd_over_4t"]).assign(**curves))
+        ballistic = theory.ballistic_msd(t, float(case.initial_square_speed))
+        fits = {f"fit over {window}": _fitted(case.sel(window=window), t) for window in case.window.values}
+        frame = frame_of([case], ["time"], ["msd", "msd_over_4t"])
+        frames.append(frame.assign(ballistic=ballistic, diffusion=_diffusion(case, t)[0], **fits))
     return concat(frames)

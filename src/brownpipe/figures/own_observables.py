@@ -24,7 +24,7 @@ def draw(cases: list[Dataset]) -> Figure:
         parts = [part for case in cases if has(case, name) for part in islice(_parts(case, others), MOST_CURVES)]
         for k, (part, line) in enumerate(told_apart(parts, place, {})):
             if cases[0][name].dims:
-                band(panel, defined(part, name, along), name, **line)
+                band(panel, defined(part, name), name, **line)
             else:
                 points(panel, [k], [part], name, **line | {"linestyle": "none", "marker": "o"})
         panel.set(xlabel=along, ylabel=axis_label(cases[0], name))

@@ -12,7 +12,7 @@ from xarray import DataArray, Dataset
 from brownpipe import theory
 from brownpipe.analysis.pairs import NORMAL
 from brownpipe.figures import style
-from brownpipe.figures.cases import defined, estimate_of, has
+from brownpipe.figures.cases import estimate_of, has
 
 NAME = "pair_distribution"
 LABELS = ("pair distribution function $g(r)$",)
@@ -51,7 +51,6 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
 
 
 def _beyond_contact(pair: Dataset) -> Dataset:
-    pair = defined(pair, NAME, "distance")
     return pair.isel(distance=pair.distance.values > float(pair.contact_distance))
 
 

@@ -9,6 +9,7 @@ from brownpipe.errors import FigureError
 from brownpipe.figures.cases import (
     axis_of,
     cases_of,
+    defined,
     differing,
     frame_of,
     has,
@@ -120,7 +121,7 @@ def cases_shown(
     shown: dict[str, list[Dataset]] = {}
     for name in names or FIGURES:
         _, needs, variables, every_count, _ = FIGURES[name]
-        selected = [case for case in cases if has(case, *variables)]
+        selected = [defined(case, *variables[:1]) if variables else case for case in cases if has(case, *variables)]
         selected = selected if every_count else one_count(selected, particles)
         if OWN in needs:
             selected = [case for case in selected if own_names(case)]

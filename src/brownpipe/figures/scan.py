@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, fits_of, frame_of, has, over_time, series_of
-from brownpipe.figures.style import DASHED, MARKS, SERIES, WIDTH, grid, heads, log_axis, points
+from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, frame_of, has, series_of
+from brownpipe.figures.style import DASHED, MARKS, WIDTH, grid, heads, log_axis, points
 
 LOGARITHMIC = 30.0  # ratio of the largest value to the smallest, beyond which an axis is logarithmic
 MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
@@ -18,7 +18,7 @@ END, D = "msd", "diffusion_coefficient"
 OF_RUNS = {END: "run_msd", D: "run_diffusion_coefficient"}  # the same of each run
 PANELS = {  # title, label of the axis, Enskog's theory
     END: ("MSD at the end of the runs", "$\\langle r^2 \\rangle$", ""),
-    D: ("diffusion coefficient, 95 % intervals", "$D$ = slope/4", "enskog_diffusion"),
+    D: ("diffusion coefficient", "$D$ = slope/4", "enskog_diffusion"),
     "compressibility": ("compressibility factor", "$Z$", "enskog_compressibility"),
     "collision_rate": ("collision rate", "collisions per disk and unit time", "enskog_collision_rate"),
 }
@@ -27,7 +27,7 @@ PANELS = {  # title, label of the axis, Enskog's theory
 def draw(cases: list[Dataset]) -> Figure:
     """Draw a panel per quantity: its values along the axis of the scan, a series for each value of what else differs.
 
-    D is shown for every fit window, or where these are too many for the first one.
+    D is that of the first fit window; the table has all.
     """
     axis = axis_of(cases)
     series = series_of(cases, axis)
@@ -39,22 +39,18 @@ def draw(cases: list[Dataset]) -> Figure:
         _panel(panel, axis, _shown(series, name), name)
         panel.set_xlabel(axis_label(cases[0], axis))
         panel.set_ylabel(PANELS[name][1])
-    heads(axes.flat[: len(names)], [PANELS[name][0] for name in names])
+    over = {D: f" over {cases[0].window[0].item()}"}
+    heads(axes.flat[: len(names)], [PANELS[name][0] + over.get(name, "") for name in names])
     return figure
 
 
 def _shown(series: Mapping[str, list[Dataset]], name: str) -> dict[str, list[Dataset]]:
-    """Return the cases of each series at the end of their runs, or at a fit window, where they have a value."""
-    if name != D:
-        ends = {label: [over_time(case).isel(time=-1) for case in cases] for label, cases in series.items()}
-        return {label: [case for case in cases if has(case, name)] for label, cases in ends.items()}
+    """Return the cases of each series at the end of their runs and at the first fit window, where they have a value."""
     shown = {}
-    windows = next(iter(series.values()))[0].window.values.tolist()
     for label, cases in series.items():
-        for window in windows if len(series) * len(windows) <= len(SERIES) else windows[:1]:
-            fits = [fit for case in cases for fit in fits_of(case) if fit.window == window]
-            words = [label, f"window {window}"] if len(windows) > 1 else [label]
-            shown[", ".join(filter(None, words)) + max(map(early_mark, fits), default="")] = fits
+        ends = [case.isel(time=-1, window=0) for case in cases]
+        with_value = [case for case in ends if has(case, name)]
+        shown[label + (max(map(early_mark, with_value), default="") if name == D else "")] = with_value
     return shown
 
 
@@ -92,7 +88,7 @@ def table(cases: list[Dataset]) -> DataFrame:
     axis, ends = axis_of(cases), []
     for series in series_of(cases, axis).values():
         for before, case in pairwise([None, *series]):
-            ends.append(over_time(case).isel(time=-1).assign(_differences(before, case)))
+            ends.append(case.isel(time=-1).assign(_differences(before, case)))
     differences = [f"{name}_difference" for name in OF_RUNS]
     theory = [expected for _, _, expected in PANELS.values() if expected]
     names = ("packing_fraction", "window_start", "window_end", *PANELS, *theory, *differences)

@@ -6,21 +6,20 @@ Its settings are in `style.mplstyle`; neither those of the user nor the date hav
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from xarray import Dataset
 
 from brownpipe.figures.cases import differing, drift_in_words, in_words
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-    from contextlib import AbstractContextManager
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from xarray import Dataset
 
 # Colours by meaning: measured data, fits, models, reference lines, text and theory
 DATA = "#0072B2"
@@ -210,15 +209,3 @@ def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
     axis.set_major_formatter("{x:.4g}" if plain else LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
     axis.set_minor_locator(LogLocator(subs=range(1, 10), numticks=99))
     axis.set_minor_formatter(NullFormatter())
-
-
-def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:
-    """Return the places of labels, moved up and where there is no room above down, so that they lie `least` apart.
-
-    Their order stays, and they stay in [low, high]. If the interval is too short for that, they divide it evenly.
-    """
-    order = np.argsort(places, kind="stable")
-    least = min(least, (high - low) / max(1, len(order) - 1))
-    offsets = least * np.arange(len(order))
-    moved = np.maximum.accumulate(np.clip(np.asarray(places, float)[order], low, high) - offsets) + offsets
-    return np.minimum(moved, high - offsets[::-1])[np.argsort(order)]

@@ -20,12 +20,12 @@ from brownpipe.figures.cases import (
     aligned,
     at_last_distribution,
     cases_of,
+    defined,
     drifts,
     early_mark,
     estimate_of,
     has,
     label_of,
-    over_time,
     scene_of,
     text_of,
     title_of,
@@ -171,7 +171,7 @@ def _at(case: Dataset, name: str) -> Dataset | None:
     """Return the case at the end and in the first window; None if it does not have the variable there."""
     if not has(case, name):
         return None
-    part = over_time(case, name).isel(time=-1) if "time" in case[name].dims else case
+    part = defined(case, name).isel(time=-1) if "time" in case[name].dims else case
     return part.isel(window=0) if has(part.isel(window=0), name) else None
 
 

@@ -3,31 +3,27 @@
 An engine with its settings is named by its label, as in studies and result folders (`timestep-0.001-late`).
 """
 
-from __future__ import annotations
-
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pandas import DataFrame
+from xarray import Dataset
 
 from brownpipe.figures.cases import aligned, plus_minus
 from brownpipe.figures.render import Drawing, drawing_of
-from brownpipe.figures.style import DATA, DOTTED, FIT, GREY, INK, MODEL, apart, drawing, grid, log_axis
+from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, drawing, grid, log_axis
 from brownpipe.progress import tracked
 from brownpipe.text import in_lines
 from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from pandas import DataFrame
-    from xarray import Dataset
 
 LEAST_ERROR = 2e-3  # error down to which the exact engine is drawn at least
-COLOURS = (DATA, FIT, MODEL, "#CC79A7", "#56B4E9", "#E69F00")  # of settings on the front
 WIDTH = 8.6  # of the figure [inch]
 HEIGHT = 5.4  # least height of the figure [inch]
 FRAME = 1.3  # height of the figure outside the panel [inch]
@@ -39,7 +35,7 @@ REMARK_LINE = 105  # characters
 POINTS = 2000  # of a curve
 
 
-def draw(dataset: Dataset, scene: str) -> Figure:
+def draw(dataset: Dataset, scene: str) -> "Figure":
     """Draw the expected error of the MSD at the end of a run against CPU time, with the Pareto front in bold."""
     settings = settings_of(dataset, scene)
     front = pareto_front(settings_of(dataset, scene, careful=True))
@@ -47,7 +43,8 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     end = max((exact.spread / LEAST_ERROR) ** 2 * exact.seconds, *(3 * interval.start for interval in front))
     times = np.geomspace(FEWEST_RUNS * min(setting.seconds for setting in settings), end, POINTS)
     figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
-    colours = dict(zip(dict.fromkeys(["exact", *(interval.label for interval in front)]), COLOURS * 9, strict=False))
+    bold = dict.fromkeys(["exact", *(interval.label for interval in front)])
+    colours = dict(zip(bold, cycle(colour for colour, _, _ in SERIES), strict=False))
     for setting in settings:
         error, on_front = total_error(setting, times), np.zeros(len(times), bool)
         for interval in front:
@@ -85,7 +82,7 @@ def _unresolved_bound(setting: Dataset) -> float:
     return max(-low, high) if low < 0.0 < high else 0.0
 
 
-def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float) -> None:
+def _direct_labels(axes: "Axes", errors: dict[str, float], colours: dict[str, str], least: float) -> None:
     """Write the label of every curve beside its end, at the last of its `errors`; keep labels `least` apart."""
     low, high = np.log(axes.get_ylim())
     ends = [(np.log(error) - low) / (high - low) for error in errors.values()]
@@ -95,33 +92,35 @@ def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str]
         axes.annotate(label, (1, end), (1.04, place), color=colour, weight=weight, arrowprops=leader, **LABELS)
 
 
+def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:
+    """Return the places of labels, moved up and where there is no room above down, so that they lie `least` apart.
+
+    Their order stays, and they stay in [low, high]. If the interval is too short for that, they divide it evenly.
+    """
+    order = np.argsort(places, kind="stable")
+    least = min(least, (high - low) / max(1, len(order) - 1))
+    offsets = least * np.arange(len(order))
+    moved = np.maximum.accumulate(np.clip(np.asarray(places, float)[order], low, high) - offsets) + offsets
+    return np.minimum(moved, high - offsets[::-1])[np.argsort(order)]
+
+
 # --- the trade-off in numbers
 
 
-def table(dataset: Dataset, scenes: Sequence[str] | None = None) -> DataFrame:
-    """Return one row per scene and setting with all numbers of the dataset: cost, biases, health, the Pareto front.
-
-    `scenes` selects scenes; the default is all that have runs of more than one setting.
-    """
+def table(dataset: Dataset) -> DataFrame:
+    """Return one row per scene and setting with all numbers of the dataset: cost, biases, health, the Pareto front."""
     of_setting = [name for name in dataset.data_vars if dataset[name].dims == ("scene", "setting")]
     numbers = [name for name in of_setting if dataset[name].dtype.kind in "fi"]
-    chosen = scenes_of(dataset) if scenes is None else scenes
-    rows = [(scene, setting.label) for scene in chosen for setting in settings_of(dataset, scene)]
+    rows = [(scene, setting.label) for scene in scenes_of(dataset) for setting in settings_of(dataset, scene)]
     frame = dataset[["particles", *numbers]].to_dataframe(["scene", "setting"]).loc[rows].reset_index()
     return frame[["scene", "particles", "setting", *numbers]]
 
 
-def _measured(dataset: Dataset, scene: str) -> list[Dataset]:
-    """The part of the dataset on each setting of a scene that has runs, the exact one first."""
-    return [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
-
-
 def summary(dataset: Dataset) -> str:
-    """Return the trade-off as text: for every scene a table, and the settings that are not on the Pareto front."""
+    """Return the trade-off as text: a table for every scene."""
     lines = []
     for scene in scenes_of(dataset):
-        of_scene = [*aligned(columns_of(dataset, scene)), *off_front(dataset, scene)]
-        lines += [scene, *(f"  {line}" for line in of_scene), ""]
+        lines += [scene, *(f"  {line}" for line in aligned(columns_of(dataset, scene))), ""]
     return in_lines(lines) + "\n" + REMARK
 
 
@@ -131,26 +130,16 @@ REMARK = (
     "distance: total variation distance of the displacement distributions at the end.\n"
     "departs: median time at which the tracer leaves the exact trajectory.\n"
     "front: CPU times at which no other setting has a smaller expected error of the MSD (Pareto front);\n"
-    "unresolved biases are at their 95 % upper bound.\n"
+    "unresolved biases are at their 95 % upper bound; `perhaps`: if these are small, or its cost low.\n"
 )
 
 
 def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:
     """Return the table of a scene in words, by columns; those without any number are left out."""
-    settings = _measured(dataset, scene)
+    settings = [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
     rows = [_row(setting, float(settings[0].seconds)) for setting in settings]
     columns = [(name, *(row[name] for row in rows)) for name in rows[0]]
     return [column for column in columns if {*column[1:]} != {"-"}]
-
-
-def off_front(dataset: Dataset, scene: str) -> Iterator[str]:
-    """Yield lines that name the settings of a scene that are not, or perhaps not, on the Pareto front."""
-    missing = [setting for setting in _measured(dataset, scene) if np.isnan(setting.pays_from)]
-    never = [setting.setting.item() for setting in missing if np.isnan(setting.may_pay_from)]
-    possibly = [setting.setting.item() for setting in missing if not np.isnan(setting.may_pay_from)]
-    yield f"not on the Pareto front: {'; '.join(never) or 'none of them'}"
-    if possibly:
-        yield f"on it only if an unresolved bias is small or its cost low: {'; '.join(possibly)}"
 
 
 def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
@@ -166,7 +155,7 @@ def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
         "g(contact)": _bias(setting, "contact_bias"),
         "overlap": f"{float(setting.worst_overlap):.1g}".replace("nan", "-"),
         "departs": f"{float(setting.departure_time):.3g}".replace("nan", "-").replace("inf", "never"),
-        "front, s": _interval(float(setting.pays_from), float(setting.pays_to)),
+        "front, s": _interval(setting),
     }
 
 
@@ -196,9 +185,11 @@ def _percent(fraction: float) -> str:
     return f"{100 * fraction:.0f} %" if fraction >= 0.1 else f"{100 * fraction:.2g} %"
 
 
-def _interval(start: float, end: float) -> str:
+def _interval(setting: Dataset) -> str:
+    """The CPU times at which a setting is on the Pareto front; `-` if it never is."""
+    start, end = float(setting.pays_from), float(setting.pays_to)
     if np.isnan(start):
-        return "-"
+        return "-" if np.isnan(setting.may_pay_from) else "perhaps"
     return f"{start:.2g} on" if end == np.inf else f"{start:.2g} to {end:.2g}"
 
 
@@ -211,6 +202,6 @@ def drawn(dataset: Dataset, metadata: Mapping[str, str]) -> list[Drawing]:
     """Draw the trade-off of every scene with these metadata; the table of each drawing has that scene alone."""
     with drawing():
         return [
-            drawing_of(f"tradeoff_{scene}", draw(dataset, scene), table(dataset, [scene]), metadata)
-            for scene in tracked(scenes_of(dataset), "figures")
+            drawing_of(f"tradeoff_{scene}", draw(dataset, scene), rows, metadata)
+            for scene, rows in tracked([*table(dataset).groupby("scene", sort=False)], "figures")
         ]

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures import style
-from brownpipe.figures.cases import PARTS, has, over_time, plus_minus
+from brownpipe.figures.cases import PARTS, has, plus_minus
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
@@ -27,7 +27,6 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
 
     The slope follows from the tracer's collision rate. With `looks` there is one line per case.
     """
-    cases = [over_time(case, TRACER) for case in cases]
     axes.axhline(0, color=style.GREY, linewidth=0.8)
     for curve, line in _curves(cases, looks):
         style.band(axes, curve, TRACER, **line)
@@ -67,9 +66,8 @@ def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     """Draw the decays on logarithmic axes as far as they are resolved."""
     least = 0.5
     for (upper, lower), group in zip(axes.T, groups, strict=True):
-        cases = [over_time(case, TRACER) for case in group]
-        least = min(least, *_tails(upper, lower, cases))
-        times = np.concatenate([case.time.values for case in cases])
+        least = min(least, *_tails(upper, lower, group))
+        times = np.concatenate([case.time.values for case in group])
         style.log_axis(lower, "x", times[times > 0].min(), times.max())
         lower.set_xlabel("time $t$")
     style.log_axis(axes[1, 0], "y", least / 3, 1.5)

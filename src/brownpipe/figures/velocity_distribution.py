@@ -1,8 +1,6 @@
 """Figure `velocity_distribution`: velocity components and speeds of each species against Maxwell-Boltzmann."""
 
-from collections.abc import Callable
 from itertools import cycle
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,8 +9,7 @@ from pandas import DataFrame, concat
 from scipy.special import ndtr
 from xarray import Dataset
 
-from brownpipe.analysis.variables import EACH
-from brownpipe.figures.cases import frame_of, has, parts_of, title_of
+from brownpipe.figures.cases import PARTS, frame_of, parts_of, title_of
 from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
 
 FEWEST_COUNTS = 5  # expected independent counts of a bin whose residual is shown
@@ -22,42 +19,32 @@ LABELS = ("probability density", "(observed - expected)\n/ standard error")
 HEIGHTS = (3.6, 1.4)  # of a density and its residuals [inch]
 
 
-class Quantity(NamedTuple):
-    """A velocity component or the speed, in units of sqrt(kT/m)."""
-
-    dim: str  # of its density in the dataset
-    below: Callable[[np.ndarray], np.ndarray]  # its distribution function in equilibrium
-    name: str  # in titles
-    label: str  # of the axis
-
-
 def _rayleigh(u: np.ndarray) -> np.ndarray:
     """Probability that a speed in units of sqrt(kT/m) is below u, in two dimensions."""
     return -np.expm1(-(np.maximum(u, 0) ** 2) / 2)
 
 
 SHOWN = {
-    "velocity_density": Quantity("velocity_bin", ndtr, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
-    "speed_density": Quantity("speed_bin", _rayleigh, "speeds", "speed $|v|\\,/\\,\\sqrt{kT/m}$"),
-}
+    "velocity_density": ("velocity_bin", ndtr, "components", "velocity component $v\\,/\\,\\sqrt{kT/m}$"),
+    "speed_density": ("speed_bin", _rayleigh, "speeds", "speed $|v|\\,/\\,\\sqrt{kT/m}$"),
+}  # dimension of a density in the dataset, distribution function in equilibrium, name in titles, label of the axis
 
 
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one column per case: components and then speeds, each as densities above and their residuals below."""
-    names = [name for name in SHOWN if any(has(case, name) for case in cases)]
-    figure, axes = columns(LABELS * len(names), len(cases), HEIGHTS * len(names))
-    for k, name in enumerate(names):
+    figure, axes = columns(LABELS * len(SHOWN), len(cases), HEIGHTS * len(SHOWN))
+    for k, (name, (_, _, words, label)) in enumerate(SHOWN.items()):
         for case, (main, low) in zip(cases, axes[2 * k : 2 * k + 2].T, strict=True):
             _density(main, low, case, name)
-            low.set_xlabel(SHOWN[name].label)
+            low.set_xlabel(label)
         axes[2 * k, 0].set_ylim(bottom=0)
-        heads(axes[2 * k], [f"{title_of(case)}: {SHOWN[name].name}" for case in cases])
+        heads(axes[2 * k], [f"{title_of(case)}: {words}" for case in cases])
     return figure
 
 
 def _density(main: Axes, low: Axes, case: Dataset, name: str) -> None:
     """Draw the density of every species with the expected one, and the residuals of bins with enough counts."""
-    dim = SHOWN[name].dim
+    dim = SHOWN[name][0]
     edges, expected = _expected(case[dim].values, name)
     main.stairs(expected, edges, color=INK, linewidth=1.0, label="Maxwell-Boltzmann")
     residual_panel(low)
@@ -91,7 +78,7 @@ def _expected(centres: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Edges (R + 1,) of the bins and the density (R,) expected in them; the outermost bins include the tails."""
     width = centres[1] - centres[0]
     edges = np.append(centres - width / 2, centres[-1] + width / 2)
-    cumulative = SHOWN[name].below(edges)
+    cumulative = SHOWN[name][1](edges)
     cumulative[[0, -1]] = 0, 1
     return edges, np.diff(cumulative) / width
 
@@ -99,10 +86,9 @@ def _expected(centres: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
 def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, species and bin, components first and then speeds, with the expected density."""
     frames = []
-    for name in (name for name in SHOWN if any(has(case, name) for case in cases)):
-        dim = SHOWN[name].dim
-        columns = [*EACH, "species", "value", "density", "standard_error", "low", "high"]
-        frame = frame_of(cases, ("species", dim), [name]).set_axis(columns, axis="columns")
+    for name, (dim, *_) in SHOWN.items():
+        plain = {dim: "value", name: "density", **{f"{name}{part}": part[1:] for part in PARTS[1:]}}
+        frame = frame_of(cases, ("species", dim), [name]).rename(columns=plain)
         centres = cases[0][dim].values
         maxwell = dict(zip(centres, _expected(centres, name)[1], strict=True))
         frames.append(frame.assign(of=dim.removesuffix("_bin"), maxwell=frame.value.map(maxwell)))

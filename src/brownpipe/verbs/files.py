@@ -165,17 +165,12 @@ def _frames(trajectories: Trajectories, arguments: Namespace, kind: str) -> tupl
 
 def _page(trajectories: Trajectories, arguments: Namespace, _: str) -> tuple[bytes, str]:
     """Return the page that replays a run, and what it shows."""
-    from brownpipe.figures.origin import movie_record
-    from brownpipe.report.replay import RECORD, replay_of, replay_page
+    from brownpipe.report.replay import replay_page
 
     for option in ("frames", "fps"):
         if getattr(arguments, option) is not None:
             raise RequestError(f"--{option}: must not be given for a page, which has every collision instead of frames")
-    replay = replay_of(trajectories, arguments.file, arguments.seed)
-    contents = replay_page(replay, movie_record(trajectories, RECORD, replay.seed))
-    every = len(replay.events.time)
-    part = "" if replay.shown == every else f" of {every:,}, up to time {replay.end:.3g}"
-    return contents, f"{counted(replay.shown, 'collision')}{part}"
+    return replay_page(trajectories, arguments.file, arguments.seed)
 
 
 def add_export(add: Callable) -> None:
