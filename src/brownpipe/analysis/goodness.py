@@ -119,26 +119,14 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
 
     if not (np.isfinite(kurtosis) and runs > 2):
         return np.nan
-    shift, scale, width = _lognormal(int(runs))
-    if kurtosis <= shift:
-        return 0.0
-    return float(2 * ndtr(-abs(np.log((kurtosis - shift) / scale)) / width))
-
-
-def _lognormal(runs: int) -> tuple[float, float, float]:
-    """Shift, median minus shift, and width of the lognormal distribution with the kurtosis' first three moments."""
-    mean, variance, skewness = _greenwood(runs)
-    third = np.log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
-    w = np.exp(third) + np.exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
-    scale = np.sqrt(variance / (w * (w - 1)))
-    return mean - scale * np.sqrt(w), scale, np.sqrt(np.log(w))
-
-
-def _greenwood(n: int) -> tuple[float, float, float]:
-    """Mean, variance and skewness of n/2 times the sum of squares of n random parts of 1."""
+    n = int(runs)
     variance = n**2 * (n - 1) / ((n + 1) ** 2 * (n + 2) * (n + 3))
     skewness = 2 * (5 * n - 7) / ((n + 4) * (n + 5)) * np.sqrt((n + 2) * (n + 3) / (n - 1))
-    return n / (n + 1), variance, skewness
+    third = np.log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
+    w = np.exp(third) + np.exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
+    median = np.sqrt(variance / (w * (w - 1)))  # less the shift
+    above = kurtosis - n / (n + 1) + median * np.sqrt(w)  # the kurtosis less the shift; its mean is n/(n + 1)
+    return float(2 * ndtr(-abs(np.log(above / median)) / np.sqrt(np.log(w)))) if above > 0.0 else 0.0
 
 
 # --- multiple tests

@@ -65,11 +65,7 @@ def slope_weights(times: np.ndarray, rate: float = 0.0) -> np.ndarray:
     The slope of C(t) exp(rate t), by the parabola through three points (the straight line through two), minus
     rate C(0): exact for an exponential decay at that rate.
     """
-    if len(times) == 2:
-        weights = np.array([-1, 1]) / times[1]
-    else:
-        a, b = times[1:]
-        weights = np.array([-(a + b) / (a * b), b / (a * (b - a)), -a / (b * (b - a))])
+    weights = np.linalg.inv(np.vander(times / times[-1], increasing=True))[1] / times[-1]
     return weights * np.exp(rate * times) - rate * (times == 0)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
+from brownpipe.analysis.goodness import holm
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
 from brownpipe.errors import RequestError, WrongFileError
 from brownpipe.figures import tradeoff
@@ -123,6 +124,7 @@ def equilibrium(contents: Trajectories) -> list[str]:
         return []
     kept = select(ensemble, ensemble.observables["failed"] == 0)
     found = drift_of(quarters_of(scene, ensemble.times, kept.observables))
+    found = found._replace(p=holm(found.p))
     words = in_words(found, time_to_try(scene)) or f"no drift found (family-wise level {LEVEL:.0%})"
     return [f"equilibrium  {words if np.isfinite(found.p).any() else TOO_FEW}"]
 
