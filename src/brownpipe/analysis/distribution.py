@@ -6,7 +6,7 @@ docs/theory.md, sections 2 and 5.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -135,6 +135,15 @@ def _rings(edges: np.ndarray) -> dict[str, np.ndarray]:
     return {"r": (edges[1:] + edges[:-1]) / 2, "r_inner": edges[:-1], "r_outer": edges[1:]}
 
 
+class Model(NamedTuple):
+    """A model of the distribution and its D, with what `goodness.chi_square` needs to know of the source of D."""
+
+    diffusion: float
+    half_width: float | None  # of a reflecting square, None for the plane
+    shared: np.ndarray  # (K + 1,)
+    variance: float
+
+
 def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, list]:
     """Tests of every model (M,) against the counts (K + 1,) at the k-th time: variable -> M values.
 
@@ -143,44 +152,37 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     """
     at, edges, half_width = chosen_times(case)[k], case.rings[k], displacement.accessible_half_width(case.scene)
     t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
-    means = np.array([averages.mean("msd")[at], *averages.mean("lines")[0]])
+    of_msd, of_lines = (np.stack(resampling.moments(averages.of(name), 0))[:, 0] for name in ("msd", "lines"))
+    means, variances = np.column_stack([of_msd[:, at], of_lines[:, : len(case.windows)]])
     means = np.where((means > 0.0) & (t > 0.0), means, np.nan)
-    variances = [resampling.moments(averages.of(name), 0)[1][0] for name in ("msd", "lines")]
-    variances = np.array([variances[0][at], *variances[1][: len(means) - 1]]) / means**2
+    variances = variances / means**2
     shared = averages.totals["shared"][k][:, : len(edges)] / means[:, None] - counts
     over = np.array([4 * t or 1.0, *np.full(len(means) - 1, 4.0)])
-    models = [(d, None, *of_source) for d, *of_source in zip(means / over, shared, variances, strict=True)]
+    models = [Model(d, None, *of_source) for d, *of_source in zip(means / over, shared, variances, strict=True)]
     if np.isfinite(half_width):
         d, raised = (
             theory.reflecting_square_diffusion(means[0] * scale, t, half_width) if t > 0.0 else np.nan
             for scale in (1.0, 1.0 + LOG_STEP)
         )
         elasticity = (raised / d - 1.0) / LOG_STEP
-        models.append((d, half_width, elasticity * shared[0], elasticity**2 * variances[0]))
-    tests = [_test(counts, edges, t, kurtosis_p, *model) for model in models]
+        models.append(Model(d, half_width, elasticity * shared[0], elasticity**2 * variances[0]))
+    tests = [_test(counts, edges, t, kurtosis_p, model) for model in models]
     return {name: [test[name] for test in tests] for name in tests[0]}
 
 
 def _test(
-    counts: np.ndarray,
-    edges: np.ndarray,
-    t: float,
-    kurtosis_p: float,
-    d: float,
-    half_width: float | None,
-    shared: np.ndarray,
-    variance: float,
+    counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, model: Model
 ) -> dict[str, float | np.ndarray]:
-    """Test of one model, in a square or the plane (None); `shared` and `variance` are those of `goodness.Estimated`."""
+    """Test of one model: variable -> value."""
     expected, raised, lowered, *wrong = (
-        expected_ring_counts(counts.sum(), edges, t or 1.0, d * scale, half_width)
+        expected_ring_counts(counts.sum(), edges, t or 1.0, model.diffusion * scale, model.half_width)
         for scale in (1.0, float(np.exp(LOG_STEP)), float(np.exp(-LOG_STEP)), 1 + WRONG_BY, 1 - WRONG_BY)
     )
-    source = goodness.Estimated((raised - lowered) / (2 * LOG_STEP), shared, variance)
-    test, of_shape = goodness.chi_square(counts, expected, source), kurtosis_p if half_width is None else np.nan
+    test = goodness.chi_square(counts, expected, (raised - lowered) / (2 * LOG_STEP), model.shared, model.variance)
+    of_shape = kurtosis_p if model.half_width is None else np.nan
     level = goodness.LEVEL / (1 + np.isfinite(of_shape))
     return {
-        "model_diffusion_coefficient": d,
+        "model_diffusion_coefficient": model.diffusion,
         "expected_counts": expected[:-1],
         "expected_overflow": expected[-1],
         "chi_square": test.statistic,

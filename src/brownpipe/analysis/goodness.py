@@ -35,31 +35,25 @@ class ChiSquare(NamedTuple):
     p: float  # probability of a larger statistic if the model holds; NaN without degrees of freedom
 
 
-class Estimated(NamedTuple):
-    """Correlation of the counts with a D that is estimated from the same runs."""
+def chi_square(
+    observed: np.ndarray, expected: np.ndarray, change: np.ndarray, shared: np.ndarray, variance: float
+) -> ChiSquare:
+    """Return Pearson's test of counts (K,) against expected counts (K,) of the same total, for a D from the same runs.
 
-    change: np.ndarray  # (K,) dE_k/d ln D
-    shared: np.ndarray  # (K,) sum over the runs of bin k of s_i/<s> - 1
-    variance: float  # of s_i/<s> over runs
-
-
-def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated) -> ChiSquare:
-    """Return Pearson's test of counts (K,) against expected counts (K,) of the same total.
-
+    change: (K,) dE_k/d ln D. shared: (K,) sum over the runs of bin k of s_i/<s> - 1. variance: of s_i/<s> over runs.
     Neighbouring bins are pooled until each expects FEWEST_EXPECTED. The nominal number of degrees of freedom is that of
     the pooled bins minus one for the total and one for D; p follows from the distribution at the head of this module.
     """
     from scipy.special import gammaincc
 
-    pools = _pools(expected)
-    observed, expected = _pooled(observed, pools), _pooled(expected, pools)
+    observed, expected, change, shared = _pooled(expected, observed, expected, change, shared)
     freedom = len(expected) - 2
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
     runs, root = expected.sum(), np.sqrt(expected)
-    b, c = _pooled(source.change, pools) / root, _pooled(source.shared, pools) / root / runs
+    b, c = change / root, shared / root / runs
     bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
-    middle = source.variance / runs * bb / 2 - bc
+    middle = variance / runs * bb / 2 - bc
     apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
     weights = np.maximum([1 + middle + apart, 1 + middle - apart], 0.0)
     statistic = ((observed - expected) ** 2 / expected).sum()
@@ -79,28 +73,20 @@ def power(expected: np.ndarray, others: np.ndarray, level: float = LEVEL) -> flo
     """
     from scipy.special import chdtri, chndtr
 
-    pools = _pools(expected)
-    expected, others = _pooled(expected, pools), _pooled(others, pools)
+    expected, others = _pooled(expected, expected, others)
     freedom = len(expected) - 2
     if freedom < 1 or not np.all(np.isfinite(expected + others)):
         return np.nan
     return float(1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum()))
 
 
-def _pools(expected: np.ndarray) -> list[int]:
-    """First bins of pools of neighbouring bins that expect FEWEST_EXPECTED or more; the rest joins the last pool."""
-    starts, pool, expected = [0], 0.0, np.asarray(expected, float)
-    for k, count in enumerate(expected):
-        pool += count
-        if pool >= FEWEST_EXPECTED and expected[k + 1 :].sum() >= FEWEST_EXPECTED:
-            starts.append(k + 1)
-            pool = 0.0
-    return starts
-
-
-def _pooled(values: np.ndarray, pools: list[int]) -> np.ndarray:
-    """Sums over the bins of each pool."""
-    return np.add.reduceat(np.asarray(values, float), pools)
+def _pooled(expected: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
+    """Sums over pools of neighbouring bins that expect FEWEST_EXPECTED or more; the rest joins the last pool."""
+    starts = [0]
+    for k in range(1, len(expected)):
+        if np.sum(expected[starts[-1] : k]) >= FEWEST_EXPECTED <= np.sum(expected[k:]):
+            starts.append(k)
+    return [np.add.reduceat(np.asarray(one, float), starts) for one in values]
 
 
 # --- kurtosis
