@@ -13,14 +13,25 @@ from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import Averages, Case, columns_of, results_of
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported
-from brownpipe.analysis.variables import EACH, FAILED, KEPT, SAME_TIME, Mean, Variable, names_of, with_uncertainties
-from brownpipe.analysis.varied import over_keys
+from brownpipe.analysis.variables import (
+    EACH,
+    FAILED,
+    KEPT,
+    SAME_TIME,
+    VARIED,
+    Mean,
+    Variable,
+    names_of,
+    with_uncertainties,
+)
 from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.observables import AXES
 from brownpipe.observables.observable import RunArray
 from brownpipe.observables.own import Own
+from brownpipe.scene import Scene
+from brownpipe.scene.variation import short_name, unit_of, value_of
 from brownpipe.storage.datasets import origin_attributes
 from brownpipe.storage.layout import VARIABLES
 from brownpipe.storage.trajectories import Trajectories
@@ -35,8 +46,7 @@ FIRST = (  # in a dataset, so that xarray shows these of its hundred variables, 
     *("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation"),
     *("orientational_order_squared", "kinetic_temperature", "packing_fraction"),
 )
-TABLES = [table.VARIABLES for table in (*ESTIMATORS, variables)]
-BY_NAME = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
+BY_NAME = with_uncertainties({name: one for part in (*ESTIMATORS, variables) for name, one in part.VARIABLES.items()})
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
 ALWAYS = with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES).keys()  # in every dataset
 ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | variables.COORDINATES
@@ -65,7 +75,7 @@ def aggregate(
         run to its end.
     dr, rings: width [length] and number of the rings of the displacement distribution, by default from the data.
     displacement_times: its times [time], by default the end of each run.
-    vary, vary_together: keys in which the scenes differ, each a dimension (`varied.over_keys`).
+    vary, vary_together: keys in which the scenes differ, each a dimension (`over_keys`).
 
     Raises AnalysisError for files that do not belong together, for windows and times that coincide or that no run
     reaches, and what `read_trajectories` raises for broken files.
@@ -73,7 +83,7 @@ def aggregate(
     if (dr is None) != (rings is None):
         raise AnalysisError("rings: width and number must be given together")
     groups = groups_of(sources)
-    every = [group.contents for group in groups]
+    every = [group.pattern.contents for group in groups]
     scenes, fixed = [one.scene for one in every], None if dr is None else ring_edges(dr, rings)
     fitted, times = windows or default_windows(scenes), [*displacement_times]
     cases = [
@@ -88,7 +98,7 @@ def aggregate(
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
     parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
-    made = origin_attributes("aggregate", ((group.contents, group.seeds) for group in groups), asked)
+    made = origin_attributes("aggregate", ((group.pattern.contents, group.seeds) for group in groups), asked)
     attributes = variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({*map(_followed, every)}))} | made
     dataset = joined(parts, ALL_VARIABLES | with_uncertainties(own), ALL_COORDINATES, attributes, ALWAYS)
     if "drift_p_value" in dataset:  # all cases are one family of tests
@@ -226,3 +236,40 @@ def _positions(values: Any, axis: list | np.ndarray) -> np.ndarray:
         return np.array([axis.index(label) for label in values])
     values = np.asarray(values)
     return np.searchsorted(axis, values - SAME_TIME * np.abs(values) if values.dtype.kind == "f" else values)
+
+
+# --- keys of scenes that were varied
+
+
+def over_keys(
+    dataset: "xarray.Dataset", scenes: Iterable[Scene], paths: Sequence[str], together: bool
+) -> "xarray.Dataset":
+    """Return a dataset with a dimension for each varied key in place of one scene for each of their combinations.
+
+    With `together`, keys beyond the first are coordinates along the dimension of the first. A variable with the name of
+    a key, such as the packing fraction, is the coordinate then.
+    """
+    import pandas as pd
+    import xarray
+
+    if not paths:
+        return dataset
+    by_name = {scene.name: scene for scene in scenes}
+    of_scenes = [by_name[name] for name in dataset.scene.values.tolist()]
+    values = {short_name(path): [value_of(scene, path) for scene in of_scenes] for path in paths}
+    dims = [*values][: 1 if together else None]
+    columns = [[scene.name.partition(",")[0] for scene in of_scenes], *(values[dim] for dim in dims)]
+    index = pd.MultiIndex.from_arrays(columns, names=["file", *dims])
+    order = {dim: list(dict.fromkeys(column)) for dim, column in zip(index.names, columns, strict=True)}
+    single = dataset.drop_vars([EACH[0], *values], errors="ignore")
+    indexed = single.assign_coords(xarray.Coordinates.from_pandas_multiindex(index, EACH[0]))
+    spread = indexed.unstack(EACH[0]).reindex(order).rename(file=EACH[0])
+    further = {
+        name: (dims[0], list(dict(zip(values[dims[0]], column, strict=True)).values()))
+        for name, column in values.items()
+        if name not in dims
+    }
+    spread = spread.assign_coords(further).assign_attrs({VARIED: " ".join(dims)})
+    for path in paths:
+        spread[short_name(path)].attrs = {"units": unit_of(path), "long_name": path}
+    return spread.transpose(EACH[0], *dims, *EACH[1:], ...)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.estimator import Averages, Case, Columns
-from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, SPEED2, TIME, Mean, Variable
+from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, SEED, SPEED2, TIME, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import diffusive_from
 from brownpipe.observables import displacement as of_a_run
@@ -148,7 +148,7 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     return values | {"slope": slope, "intercept": lines.at(1), "diffusion_coefficient": slope.scaled(0.25)}
 
 
-WINDOW, SEED = (*EACH, "window"), (*EACH, "seed")
+WINDOW = (*EACH, "window")
 
 VARIABLES = {
     "msd": Mean(TIME, AREA, f"mean squared displacement {FOLLOWED}"),

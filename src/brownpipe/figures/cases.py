@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, SupportsFloat
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
-from brownpipe.analysis.varied import labels_of_cases
+from brownpipe.analysis.variables import labels_of_cases
 from brownpipe.engines.friction import window_caution
 from brownpipe.errors import FigureError
 
