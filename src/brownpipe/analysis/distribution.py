@@ -258,6 +258,10 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     return {name: np.append(np.nan, controlled), f"{name}_standard_error": np.append(np.nan, error)}
 
 
+MODELS = (
+    "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of the 2020 note; "
+    "square = diffusion in a reflecting square, D from MSD(t)"
+)
 AT = (*EACH, "displacement_time")
 RING, MODEL = (*AT, "r"), (*AT, "model")
 OF_COUNT = "(Wilson) interval of the count"
@@ -289,10 +293,5 @@ COORDINATES = {
     "r": Variable(("r",), "length", "middle of the ring"),
     "r_inner": Variable(("r",), "length", "inner radius of the ring"),
     "r_outer": Variable(("r",), "length", "outer radius of the ring"),
-    "model": Variable(
-        ("model",),
-        None,
-        "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of the 2020 note; "
-        "square = diffusion in a reflecting square, D from MSD(t)",
-    ),
+    "model": Variable(("model",), None, MODELS),
 }

@@ -36,6 +36,7 @@ class Case(NamedTuple):
     edges: np.ndarray | None = None  # (K + 1,) asked for, of its rings [length]; None: from the data
     rings: tuple[np.ndarray, ...] = ()  # (K + 1,) edges of the rings at each of these times
     own: Own = NO_OWN  # arrays of the user's own functions
+    varied: Sequence[str] = ()  # keys in which the scenes of the dataset differ
 
 
 class Columns(NamedTuple):

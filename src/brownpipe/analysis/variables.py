@@ -51,7 +51,7 @@ class Variable(NamedTuple):
     units: str | None  # None: text
     long_name: str
     uncertainties: tuple[str, ...] = ()  # variables beside it: of a mean over runs ERROR or INTERVAL
-    dtype: type = float  # object for text
+    dtype: type | np.dtype = float  # object for text
     absent: float | str = np.nan
     extra: Mapping[str, object] = MappingProxyType({})  # further attributes
 

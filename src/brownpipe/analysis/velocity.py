@@ -149,9 +149,7 @@ VARIABLES = {
     "velocity_autocorrelation": Mean(TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
     "green_kubo": Mean(TIME, RATE, f"half of the integral of the autocorrelation, <v(0).(r(t) - r(0))>/2, {FOLLOWED}"),
     "vacf_initial_slope": Mean(EACH, SLOPE, "initial slope of the autocorrelation; errors include that of sampling"),
-    "vacf_initial_slope_expected": Variable(
-        EACH, SLOPE, "that of equilibrium, from the tracer's <v^2> and collision rate"
-    ),
+    "vacf_initial_slope_expected": Variable(EACH, SLOPE, "that of equilibrium, from <v^2> and the collision rate"),
     "velocity_density": Mean((*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"),
     "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
 }
