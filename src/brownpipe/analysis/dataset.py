@@ -1,7 +1,7 @@
 """One labelled dataset from the trajectory files of a study: all estimates for each scene, particle count, engine."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate, chain, pairwise
+from itertools import accumulate, chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,7 +36,7 @@ ESTIMATORS = displacement, distribution, velocity, pairs, thermodynamics, drift
 FIRST = ("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation")
 BY_NAME = with_uncertainties({name: one for part in (*ESTIMATORS, variables) for name, one in part.VARIABLES.items()})
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
-ALWAYS = with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES).keys()  # in every dataset
+ALWAYS = {*with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES)}  # in every dataset
 ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | variables.COORDINATES
 ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
 Table = Mapping[str, Variable]
@@ -80,19 +80,18 @@ def aggregate(
         Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own, varied=vary)
         for one, runs in ((one, one.ensemble) for one in every)
     ]
-    own = {
-        name: Mean((*EACH, *array.dims), array.units, array.long_name, extra={"observable": array.observable})
-        for name, array in _own_of(groups).items()
-    }
     _refuse_unfit(cases)
+    own = _own_variables(groups)
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
     parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = origin_attributes("aggregate", ((group.pattern.contents, group.seeds) for group in groups), asked)
     attributes = variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({*map(_followed, every)}))} | made
-    table, keys = _over_keys(ALL_VARIABLES | with_uncertainties(own), scenes, vary, vary_together)
+    found = ALWAYS.union(*parts)
+    held = {name: one for name, one in (ALL_VARIABLES | with_uncertainties(own)).items() if name in found}
+    table, keys = _over_keys(held, scenes, vary, vary_together)
     attributes |= {VARIED: " ".join(key for key, one in keys.items() if one.dims == (key,))} if keys else {}
-    dataset = joined(parts, table, ALL_COORDINATES | keys, attributes, ALWAYS, (*EACH, *keys))
+    dataset = joined(parts, table, ALL_COORDINATES | keys, attributes, (*EACH, *keys))
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value
         p.values = holm(p.values.ravel()).reshape(p.shape)
@@ -117,15 +116,18 @@ def _over_keys(
     return {name: one for name, one in spread.items() if name not in keys}, keys
 
 
-def _own_of(groups: Sequence[Group]) -> Own:
-    """Return the arrays of the user's own functions. Raises AnalysisError if runs differ in more than shapes."""
+def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
+    """Return those of the user's own functions. Raises AnalysisError if their arrays differ in more than shapes."""
     own: dict[str, RunArray] = {}
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():
             if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):
                 wrong = "was measured by another function, or has other dimensions, in other runs"
                 raise AnalysisError(f"{file.path}: {name}: {wrong}")
-    return own
+    return {
+        name: Mean((*EACH, *one.dims), one.units, one.long_name, extra={"observable": one.observable})
+        for name, one in own.items()
+    }
 
 
 def refuse_taken(own: Own) -> None:
@@ -144,7 +146,7 @@ def _followed(runs: Trajectories) -> str:
 
 
 def _refuse_unfit(cases: Sequence[Case]) -> None:
-    """Refuse windows and times that coincide, windows that end after every run, and times that no run samples."""
+    """Refuse windows that coincide, windows that end after every run, and times that no run samples."""
     windows, times = cases[0].windows, cases[0].displacement_times
     names, last = labels_of(windows), max(case.times[-1] for case in cases)
     if len(set(names)) < len(names):
@@ -153,9 +155,7 @@ def _refuse_unfit(cases: Sequence[Case]) -> None:
         if end * (1 - SAME_TIME) > last:
             raise AnalysisError(f"fit window {name}: must end by {last:g}, when the longest run does")
     sampled = np.concatenate([case.times[chosen_times(case)] for case in cases])
-    for before, time in pairwise((-np.inf, *sorted(times))):
-        if time - before <= SAME_TIME * time:
-            raise AnalysisError(f"displacement time {time:g}: must be given once")
+    for time in times:
         if not np.isclose(sampled, time, rtol=SAME_TIME, atol=0.0).any():
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
@@ -205,24 +205,18 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
 
 
 def joined(
-    parts: Sequence[Part],
-    variables: Table,
-    coordinates: Table,
-    attributes: dict,
-    always: Collection[str],
-    labels: Collection[str] = EACH,
+    parts: Sequence[Part], variables: Table, coordinates: Table, attributes: dict, labels: Collection[str] = EACH
 ) -> "Dataset":
     """Return the outer join of `parts`; where a part has no value, a variable has its value `absent`.
 
-    A variable is there if a part has it, or if it is one of `always`. Values of `labels` and texts come in order of
-    appearance; other numbers ascend. Numbers that differ by less than SAME_TIME count as equal.
-    `xarray.concat` and `unstack` give the same values, but sort all labels and hold every array twice.
+    Values of `labels` and texts come in order of appearance; other numbers ascend. Numbers that differ by less than
+    SAME_TIME count as equal. `xarray.concat` and `unstack` give the same values, but sort all labels and hold every
+    array twice.
     """
     import xarray
 
-    held = {name: one for name, one in variables.items() if name in always or any(name in part for part in parts)}
-    dims = {dim for one in held.values() for dim in one.dims}
-    held |= {name: one for name, one in coordinates.items() if dims.issuperset(one.dims)}
+    dims = {dim for one in variables.values() for dim in one.dims}
+    held = {**variables, **{name: one for name, one in coordinates.items() if dims.issuperset(one.dims)}}
     axes = {dim: _union([part[dim] for part in parts if dim in part], dim in labels) for dim in dims}
     data = {}
     for name, variable in held.items():

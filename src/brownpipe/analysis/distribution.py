@@ -89,7 +89,11 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return powers of r at the displacement times, counts in the rings, and moments for the non-Gaussian parameter."""
     at, squared = chosen_times(case), displacement.squared_of(case, runs)
-    distance2, moments = displacement.tracer_square_displacement(case, runs), _moments(case, runs, squared)
+    distance2, moments = displacement.tracer_square_displacement(case, runs), {}
+    alike = "square_displacement" in runs.observables or case.average == "runs"  # r^2 and r^4 are averaged
+    if "quartic_displacement" in runs.observables and squared is not None and alike:
+        quartic = runs.observables["quartic_displacement"]
+        moments = {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
     if squared is None or distance2 is None or not len(at):
         return Columns(moments)
     r2, slopes = distance2[:, at], displacement.per_run_lines(squared, case.times, case.windows)[:, 0]
@@ -219,15 +223,6 @@ def _inverse_cube(m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, *variances: np
 # --- the non-Gaussian parameter: the kurtosis minus 1 at each sample time, with all averages within the runs
 
 MOMENTS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 and their product; `displacement` has msd
-
-
-def _moments(case: Case, runs: Ensemble, squared: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Return r^4 (n, T) and its product with r^2; {} if they were not measured, or r^2 is not averaged alike."""
-    alike = "square_displacement" in runs.observables or case.average == "runs"
-    if "quartic_displacement" not in runs.observables or squared is None or not alike:
-        return {}
-    quartic = runs.observables["quartic_displacement"]
-    return {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:

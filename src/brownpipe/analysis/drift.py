@@ -61,9 +61,8 @@ def quarters_of(scene: Scene, times: np.ndarray, observables: Mapping[str, np.nd
         "collision rate": observables["quarter_collisions"] / duration,
     }
     if "quarter_energy" in observables:
-        energies = np.moveaxis(observables["quarter_energy"], 2, 0)
-        names = (f"kinetic energy of {name}" for name in species_table(scene).name)
-        found |= zip(names, energies, strict=True)
+        for k, name in enumerate(species_table(scene).name):
+            found[f"kinetic energy of {name}"] = observables["quarter_energy"][:, :, k]
     if "quarter_order" in observables:
         found["psi_6"] = observables["quarter_order"]
     return found

@@ -105,7 +105,6 @@ COORDINATES = {
     "scene": Variable(("scene",), None, "scene"),
     "particles": Variable(("particles",), "1", "number of disks, tracer included"),
     "engine": Variable(("engine",), None, "engine and its settings"),
-    "time": Variable(("time",), "time", "time since the start"),
     "seed": Variable(("seed",), None, "seed of the run"),
 }
 

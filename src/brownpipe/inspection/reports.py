@@ -9,12 +9,12 @@ import numpy as np
 
 from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
 from brownpipe.analysis.goodness import holm
-from brownpipe.analysis.variables import EACH, FAILED, MISSING
+from brownpipe.analysis.variables import EACH, FAILED, MISSING, labels_of_cases
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
-from brownpipe.engines.exact import EXACT
 from brownpipe.errors import RequestError, WrongFileError
 from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import aligned
+from brownpipe.figures.cases import in_words as label_in_words
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
 from brownpipe.observables.displacement import displacement
@@ -197,14 +197,12 @@ def failed_runs(path: str | Path) -> tuple[int, int, str]:
     Raises StorageError if the file is damaged, WrongFileError if it is no dataset of `brownpipe aggregate` with the
     labels of its runs.
     """
-    status = read_dataset(path).get("run_status")
+    dataset = read_dataset(path)
+    status, labels = dataset.get("run_status"), labels_of_cases(dataset)
     if status is None or not {*EACH, "seed"} <= set(status.dims):
         raise WrongFileError(f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate")
     cases = []
     for place in zip(*np.nonzero((status == FAILED).any("seed").values), strict=True):
-        case = status[place]
-        scene, *keys, particles, engine = ((dim, case[dim].item()) for dim in status.dims if dim != "seed")
-        words = [scene[1], *(f"{name} = {value}" for name, value in keys), f"N = {particles[1]}"]
-        words += [] if engine[1] == EXACT.name else [engine[1]]
-        cases.append(f"{', '.join(words)}: seeds {brief_seed_text(case.seed.values[case.values == FAILED])}")
+        words = label_in_words(dataset.isel(dict(zip(labels, place, strict=True))), labels)
+        cases.append(f"{words}: seeds {brief_seed_text(status.seed.values[status[place].values == FAILED])}")
     return int((status == FAILED).sum()), int((status != MISSING).sum()), "; ".join(cases)

@@ -116,7 +116,7 @@ def measure(
             parts.append(of_scene | {"setting": [label]} | values | costs)
     options = {"instead_of": {scene: [*others] for scene, others in instead_of.items()}, "fit_window": window}
     made = origin_attributes("tradeoff", ((group.pattern.contents, group.seeds) for group in groups), options)
-    return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES))
+    return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made))
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
