@@ -13,7 +13,6 @@ import brownpipe as bp
 import forked
 from brownpipe.analysis import aggregate
 from brownpipe.analysis.runs import groups_of
-from brownpipe.analysis.varied import failed_runs
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import select
 from brownpipe.engines.exact import layout
@@ -24,6 +23,7 @@ from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.figures.render import draw
 from brownpipe.figures.summary import summary
 from brownpipe.inspection import reproduction
+from brownpipe.inspection.reports import failed_runs
 from brownpipe.scene import parse_scene
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.trajectories import from_tree, read_trajectories, to_tree, write_trajectories

@@ -1,7 +1,7 @@
 """One labelled dataset from the trajectory files of a study: all estimates for each scene, particle count, engine."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate, chain, pairwise
+from itertools import accumulate, chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,34 +13,33 @@ from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import Averages, Case, columns_of, results_of
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported
-from brownpipe.analysis.variables import EACH, FAILED, KEPT, SAME_TIME, Mean, Variable, names_of, with_uncertainties
-from brownpipe.analysis.varied import over_keys
+from brownpipe.analysis.variables import EACH, SAME_TIME, VARIED, Mean, Variable, names_of, with_uncertainties
 from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
 from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.observables import AXES
 from brownpipe.observables.observable import RunArray
 from brownpipe.observables.own import Own
+from brownpipe.scene import Scene
+from brownpipe.scene.variation import short_name, unit_of, value_of
 from brownpipe.storage.datasets import origin_attributes
 from brownpipe.storage.layout import VARIABLES
 from brownpipe.storage.trajectories import Trajectories
 
 if TYPE_CHECKING:
-    import xarray
+    from xarray import Dataset
 
 Part = dict[str, Any]  # results of one case: variable or coordinate -> array whose size is that of its dimensions
 
 ESTIMATORS = displacement, distribution, velocity, pairs, thermodynamics, drift
-FIRST = (  # in a dataset, so that xarray shows these of its hundred variables, then other physics; health last
-    *("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation"),
-    *("orientational_order_squared", "kinetic_temperature", "packing_fraction"),
-)
-TABLES = [table.VARIABLES for table in (*ESTIMATORS, variables)]
-BY_NAME = {name: one for table in TABLES for name, one in with_uncertainties(table).items()}
+# In a dataset these come first, so that xarray shows them of its hundred variables, then other physics, last health.
+FIRST = ("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation")
+BY_NAME = with_uncertainties({name: one for part in (*ESTIMATORS, variables) for name, one in part.VARIABLES.items()})
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
-ALWAYS = with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES).keys()  # in every dataset
+ALWAYS = {*with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES)}  # in every dataset
 ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | variables.COORDINATES
 ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
+Table = Mapping[str, Variable]
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 
 
@@ -52,7 +51,7 @@ def aggregate(
     displacement_times: Sequence[float] = (),
     vary: Sequence[str] = (),
     vary_together: bool = False,
-) -> "xarray.Dataset":
+) -> "Dataset":
     """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
     A file that is given with what it is to hold (`StoredFile`) is refused if it holds other runs.
@@ -65,7 +64,8 @@ def aggregate(
         run to its end.
     dr, rings: width [length] and number of the rings of the displacement distribution, by default from the data.
     displacement_times: its times [time], by default the end of each run.
-    vary, vary_together: keys in which the scenes differ, each a dimension (`varied.over_keys`).
+    vary, vary_together: keys in which the scenes differ, each a dimension in place of a scene for each combination of
+        their values; together, keys beyond the first are coordinates along the dimension of the first.
 
     Raises AnalysisError for files that do not belong together, for windows and times that coincide or that no run
     reaches, and what `read_trajectories` raises for broken files.
@@ -73,39 +73,61 @@ def aggregate(
     if (dr is None) != (rings is None):
         raise AnalysisError("rings: width and number must be given together")
     groups = groups_of(sources)
-    every = [group.contents for group in groups]
+    every = [group.pattern.contents for group in groups]
     scenes, fixed = [one.scene for one in every], None if dr is None else ring_edges(dr, rings)
     fitted, times = windows or default_windows(scenes), [*displacement_times]
     cases = [
-        Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own)
+        Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own, varied=vary)
         for one, runs in ((one, one.ensemble) for one in every)
     ]
-    own = {
-        name: Mean((*EACH, *array.dims), array.units, array.long_name, extra={"observable": array.observable})
-        for name, array in _own_of(groups).items()
-    }
     _refuse_unfit(cases)
+    own = _own_variables(groups)
     *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
     parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
-    made = origin_attributes("aggregate", ((group.contents, group.seeds) for group in groups), asked)
+    made = origin_attributes("aggregate", ((group.pattern.contents, group.seeds) for group in groups), asked)
     attributes = variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({*map(_followed, every)}))} | made
-    dataset = joined(parts, ALL_VARIABLES | with_uncertainties(own), ALL_COORDINATES, attributes, ALWAYS)
+    found = ALWAYS.union(*parts)
+    held = {name: one for name, one in (ALL_VARIABLES | with_uncertainties(own)).items() if name in found}
+    table, keys = _over_keys(held, scenes, vary, vary_together)
+    attributes |= {VARIED: " ".join(key for key, one in keys.items() if one.dims == (key,))} if keys else {}
+    dataset = joined(parts, table, ALL_COORDINATES | keys, attributes, (*EACH, *keys))
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value
         p.values = holm(p.values.ravel()).reshape(p.shape)
-    return over_keys(dataset, scenes, vary, vary_together)
+    return dataset
 
 
-def _own_of(groups: Sequence[Group]) -> Own:
-    """Return the arrays of the user's own functions. Raises AnalysisError if runs differ in more than shapes."""
+def _over_keys(
+    table: Table, scenes: Sequence[Scene], paths: Sequence[str], together: bool
+) -> tuple[Table, dict[str, Variable]]:
+    """Return variables with a dimension for each varied key behind that of the scene, and the keys as coordinates.
+
+    With `together`, keys beyond the first are coordinates along the dimension of the first. A variable with the name of
+    a key, such as the packing fraction, is the coordinate then.
+    """
+    values = {short_name(path): np.array([value_of(scene, path) for scene in scenes]) for path in paths}
+    dims = [*values][: 1 if together else None]
+    keys = {
+        key: Variable((key if key in dims else dims[0],), unit_of(path), path, (), of_key.dtype, of_key[0])
+        for path, (key, of_key) in zip(paths, values.items(), strict=True)
+    }
+    spread = {name: one._replace(dims=(EACH[0], *dims, *one.dims[1:])) for name, one in table.items()}
+    return {name: one for name, one in spread.items() if name not in keys}, keys
+
+
+def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
+    """Return those of the user's own functions. Raises AnalysisError if their arrays differ in more than shapes."""
     own: dict[str, RunArray] = {}
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():
             if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):
                 wrong = "was measured by another function, or has other dimensions, in other runs"
                 raise AnalysisError(f"{file.path}: {name}: {wrong}")
-    return own
+    return {
+        name: Mean((*EACH, *one.dims), one.units, one.long_name, extra={"observable": one.observable})
+        for name, one in own.items()
+    }
 
 
 def refuse_taken(own: Own) -> None:
@@ -124,7 +146,7 @@ def _followed(runs: Trajectories) -> str:
 
 
 def _refuse_unfit(cases: Sequence[Case]) -> None:
-    """Refuse windows and times that coincide, windows that end after every run, and times that no run samples."""
+    """Refuse windows that coincide, windows that end after every run, and times that no run samples."""
     windows, times = cases[0].windows, cases[0].displacement_times
     names, last = labels_of(windows), max(case.times[-1] for case in cases)
     if len(set(names)) < len(names):
@@ -133,9 +155,7 @@ def _refuse_unfit(cases: Sequence[Case]) -> None:
         if end * (1 - SAME_TIME) > last:
             raise AnalysisError(f"fit window {name}: must end by {last:g}, when the longest run does")
     sampled = np.concatenate([case.times[chosen_times(case)] for case in cases])
-    for before, time in pairwise((-np.inf, *sorted(times))):
-        if time - before <= SAME_TIME * time:
-            raise AnalysisError(f"displacement time {time:g}: must be given once")
+    for time in times:
         if not np.isclose(sampled, time, rtol=SAME_TIME, atol=0.0).any():
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
@@ -164,13 +184,15 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
     for runs in chain(first, blocks):
         averages.add(runs.seeds, columns_of(ESTIMATORS, case, runs))
     failed, *numbers = np.concatenate(health, axis=1)
-    labels: Part = {"scene": [case.scene.name], "particles": [case.scene.particles], "engine": [case.engine.label]}
+    name = case.scene.name.partition(",")[0] if case.varied else case.scene.name
+    labels: Part = {"scene": [name], "particles": [case.scene.particles], "engine": [case.engine.label]}
+    labels |= {short_name(path): [value_of(case.scene, path)] for path in case.varied}
     part = labels | {"time": case.times, "seed": group.seeds, **dict(zip(HEALTH, numbers, strict=True))}
     part |= {"runs": np.count_nonzero(failed == 0), "failed_runs": np.count_nonzero(failed)}
-    part["run_status"] = np.where(failed == 0, KEPT, FAILED)
+    part["run_status"] = np.where(failed == 0, variables.KEPT, variables.FAILED)
     if stopped:
         part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
-    part |= results_of(ESTIMATORS, case, averages)
+    part |= results_of(ESTIMATORS, case, averages) | labels
     dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
     own = {dim: size for array in case.own.values() for dim, size in zip(array.dims, array.shape, strict=True)}
     for dim in (dims | own.keys()) - part.keys():
@@ -183,24 +205,19 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
 
 
 def joined(
-    parts: Sequence[Part],
-    variables: Mapping[str, Variable],
-    coordinates: Mapping[str, Variable],
-    attributes: dict,
-    always: Collection[str] = (),
-) -> "xarray.Dataset":
+    parts: Sequence[Part], variables: Table, coordinates: Table, attributes: dict, labels: Collection[str] = EACH
+) -> "Dataset":
     """Return the outer join of `parts`; where a part has no value, a variable has its value `absent`.
 
-    A variable is there if a part has it, or if it is one of `always`. Labels and particle counts come in order of
-    appearance; other numbers ascend. Numbers that differ by less than SAME_TIME count as equal.
-    `xarray.concat` and `unstack` give the same values, but sort all labels and hold every array twice.
+    Values of `labels` and texts come in order of appearance; other numbers ascend. Numbers that differ by less than
+    SAME_TIME count as equal. `xarray.concat` and `unstack` give the same values, but sort all labels and hold every
+    array twice.
     """
     import xarray
 
-    held = {name: one for name, one in variables.items() if name in always or any(name in part for part in parts)}
-    dims = {dim for one in held.values() for dim in one.dims}
-    held |= {name: one for name, one in coordinates.items() if dims.issuperset(one.dims)}
-    axes = {dim: _union([part[dim] for part in parts if dim in part], dim == "particles") for dim in dims}
+    dims = {dim for one in variables.values() for dim in one.dims}
+    held = {**variables, **{name: one for name, one in coordinates.items() if dims.issuperset(one.dims)}}
+    axes = {dim: _union([part[dim] for part in parts if dim in part], dim in labels) for dim in dims}
     data = {}
     for name, variable in held.items():
         full: np.ndarray = np.full([len(axes[dim]) for dim in variable.dims], variable.absent, variable.dtype)

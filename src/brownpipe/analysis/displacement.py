@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.estimator import Averages, Case, Columns
-from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, SPEED2, TIME, Mean, Variable
+from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, SEED, SPEED2, TIME, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import diffusive_from
 from brownpipe.observables import displacement as of_a_run
@@ -70,16 +70,13 @@ def initial_square_speed(scene: Scene) -> float:
     zero total momentum the subtracted centre-of-mass velocity is accounted for. NaN if it is not known beforehand:
     a tracer that exchanges energy before t = 0 with a bath of another temperature.
     """
-    if scene.velocities is None:
+    if scene.velocities is None or not scene.particles:
         return float(np.square(scene.listed[0].velocity).sum()) if scene.listed else np.nan
     if scene.equilibrate.time and scene.equilibrate.tracer == "free" and scene.velocities.temperature is None:
         return np.nan
-    share = scene.mass / scene.mass.sum()
-    if scene.velocities.temperature is None:
-        still = 1 - 2 * share[0] + (share**2).sum() if scene.velocities.zero_momentum else 1.0
-        return 2.0 * scene.velocities.standard_deviation**2 * still
-    still = 1 - share[0] if scene.velocities.zero_momentum else 1.0
-    return 2.0 * scene.velocities.temperature / scene.mass[0] * still
+    kt, share = scene.velocities.temperature, scene.velocities.zero_momentum * scene.mass / scene.mass.sum()
+    variance = np.full(scene.particles, scene.velocities.standard_deviation**2) if kt is None else kt / scene.mass
+    return float(2.0 * (variance[0] * (1 - 2 * share[0]) + (share**2 * variance).sum()))
 
 
 def accessible_half_width(scene: Scene) -> float:
@@ -148,7 +145,7 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     return values | {"slope": slope, "intercept": lines.at(1), "diffusion_coefficient": slope.scaled(0.25)}
 
 
-WINDOW, SEED = (*EACH, "window"), (*EACH, "seed")
+WINDOW = (*EACH, "window")
 
 VARIABLES = {
     "msd": Mean(TIME, AREA, f"mean squared displacement {FOLLOWED}"),
@@ -163,9 +160,7 @@ VARIABLES = {
     "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
     "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
     "diffusive_from": Variable(EACH, "time", "3/gamma of the tracer (Enskog): lines may be fitted to the MSD after it"),
-    "accessible_half_width": Variable(
-        EACH, "length", "half the side of the tracer's square, if it starts in its centre"
-    ),
+    "accessible_half_width": Variable(EACH, "length", "half the side of the square in whose centre the tracer starts"),
 }
 COORDINATES = {
     "window": Variable(("window",), None, "time window of the straight-line fit"),

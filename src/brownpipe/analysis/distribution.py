@@ -6,7 +6,7 @@ docs/theory.md, sections 2 and 5.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,7 +89,11 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return powers of r at the displacement times, counts in the rings, and moments for the non-Gaussian parameter."""
     at, squared = chosen_times(case), displacement.squared_of(case, runs)
-    distance2, moments = displacement.tracer_square_displacement(case, runs), _moments(case, runs, squared)
+    distance2, moments = displacement.tracer_square_displacement(case, runs), {}
+    alike = "square_displacement" in runs.observables or case.average == "runs"  # r^2 and r^4 are averaged
+    if "quartic_displacement" in runs.observables and squared is not None and alike:
+        quartic = runs.observables["quartic_displacement"]
+        moments = {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
     if squared is None or distance2 is None or not len(at):
         return Columns(moments)
     r2, slopes = distance2[:, at], displacement.per_run_lines(squared, case.times, case.windows)[:, 0]
@@ -135,6 +139,15 @@ def _rings(edges: np.ndarray) -> dict[str, np.ndarray]:
     return {"r": (edges[1:] + edges[:-1]) / 2, "r_inner": edges[:-1], "r_outer": edges[1:]}
 
 
+class Model(NamedTuple):
+    """A model of the distribution and its D, with what `goodness.chi_square` needs to know of the source of D."""
+
+    diffusion: float
+    half_width: float | None  # of a reflecting square, None for the plane
+    shared: np.ndarray  # (K + 1,)
+    variance: float
+
+
 def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, list]:
     """Tests of every model (M,) against the counts (K + 1,) at the k-th time: variable -> M values.
 
@@ -143,44 +156,37 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     """
     at, edges, half_width = chosen_times(case)[k], case.rings[k], displacement.accessible_half_width(case.scene)
     t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
-    means = np.array([averages.mean("msd")[at], *averages.mean("lines")[0]])
+    of_msd, of_lines = (np.stack(resampling.moments(averages.of(name), 0))[:, 0] for name in ("msd", "lines"))
+    means, variances = np.column_stack([of_msd[:, at], of_lines[:, : len(case.windows)]])
     means = np.where((means > 0.0) & (t > 0.0), means, np.nan)
-    variances = [resampling.moments(averages.of(name), 0)[1][0] for name in ("msd", "lines")]
-    variances = np.array([variances[0][at], *variances[1][: len(means) - 1]]) / means**2
+    variances = variances / means**2
     shared = averages.totals["shared"][k][:, : len(edges)] / means[:, None] - counts
     over = np.array([4 * t or 1.0, *np.full(len(means) - 1, 4.0)])
-    models = [(d, None, *of_source) for d, *of_source in zip(means / over, shared, variances, strict=True)]
+    models = [Model(d, None, *of_source) for d, *of_source in zip(means / over, shared, variances, strict=True)]
     if np.isfinite(half_width):
         d, raised = (
             theory.reflecting_square_diffusion(means[0] * scale, t, half_width) if t > 0.0 else np.nan
             for scale in (1.0, 1.0 + LOG_STEP)
         )
         elasticity = (raised / d - 1.0) / LOG_STEP
-        models.append((d, half_width, elasticity * shared[0], elasticity**2 * variances[0]))
-    tests = [_test(counts, edges, t, kurtosis_p, *model) for model in models]
+        models.append(Model(d, half_width, elasticity * shared[0], elasticity**2 * variances[0]))
+    tests = [_test(counts, edges, t, kurtosis_p, model) for model in models]
     return {name: [test[name] for test in tests] for name in tests[0]}
 
 
 def _test(
-    counts: np.ndarray,
-    edges: np.ndarray,
-    t: float,
-    kurtosis_p: float,
-    d: float,
-    half_width: float | None,
-    shared: np.ndarray,
-    variance: float,
+    counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, model: Model
 ) -> dict[str, float | np.ndarray]:
-    """Test of one model, in a square or the plane (None); `shared` and `variance` are those of `goodness.Estimated`."""
+    """Test of one model: variable -> value."""
     expected, raised, lowered, *wrong = (
-        expected_ring_counts(counts.sum(), edges, t or 1.0, d * scale, half_width)
+        expected_ring_counts(counts.sum(), edges, t or 1.0, model.diffusion * scale, model.half_width)
         for scale in (1.0, float(np.exp(LOG_STEP)), float(np.exp(-LOG_STEP)), 1 + WRONG_BY, 1 - WRONG_BY)
     )
-    source = goodness.Estimated((raised - lowered) / (2 * LOG_STEP), shared, variance)
-    test, of_shape = goodness.chi_square(counts, expected, source), kurtosis_p if half_width is None else np.nan
+    test = goodness.chi_square(counts, expected, (raised - lowered) / (2 * LOG_STEP), model.shared, model.variance)
+    of_shape = kurtosis_p if model.half_width is None else np.nan
     level = goodness.LEVEL / (1 + np.isfinite(of_shape))
     return {
-        "model_diffusion_coefficient": d,
+        "model_diffusion_coefficient": model.diffusion,
         "expected_counts": expected[:-1],
         "expected_overflow": expected[-1],
         "chi_square": test.statistic,
@@ -219,15 +225,6 @@ def _inverse_cube(m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, *variances: np
 MOMENTS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 and their product; `displacement` has msd
 
 
-def _moments(case: Case, runs: Ensemble, squared: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Return r^4 (n, T) and its product with r^2; {} if they were not measured, or r^2 is not averaged alike."""
-    alike = "square_displacement" in runs.observables or case.average == "runs"
-    if "quartic_displacement" not in runs.observables or squared is None or not alike:
-        return {}
-    quartic = runs.observables["quartic_displacement"]
-    return {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
-
-
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return the non-Gaussian parameter; for the rest see `at_each_time`."""
     if "quartic_displacement" not in averages:
@@ -256,6 +253,10 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     return {name: np.append(np.nan, controlled), f"{name}_standard_error": np.append(np.nan, error)}
 
 
+MODELS = (
+    "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of the 2020 note; "
+    "square = diffusion in a reflecting square, D from MSD(t)"
+)
 AT = (*EACH, "displacement_time")
 RING, MODEL = (*AT, "r"), (*AT, "model")
 OF_COUNT = "(Wilson) interval of the count"
@@ -287,10 +288,5 @@ COORDINATES = {
     "r": Variable(("r",), "length", "middle of the ring"),
     "r_inner": Variable(("r",), "length", "inner radius of the ring"),
     "r_outer": Variable(("r",), "length", "outer radius of the ring"),
-    "model": Variable(
-        ("model",),
-        None,
-        "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of the 2020 note; "
-        "square = diffusion in a reflecting square, D from MSD(t)",
-    ),
+    "model": Variable(("model",), None, MODELS),
 }

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.estimator import Averages, Case, Columns
-from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.thermodynamics import compressibility, temperature
 from brownpipe.analysis.variables import EACH, ERROR, Variable
 from brownpipe.engines import Engine
@@ -62,21 +61,14 @@ def quarters_of(scene: Scene, times: np.ndarray, observables: Mapping[str, np.nd
         "collision rate": observables["quarter_collisions"] / duration,
     }
     if "quarter_energy" in observables:
-        energies = np.moveaxis(observables["quarter_energy"], 2, 0)
-        names = (f"kinetic energy of {name}" for name in species_table(scene).name)
-        found |= zip(names, energies, strict=True)
+        for k, name in enumerate(species_table(scene).name):
+            found[f"kinetic energy of {name}"] = observables["quarter_energy"][:, :, k]
     if "quarter_order" in observables:
         found["psi_6"] = observables["quarter_order"]
     return found
 
 
 def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
-    """Return the drift of quantities in the quarters (n, 4) of n runs, which are the whole family of tests."""
-    found = unadjusted(quarters)
-    return found._replace(p=holm(found.p))
-
-
-def unadjusted(quarters: Mapping[str, np.ndarray]) -> Drift:
     """Return the drift of quantities in the quarters (n, 4) of n runs, with the p-value of each test alone.
 
     NaN for fewer than FEWEST_RUNS, for a quantity that is 0 and for one without scatter.
@@ -139,8 +131,8 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         return {}
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
     if quarters := quarters_of(case.scene, case.times, averages.kept):
-        found = unadjusted(quarters)
-        values |= dict(zip(("quantity", "drift", "drift_standard_error", "drift_p_value"), found, strict=True))
+        names = ("quantity", "drift", "drift_standard_error", "drift_p_value")
+        values |= dict(zip(names, drift_of(quarters), strict=True))
     return values
 
 

@@ -10,7 +10,6 @@ memory. To add one, enter it in `dataset.ESTIMATORS`.
 
 from collections import ChainMap
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise, starmap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +36,7 @@ class Case(NamedTuple):
     edges: np.ndarray | None = None  # (K + 1,) asked for, of its rings [length]; None: from the data
     rings: tuple[np.ndarray, ...] = ()  # (K + 1,) edges of the rings at each of these times
     own: Own = NO_OWN  # arrays of the user's own functions
+    varied: Sequence[str] = ()  # keys in which the scenes of the dataset differ
 
 
 class Columns(NamedTuple):
@@ -62,16 +62,14 @@ class Averages:
 
     def add(self, seeds: np.ndarray, columns: Columns) -> "Averages":
         """Add the runs `seeds` (n,), n > 0, of the next block."""
-        flat = {name: np.reshape(values, (len(seeds), -1)) for name, values in columns.means.items()}
-        ends = np.cumsum([0, *(values.shape[1] for values in flat.values())]).tolist()
-        shapes = (np.shape(values)[1:] for values in columns.means.values())
-        self.places = dict(zip(flat, zip(starmap(slice, pairwise(ends)), shapes, strict=True), strict=True))
+        flat, end = [np.zeros((len(seeds), 0))], 0
+        for name, values in columns.means.items():
+            flat.append(np.reshape(values, (len(seeds), -1)))
+            self.places[name] = slice(end, end := end + flat[-1].shape[1]), np.shape(values)[1:]
         self.totals = {name: self.totals.get(name, 0) + values for name, values in columns.totals.items()}
-        before = {name: self.kept.get(name, values[:0]) for name, values in columns.kept.items()}
-        self.kept = {name: np.concatenate([before[name], values]) for name, values in columns.kept.items()}
+        self.kept = {name: np.concatenate([self.kept.get(name, one[:0]), one]) for name, one in columns.kept.items()}
         self.runs += len(seeds)
-        together = np.concatenate([np.zeros((len(seeds), 0)), *flat.values()], axis=1)
-        self.sums = resampling.add_block(self.sums, seeds, together)
+        self.sums = resampling.add_block(self.sums, seeds, np.concatenate(flat, axis=1))
         return self
 
     def of(self, name: str) -> Sums:

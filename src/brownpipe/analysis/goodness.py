@@ -35,31 +35,25 @@ class ChiSquare(NamedTuple):
     p: float  # probability of a larger statistic if the model holds; NaN without degrees of freedom
 
 
-class Estimated(NamedTuple):
-    """Correlation of the counts with a D that is estimated from the same runs."""
+def chi_square(
+    observed: np.ndarray, expected: np.ndarray, change: np.ndarray, shared: np.ndarray, variance: float
+) -> ChiSquare:
+    """Return Pearson's test of counts (K,) against expected counts (K,) of the same total, for a D from the same runs.
 
-    change: np.ndarray  # (K,) dE_k/d ln D
-    shared: np.ndarray  # (K,) sum over the runs of bin k of s_i/<s> - 1
-    variance: float  # of s_i/<s> over runs
-
-
-def chi_square(observed: np.ndarray, expected: np.ndarray, source: Estimated) -> ChiSquare:
-    """Return Pearson's test of counts (K,) against expected counts (K,) of the same total.
-
+    change: (K,) dE_k/d ln D. shared: (K,) sum over the runs of bin k of s_i/<s> - 1. variance: of s_i/<s> over runs.
     Neighbouring bins are pooled until each expects FEWEST_EXPECTED. The nominal number of degrees of freedom is that of
     the pooled bins minus one for the total and one for D; p follows from the distribution at the head of this module.
     """
     from scipy.special import gammaincc
 
-    pools = _pools(expected)
-    observed, expected = _pooled(observed, pools), _pooled(expected, pools)
+    observed, expected, change, shared = _pooled(expected, observed, expected, change, shared)
     freedom = len(expected) - 2
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
     runs, root = expected.sum(), np.sqrt(expected)
-    b, c = _pooled(source.change, pools) / root, _pooled(source.shared, pools) / root / runs
+    b, c = change / root, shared / root / runs
     bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
-    middle = source.variance / runs * bb / 2 - bc
+    middle = variance / runs * bb / 2 - bc
     apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
     weights = np.maximum([1 + middle + apart, 1 + middle - apart], 0.0)
     statistic = ((observed - expected) ** 2 / expected).sum()
@@ -79,28 +73,20 @@ def power(expected: np.ndarray, others: np.ndarray, level: float = LEVEL) -> flo
     """
     from scipy.special import chdtri, chndtr
 
-    pools = _pools(expected)
-    expected, others = _pooled(expected, pools), _pooled(others, pools)
+    expected, others = _pooled(expected, expected, others)
     freedom = len(expected) - 2
     if freedom < 1 or not np.all(np.isfinite(expected + others)):
         return np.nan
     return float(1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum()))
 
 
-def _pools(expected: np.ndarray) -> list[int]:
-    """First bins of pools of neighbouring bins that expect FEWEST_EXPECTED or more; the rest joins the last pool."""
-    starts, pool, expected = [0], 0.0, np.asarray(expected, float)
-    for k, count in enumerate(expected):
-        pool += count
-        if pool >= FEWEST_EXPECTED and expected[k + 1 :].sum() >= FEWEST_EXPECTED:
-            starts.append(k + 1)
-            pool = 0.0
-    return starts
-
-
-def _pooled(values: np.ndarray, pools: list[int]) -> np.ndarray:
-    """Sums over the bins of each pool."""
-    return np.add.reduceat(np.asarray(values, float), pools)
+def _pooled(expected: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
+    """Sums over pools of neighbouring bins that expect FEWEST_EXPECTED or more; the rest joins the last pool."""
+    starts = [0]
+    for k in range(1, len(expected)):
+        if np.sum(expected[starts[-1] : k]) >= FEWEST_EXPECTED <= np.sum(expected[k:]):
+            starts.append(k)
+    return [np.add.reduceat(np.asarray(one, float), starts) for one in values]
 
 
 # --- kurtosis
@@ -119,26 +105,14 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
 
     if not (np.isfinite(kurtosis) and runs > 2):
         return np.nan
-    shift, scale, width = _lognormal(int(runs))
-    if kurtosis <= shift:
-        return 0.0
-    return float(2 * ndtr(-abs(np.log((kurtosis - shift) / scale)) / width))
-
-
-def _lognormal(runs: int) -> tuple[float, float, float]:
-    """Shift, median minus shift, and width of the lognormal distribution with the kurtosis' first three moments."""
-    mean, variance, skewness = _greenwood(runs)
-    third = np.log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
-    w = np.exp(third) + np.exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
-    scale = np.sqrt(variance / (w * (w - 1)))
-    return mean - scale * np.sqrt(w), scale, np.sqrt(np.log(w))
-
-
-def _greenwood(n: int) -> tuple[float, float, float]:
-    """Mean, variance and skewness of n/2 times the sum of squares of n random parts of 1."""
+    n = int(runs)
     variance = n**2 * (n - 1) / ((n + 1) ** 2 * (n + 2) * (n + 3))
     skewness = 2 * (5 * n - 7) / ((n + 4) * (n + 5)) * np.sqrt((n + 2) * (n + 3) / (n - 1))
-    return n / (n + 1), variance, skewness
+    third = np.log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
+    w = np.exp(third) + np.exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
+    median = np.sqrt(variance / (w * (w - 1)))  # less the shift
+    above = kurtosis - n / (n + 1) + median * np.sqrt(w)  # the kurtosis less the shift; its mean is n/(n + 1)
+    return float(2 * ndtr(-abs(np.log(above / median)) / np.sqrt(np.log(w)))) if above > 0.0 else 0.0
 
 
 # --- multiple tests

@@ -241,14 +241,12 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
     return values
 
 
-PAIR = (*EACH, "species_pair")
+PAIR, SPECIES = (*EACH, "species_pair"), (*EACH, "species")
 
 VARIABLES = {
     "pair_distribution": Mean((*PAIR, "distance"), "1", "pair distribution g(r); 1 for an ideal gas in this box"),
     "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
     "contact_value": Mean(PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"),
     "contact_value_rate": Mean(PAIR, "1", "g(r) at contact, from the collision rate"),
-    "contact_density": Mean(
-        (*EACH, "species"), "1/length^2", "number density at the walls, extrapolated from up to 0.2 diameters"
-    ),
+    "contact_density": Mean(SPECIES, "1/length^2", "number density at the walls, extrapolated from 0.2 diameters"),
 }

@@ -86,15 +86,11 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
     sums.weight[1:] += weights.sum(axis=1)
     for terms, total in ((deviation, sums.first), (deviation**2, sums.second)):
         total[0] += terms.sum(axis=0)
-        for chunk in _chunks(terms.shape[1]):
+        for start in range(0, terms.shape[1], _AT_ONCE):
+            chunk = slice(start, start + _AT_ONCE)
             steps, unit = _on_a_grid(terms[:, chunk])
             total[1:, chunk] += (weights @ steps) * unit
     return sums
-
-
-def _chunks(columns: int) -> list[slice]:
-    """Columns in chunks of _AT_ONCE."""
-    return [slice(start, start + _AT_ONCE) for start in range(0, max(columns, 1), _AT_ONCE)]
 
 
 @lru_cache(maxsize=4)
@@ -132,12 +128,10 @@ def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)
     the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 10 runs
     (B. Efron, Can. J. Stat. 9, 139 (1981)). NaN ends below FEWEST_FOR_INTERVAL runs.
     """
-    parts = [_estimate([one.at(chunk) for one in sums], of) for chunk in _chunks(len(sums[0].pivot))]
-    return Estimate(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _estimate(sums: list[Sums], of: Callable) -> Estimate:
-    """The Estimate of a chunk of the columns."""
+    if len(sums[0].pivot) > _AT_ONCE:
+        chunks = [slice(start, start + _AT_ONCE) for start in range(0, len(sums[0].pivot), _AT_ONCE)]
+        parts = (estimate(*(one.at(chunk) for one in sums), of=of) for chunk in chunks)
+        return Estimate(*map(np.concatenate, zip(*parts, strict=True)))
     means, variances = zip(*map(moments, sums), strict=True)
     value, variance = of(*means, *variances)
     error = np.sqrt(variance / _or_nan(sums[0].weight - 1)[:, None])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
-from brownpipe.engines.ensemble import Ensemble, joined, select, with_blanks
+from brownpipe.engines.ensemble import Ensemble, joined, select
 from brownpipe.errors import AnalysisError
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
@@ -38,10 +38,9 @@ class Group(NamedTuple):
     seeds: np.ndarray  # (S,) int64, ascending
 
     @property
-    def contents(self) -> Trajectories:
-        """Those of the first file, if possible of one with a run that came to its end."""
-        every = [file.contents for file in self.files]
-        return next((contents for contents in every if contents.measured is not None), every[0])
+    def pattern(self) -> RunFile:
+        """The first file, if possible one with a run that came to its end."""
+        return next((file for file in self.files if file.contents.measured is not None), self.files[0])
 
 
 def groups_of(sources: Iterable[Source]) -> list[Group]:
@@ -65,12 +64,12 @@ def _opened(number: int, source: Source) -> RunFile:
     """Return a source; of a file what it holds is read, but not its runs."""
     if isinstance(source, Trajectories):
         return RunFile(f"runs[{number}]", source.ensemble.seeds, source, True)
-    if isinstance(source, StoredFile):
-        contents = read_stored(source.path, outline=True)
-        seeds = contents.ensemble.seeds
-        return RunFile(str(source.path), seeds[np.isin(seeds, source.seeds)], contents, False)
-    contents = read_trajectories(source, outline=True)
-    return RunFile(str(source), contents.ensemble.seeds, contents, False)
+    if not isinstance(source, StoredFile):
+        contents = read_trajectories(source, outline=True)
+        return RunFile(str(source), contents.ensemble.seeds, contents, False)
+    contents = read_stored(source.path, outline=True)
+    seeds = contents.ensemble.seeds
+    return RunFile(str(source.path), seeds[np.isin(seeds, source.seeds)], contents, False)
 
 
 def _group(files: Sequence[RunFile]) -> Group:
@@ -127,16 +126,14 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
 
     files = sorted(group.files, key=lambda file: file.seeds.min())
     blocks = [np.unique(file.seeds // SEEDS_PER_BLOCK) for file in files]
-    first = next((file for file in files if file.contents.measured is not None), files[0])
-    pattern = load(first)
+    expected = load(group.pattern).observables.keys()
     for block in np.unique(group.seeds // SEEDS_PER_BLOCK):
         parts = []
         for file in (file for file, own in zip(files, blocks, strict=True) if block in own):
             runs = load(file)
-            if len(runs.stopped) == len(runs.seeds):  # nothing was measured
-                runs = with_blanks(runs, pattern)
-            if unlike := ", ".join(sorted(runs.observables.keys() ^ pattern.observables.keys())):
-                wrong = f"has other observables than {first.path} ({unlike}); make one of the two again"
+            unlike = ", ".join(sorted(runs.observables.keys() ^ expected))
+            if unlike and len(runs.stopped) < len(runs.seeds):  # otherwise nothing was measured
+                wrong = f"has other observables than {group.pattern.path} ({unlike}); make one of the two again"
                 raise AnalysisError(f"{file.path}: {wrong}")
             parts.append(select(runs, runs.seeds // SEEDS_PER_BLOCK == block))
         yield joined(parts)

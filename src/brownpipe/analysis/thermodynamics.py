@@ -138,9 +138,7 @@ VARIABLES = {
     "collision_rate_at_temperature": Mean(EACH, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}"),
     "tracer_collision_rate_at_temperature": Mean(EACH, "1/time", f"collisions of the tracer {AT_TEMPERATURE}"),
     "kinetic_temperature": Mean(EACH, "energy", "temperature kT from the kinetic energy"),
-    "compressibility": Mean(
-        EACH, "1", "compressibility factor 1 + W/(2 N kT t), W the pair virial; P/(n kT) if periodic"
-    ),
+    "compressibility": Mean(EACH, "1", "compressibility factor 1 + W/(2 N kT t), W the virial; P/(n kT) if periodic"),
     "wall_compressibility": Mean(EACH, "1", "compressibility factor P/(n kT), P the pressure on the walls, n = N/A"),
     "compressibility_rate": Mean(EACH, "1", "compressibility factor of equal disks from their collision rate"),
     "wall_pressure": Mean(EACH, "energy/length^2", "pressure on the walls: momentum transferred per length and time"),

@@ -6,7 +6,7 @@ Units are the reduced units of the scene: `length`, `time`, `mass`. "95 %" inter
 from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +14,13 @@ from numpy.typing import ArrayLike
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.observables import ARRAYS
 
+if TYPE_CHECKING:
+    from xarray import Dataset
+
 SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt depends on dt by round-off
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
 EACH = ("scene", "particles", "engine")  # the labels of a case
-TIME = (*EACH, "time")
+TIME, SEED = (*EACH, "time"), (*EACH, "seed")
 FOLLOWED = "of the tracer (where measured over disks, of all disks equal to it)"
 AREA, RATE, SPEED2 = "length^2", "length^2/time", "length^2/time^2"
 
@@ -48,7 +51,7 @@ class Variable(NamedTuple):
     units: str | None  # None: text
     long_name: str
     uncertainties: tuple[str, ...] = ()  # variables beside it: of a mean over runs ERROR or INTERVAL
-    dtype: type = float  # object for text
+    dtype: type | np.dtype = float  # object for text
     absent: float | str = np.nan
     extra: Mapping[str, object] = MappingProxyType({})  # further attributes
 
@@ -84,7 +87,6 @@ def with_intervals(values: Mapping[str, ArrayLike | Estimate]) -> dict[str, Any]
     return parts
 
 
-SEED = (*EACH, "seed")
 STATUS = {"flag_values": np.array([KEPT, FAILED, MISSING], np.int8), "flag_meanings": "kept failed missing"}
 
 AVERAGED = [name for name, array in ARRAYS.items() if array.averaged]
@@ -103,6 +105,12 @@ COORDINATES = {
     "scene": Variable(("scene",), None, "scene"),
     "particles": Variable(("particles",), "1", "number of disks, tracer included"),
     "engine": Variable(("engine",), None, "engine and its settings"),
-    "time": Variable(("time",), "time", "time since the start"),
     "seed": Variable(("seed",), None, "seed of the run"),
 }
+
+VARIED = "varied"  # attribute of a dataset: the names of its dimensions over keys of the scenes that were varied
+
+
+def labels_of_cases(dataset: "Dataset") -> list[str]:
+    """Return the dimensions whose coordinates tell the cases of a dataset apart: scene, varied keys, count, engine."""
+    return [EACH[0], *str(dataset.attrs.get(VARIED, "")).split(), *EACH[1:]]

@@ -14,14 +14,12 @@ from brownpipe.analysis.thermodynamics import enskog
 from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import partners_of
-from brownpipe.observables import ARRAYS, AXES
+from brownpipe.observables import AXES
 from brownpipe.scene import Scene
 
 EARLY = 0.25  # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
 COARSE = 0.2  # decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
 LATEST = 1.0  # latest of these samples, in units of the inverse of `fastest_rate`
-PRODUCTS = {"diffusion_running": "displacement_velocity", "green_kubo": "velocity_displacement"}
-DENSITIES = {"velocity_density": "velocity_counts", "speed_density": "speed_counts"}
 
 
 def enskog_rate(scene: Scene) -> float:
@@ -65,17 +63,8 @@ def slope_weights(times: np.ndarray, rate: float = 0.0) -> np.ndarray:
     The slope of C(t) exp(rate t), by the parabola through three points (the straight line through two), minus
     rate C(0): exact for an exponential decay at that rate.
     """
-    if len(times) == 2:
-        weights = np.array([-1, 1]) / times[1]
-    else:
-        a, b = times[1:]
-        weights = np.array([-(a + b) / (a * b), b / (a * (b - a)), -a / (b * (b - a))])
+    weights = np.linalg.inv(np.vander(times / times[-1], increasing=True))[1] / times[-1]
     return weights * np.exp(rate * times) - rate * (times == 0)
-
-
-def density(counts: np.ndarray, width: float) -> np.ndarray:
-    """Return the probability density (n, K, V) of `counts` (n, K, V) of K species in V bins of equal width."""
-    return counts / counts.sum(axis=-1, keepdims=True) / width
 
 
 def initial_slope(case: Case, averages: Averages) -> Estimate:
@@ -128,13 +117,13 @@ def columns(case: Case, runs: Ensemble) -> Columns:
             if fastest * case.times[samples[2]] <= LATEST:
                 weights = slope_weights(case.times[samples], enskog_rate(case.scene))
                 means["vacf_initial_slope"] = (seen["velocity_autocorrelation"][:, samples] * weights).sum(axis=1)
-    for name, product in PRODUCTS.items():
+    for name, product in (("diffusion_running", "displacement_velocity"), ("green_kubo", "velocity_displacement")):
         if product in seen:
             means[name] = seen[product] / 2
-    for name, counts in DENSITIES.items():
-        if counts in seen:
-            middles = np.asarray(AXES[ARRAYS[counts].dims[-1]].coordinates(case.scene))
-            means[name] = density(seen[counts], middles[1] - middles[0])
+    for name in ("velocity", "speed"):
+        if (counts := seen.get(f"{name}_counts")) is not None:  # (n, K, V) of K species in V bins of equal width
+            middles = np.asarray(AXES[f"{name}_bin"].coordinates(case.scene))
+            means[f"{name}_density"] = counts / counts.sum(axis=-1, keepdims=True) / (middles[1] - middles[0])
     return Columns(means)
 
 
@@ -153,9 +142,7 @@ VARIABLES = {
     "velocity_autocorrelation": Mean(TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
     "green_kubo": Mean(TIME, RATE, f"half of the integral of the autocorrelation, <v(0).(r(t) - r(0))>/2, {FOLLOWED}"),
     "vacf_initial_slope": Mean(EACH, SLOPE, "initial slope of the autocorrelation; errors include that of sampling"),
-    "vacf_initial_slope_expected": Variable(
-        EACH, SLOPE, "that of equilibrium, from the tracer's <v^2> and collision rate"
-    ),
+    "vacf_initial_slope_expected": Variable(EACH, SLOPE, "that of equilibrium, from <v^2> and the collision rate"),
     "velocity_density": Mean((*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"),
     "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
 }

@@ -14,7 +14,7 @@ import pandas
 from xarray import Dataset
 
 from brownpipe.analysis.drift import LEVEL
-from brownpipe.analysis.varied import labels_of_cases
+from brownpipe.analysis.variables import labels_of_cases
 from brownpipe.engines.friction import window_caution
 from brownpipe.errors import FigureError
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from brownpipe.analysis import drift
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
-from brownpipe.analysis.variables import FAILED, FOLLOWED, MISSING
-from brownpipe.analysis.varied import labels_of_cases
+from brownpipe.analysis.variables import FAILED, FOLLOWED, MISSING, labels_of_cases
 from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.engines.friction import window_caution
 from brownpipe.figures.cases import (

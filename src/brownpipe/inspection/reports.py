@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
+from brownpipe.analysis.goodness import holm
+from brownpipe.analysis.variables import EACH, FAILED, MISSING, labels_of_cases
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
 from brownpipe.errors import RequestError, WrongFileError
 from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import aligned
+from brownpipe.figures.cases import in_words as label_in_words
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
 from brownpipe.observables.displacement import displacement
@@ -124,6 +127,7 @@ def equilibrium(contents: Trajectories) -> list[str]:
         return []
     kept = select(ensemble, ensemble.observables["failed"] == 0)
     found = drift_of(quarters_of(scene, ensemble.times, kept.observables))
+    found = found._replace(p=holm(found.p))
     words = in_words(found, time_to_try(scene)) or f"no drift found (family-wise level {LEVEL:.0%})"
     return [f"equilibrium  {words if np.isfinite(found.p).any() else TOO_FEW}"]
 
@@ -186,3 +190,20 @@ def describe_product(path: str | Path) -> list[str]:
     lines = [f"{path}  made by {installation_in_words(record['made_by'])}"]
     lines += [f"dataset      {dataset['sha256'][:DIGITS]}"] if dataset else []
     return lines + [f"runs         {one['command']}" for one in runs]
+
+
+def failed_runs(path: str | Path) -> tuple[int, int, str]:
+    """Return how many runs of a dataset failed, how many it has with those, and the cases and seeds in words.
+
+    Raises StorageError if the file is damaged, WrongFileError if it is no dataset of `brownpipe aggregate` with the
+    labels of its runs.
+    """
+    dataset = read_dataset(path)
+    status, labels = dataset.get("run_status"), labels_of_cases(dataset)
+    if status is None or not {*EACH, "seed"} <= set(status.dims):
+        raise WrongFileError(f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate")
+    cases = []
+    for place in zip(*np.nonzero((status == FAILED).any("seed").values), strict=True):
+        words = label_in_words(dataset.isel(dict(zip(labels, place, strict=True))), labels)
+        cases.append(f"{words}: seeds {brief_seed_text(status.seed.values[status[place].values == FAILED])}")
+    return int((status == FAILED).sum()), int((status != MISSING).sum()), "; ".join(cases)

@@ -54,7 +54,7 @@ def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
     """
     found = []
     for group in groups:
-        contents = group.contents
+        contents = group.pattern.contents
         if contents.ensemble.tracer is None:
             raise AnalysisError(f"{group.files[0].path}: holds no tracer; make it again without --record none")
         found.append(runs_of(contents.scene, contents.engine, joined([*blocks_of(group)])))

@@ -115,8 +115,8 @@ def measure(
             costs = dict(zip(("cost_ratio", "cost_ratio_low", "cost_ratio_high"), cost, strict=True))
             parts.append(of_scene | {"setting": [label]} | values | costs)
     options = {"instead_of": {scene: [*others] for scene, others in instead_of.items()}, "fit_window": window}
-    made = origin_attributes("tradeoff", ((group.contents, group.seeds) for group in groups), options)
-    return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made, VARIABLES))
+    made = origin_attributes("tradeoff", ((group.pattern.contents, group.seeds) for group in groups), options)
+    return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made))
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:

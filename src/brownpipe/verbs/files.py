@@ -5,10 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe import inspection, progress
-from brownpipe.analysis.varied import failed_runs
 from brownpipe.errors import DONE, FAILED, RequestError, StorageError
 from brownpipe.inspection import reproduction
-from brownpipe.inspection.reports import PRODUCTS
+from brownpipe.inspection.reports import PRODUCTS, failed_runs
 from brownpipe.scene.reading import AtLeastOne, Count, Positive
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.datasets import read_contents
