@@ -57,6 +57,12 @@ def test_a_variant_is_the_scene_with_these_values_in_its_file():
     assert variant.name == "fluid,tracer_mass=10,bath_count=5,duration=2,equilibrate_time=2,box_x=0-9"
     span = {"from": 1, "to": 100, "count": 3, "spacing": "log"}
     assert validated(Vary, {MASS: span}) == {MASS: pytest.approx((1.0, 10.0, 100.0))}
+    (counts,) = validated(Vary, {"n": {"from": 5, "to": 15, "count": 3}}).values()
+    assert [scene_with(FLUID, "a.yaml", {"disks.species.bath.count": count}).particles for count in counts] == [
+        6,
+        11,
+        16,
+    ]
 
 
 @given(st.floats(1e-3, 0.5))

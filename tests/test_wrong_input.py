@@ -131,7 +131,8 @@ VARIED = [
     ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be less than or equal to 1"),
     ("{packing_fraction: [0.1]}", "vary", "packing_fraction: must be with one number of particles"),
     ("{duration: [1, 1.0000000000001]}", "vary", "must be values that differ"),
-    ("{duration: 3}", "vary.duration", "must be a list, not 3"),
+    ("{duration: {from: 1, to: 3}}", "vary.duration.count", "missing"),
+    ("{duration: {from: 0, to: 3, count: 3, spacing: log}}", "vary.duration.from", "different from 0"),
     ("{particles: [16]}", "vary", "by the key `particles`"),
     ("{duration: [1, 2], box.x: [[0, 1]]}\nvary_together: true", "vary", "lists of the same length"),
 ]

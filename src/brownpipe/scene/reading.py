@@ -52,7 +52,7 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
         try:
             for word in parents:
                 part = part.setdefault(word, {}) if isinstance(part, dict) else {one["name"]: one for one in part}[word]
-            part[last] = value
+            part[last] = round(value) if last == "count" and isinstance(value, float) else value
         except (LookupError, TypeError):
             allowed = "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name of a species"
             raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}") from None
@@ -138,7 +138,7 @@ class Record(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, value: object) -> object:
-        keys = tuple(cls.model_fields)
+        keys = tuple(field.alias or name for name, field in cls.model_fields.items())
         if not isinstance(value, Mapping):
             raise PydanticCustomError("record_type", f"must be a mapping with the keys {', '.join(keys)}")
         for key in value:

@@ -69,8 +69,6 @@ def scene_with(
 
     Raises RequestError for anything wrong.
     """
-    if not values:
-        return parse_scene(mapping, where, particles, name)
     keys = {path: value for path, value in values.items() if path != PACKING_FRACTION}
     words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
     name = ",".join([name or Path(where).stem, *words])
@@ -83,7 +81,7 @@ def scene_with(
     factor = math.sqrt(scene.packing_fraction / wanted)
     lengths = {"box.x": scene.box.x, "box.y": scene.box.y, "disks.tracer.position": scene.species[0].position}
     scaled = {path: [factor * end for end in ends] for path, ends in lengths.items() if ends}
-    return parse_scene(dict(with_values(scene.given, scaled)), where, name=name)
+    return parse_scene(with_values(scene.given, scaled), where, name=name)
 
 
 def short_name(path: str) -> str:
@@ -98,7 +96,7 @@ def value_of(scene: Scene, path: str) -> Any:
     found: Any = scene.as_mapping()
     for word in path.split("."):
         found = found[word] if isinstance(found, dict) else next(item for item in found if item["name"] == word)
-    return found if is_number(found) else _word(found)
+    return type(found)(float(_word(found))) if is_number(found) else _word(found)
 
 
 def unit_of(path: str) -> str:

@@ -112,7 +112,7 @@ class Study(Record):
 
     scenes: Texts = key("scene files, relative to the folder of the study file")
     particles: Counts | None = key("numbers of disks; every scene is run with each (default: its own)", None)
-    vary: Vary = key("keys of the scenes, such as disks.tracer.mass, and their values", {})
+    vary: Vary = key("keys of the scenes, such as disks.tracer.mass, and their values: a list, or from, to, count", {})
     vary_together: StrictBool = key(
         "first values of all varied keys, then second ones, ...; not all combinations", False
     )
