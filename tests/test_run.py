@@ -133,7 +133,7 @@ def test_a_profile_says_where_jobs_run_and_how_many(said, study, started, plugin
     ("name", "message"),
     [
         ("slrum", "profiles/slrum/config.yaml: cannot be read: No such file or directory"),
-        ("other", "--profile other: there is no snakemake-executor-plugin-my-queue here; install it by pip"),
+        ("other", "--profile other: needs snakemake-executor-plugin-my-queue; install it by pip"),
         ("empty", "empty/config.yaml: empty; must be a mapping of keys to values"),
     ],
 )

@@ -118,10 +118,8 @@ class Mixture(Record):
     @model_validator(mode="after")
     def _check(self) -> "Mixture":
         names, counts = [one.name for one in self.species], [one.count for one in self.species]
-        if len({"tracer", *names}) <= len(names):
-            refuse(f"must have names that differ, and none the name tracer, not {', '.join(names)}", "species")
-        if counts.count("rest") > 1:
-            refuse("must have numbers of disks but for one species, which can be the rest", "species")
+        if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
+            refuse(f"must have names of their own, none tracer, and one rest at most, not {names}, {counts}", "species")
         return self
 
 
@@ -195,8 +193,8 @@ class Scene(Record):
     def _resolve_times(self) -> None:
         interval = self.sample_interval or self.duration
         if not interval <= self.duration <= MOST_SAMPLES * interval:
-            allowed = f"at most the duration, {self.duration!r}, and at least {self.duration / MOST_SAMPLES:g}"
-            refuse(f"must be {allowed}, for {MOST_SAMPLES} samples, not {interval!r}", "sample_interval")
+            allowed = f"{self.duration / MOST_SAMPLES:g} ({MOST_SAMPLES} samples) to the duration, {self.duration!r}"
+            refuse(f"must be {allowed}, not {interval!r}", "sample_interval")
         if self.samples is not None:
             if self.sample_interval is not None:
                 refuse("must not be given with sample_interval; give one of the two", "samples")

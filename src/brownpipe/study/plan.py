@@ -74,7 +74,6 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     parts = stored_runs(scene, engine, wanted.digest, seeds)
     missing = ranges(without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts]))
     for first, last in missing:
-        wanted.folder.mkdir(parents=True, exist_ok=True)
         parts.append(engine.simulate(scene, range(first, last + 1), record, observables=observables, average=average))
         refuse_taken(parts[-1].own)
         write_trajectories(wanted.folder / f"{first}-{last}.h5", scene, engine, parts[-1], digest=wanted.digest)
@@ -222,5 +221,4 @@ def write_study(study: Study, study_file: str | Path, path: str | Path, offer: O
     mapping["observables"] = [os.path.relpath(name, folder) if is_own(name) else name for name in study.observables]
     mapping["engines"] = [{"name": offer.engine.name, **dict(offer.engine.settings)}]
     mapping["seeds"] = f"{first}-{first + offer.runs - 1}" if first else offer.runs
-    folder.mkdir(parents=True, exist_ok=True)
     write_file(path, f"# {comment}\n\n{yaml_text(mapping)}".encode())

@@ -29,7 +29,6 @@ from brownpipe.scene.variation import PACKING_FRACTION, Vary, combinations, is_n
 from brownpipe.text import shell_path
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
-SMALLEST_TOLERANCE = MOST_SEEDS**-0.5  # a relative error
 MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
@@ -37,9 +36,8 @@ PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of th
 
 def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: str | int) -> None:
     """Refuse, at a path of keys and indices, values that are not among those of the study."""
-    for value in values:
-        if value not in allowed:
-            refuse(f"must be {' or '.join(map(str, allowed))}, not {value!r}", *path)
+    if others := [value for value in values if value not in allowed]:
+        refuse(f"must be {' or '.join(map(str, allowed))}, not {others[0]!r}", *path)
 
 
 def one_or_more(kind: Any, least: int = 1) -> Any:
@@ -74,7 +72,7 @@ def _own_name(name: str) -> str:
 
 Text = Annotated[str, Field(min_length=1)]
 SHARE = BeforeValidator(_share, json_schema_input_type=float | str)
-Tolerance = Annotated[float, Field(strict=True, ge=SMALLEST_TOLERANCE, lt=1), SHARE]
+Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE]  # a relative error
 Target = Literal["msd", "d", "displacement_distribution"]
 EngineRecord: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Field(discriminator="name")]  # noqa: UP007  # as many as there are
 EngineKey: Any = Annotated[EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
@@ -224,9 +222,8 @@ class Study(Record):
             SPREADING: is_tracked or "square_displacement" in measured,
         }
         unmet = {name: [need for need in figure.needs if not conditions[need]] for name, figure in FIGURES.items()}
-        for name in self.figures or ():
-            if unmet[name]:
-                refuse(f"{name} needs {unmet[name][0]}", "figures")
+        if lacking := [f"{name} needs {unmet[name][0]}" for name in self.figures or () if unmet[name]]:
+            refuse(lacking[0], "figures")
         self._resolve(figures=self.figures or tuple(name for name in FIGURES if not unmet[name]))
         refuse_others(self.panel, ("scene", "particles", "engine", *self.vary), "panel")
         refuse_others({self.shown_particles} - {None}, counts, "shown_particles")
@@ -251,9 +248,8 @@ class Study(Record):
         by_name = {case.name: case for case in self.cases}
         for scene, names in self.instead_of.items():
             refuse_others((scene, *names), by_name, "instead_of", scene)
-            for name in names:
-                if name == scene or not np.array_equal(by_name[name].times, by_name[scene].times):
-                    refuse(f"must be other scenes with the sample times of {scene}", "instead_of", scene)
+            if any(name == scene or not np.array_equal(by_name[name].times, by_name[scene].times) for name in names):
+                refuse(f"must be other scenes with the sample times of {scene}", "instead_of", scene)
 
     @property
     def recording(self) -> tuple[set[str], tuple[str, ...], str]:
@@ -270,8 +266,8 @@ class Study(Record):
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
     """Return why no number of runs has a relative error in one of the scenes; None if each has one."""
-    names = [scene.name for scene in scenes if scene.listed or rms_speed(scene) == 0.0]
-    return f"{names[0]} leaves nothing to chance" if names else None
+    certain = (scene.name for scene in scenes if scene.listed or rms_speed(scene) == 0.0)
+    return next((f"{name} leaves nothing to chance" for name in certain), None)
 
 
 def forecast_of_runs(

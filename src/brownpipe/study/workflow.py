@@ -123,7 +123,5 @@ def profile_folder(profile: str) -> Path:
     folder = given if given.is_dir() else pipeline_folder() / "profiles" / profile
     executor = str(dict(read_yaml(folder / "config.yaml")).get("executor", "local"))
     if executor != "local" and not find_spec(f"snakemake_executor_plugin_{executor.replace('-', '_')}"):
-        raise RequestError(
-            f"--profile {profile}: there is no snakemake-executor-plugin-{executor} here; install it by pip"
-        )
+        raise RequestError(f"--profile {profile}: needs snakemake-executor-plugin-{executor}; install it by pip")
     return folder
