@@ -33,13 +33,11 @@ class Span(Record):
 
 
 def _spanned(span: Span) -> tuple[float, ...]:
-    """Return the values of a span. Powers are computed by Python: NumPy's may differ between processors."""
-    first, last, count = span.first, span.last, span.count
-    if span.spacing == "log" and not first * last > 0:
+    """Return the values of a span to DIGITS digits, as the last bits of NumPy's powers differ between processors."""
+    if span.spacing == "log" and not span.first * span.last > 0:
         refuse("must be different from 0 and of one sign for spacing: log", "from")
-    if span.spacing == "linear":
-        return tuple(np.linspace(first, last, count).tolist())
-    return *(first * (last / first) ** (k / (count - 1)) for k in range(count - 1)), last
+    spaced = np.geomspace if span.spacing == "log" else np.linspace
+    return tuple(float(f"{value:.{DIGITS}g}") for value in spaced(span.first, span.last, span.count))
 
 
 Values: Any = Annotated[Span, AfterValidator(_spanned)] | Annotated[tuple[Any, ...], Field(min_length=1)]
