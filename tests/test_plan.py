@@ -250,26 +250,7 @@ sample_interval: 0.5
     assert 5 < runs["runs"] / runs["disks"] < 15
 
 
-# -- refusals -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ({"seeds": 5, "tolerance": 0.02}, "seeds: must be given, or a tolerance in their place; not both"),
-        ({}, "seeds: must be given, or a tolerance in their place; not both"),
-        ({"tolerance": 0}, "tolerance: must be greater than or equal to 0.000316"),
-        ({"tolerance": "200%"}, "tolerance: must be less than 1"),
-        ({"tolerance": True}, "tolerance: must be a valid number"),
-        ({"tolerance": 0.02, "target": "energy"}, "target: must be 'msd', 'd' or"),
-        ({"seeds": 5, "instead_of": {"few": "few"}}, "instead_of.few: must be other scenes with the sample times"),
-        ({"seeds": 5, "engines": ["exact", {"name": "exact", "seeds": 3}]}, "engines: must be engines or settings"),
-    ],
-)
-def test_studies_that_cannot_be_are_refused(study_file, keys, message):
-    with pytest.raises(RequestError) as refusal:
-        read_study(study_file(**keys))
-    assert message in str(refusal.value)
+# -- engines --------------------------------------------------------------------------------------------------------
 
 
 def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_path):
