@@ -204,16 +204,15 @@ def test_seeds_and_tolerance_replace_each_other(tmp_path):
 def test_seeds_written_one_by_one_or_in_ranges_are_the_same(seeds):
     one_by_one = read_seeds(",".join(map(str, seeds)))
     assert list(one_by_one) == sorted(seeds)
-    assert isinstance(one_by_one, range) == (max(seeds) - min(seeds) + 1 == len(seeds))
-    assert read_seeds(",".join(f"{first}-{last}" for first, last in ranges(one_by_one))) == one_by_one
-    assert read_seeds(seed_text(one_by_one)) == one_by_one
+    assert [*read_seeds(",".join(f"{first}-{last}" for first, last in ranges(one_by_one)))] == [*one_by_one]
+    assert [*read_seeds(seed_text(one_by_one))] == [*one_by_one]
 
 
 def test_seeds_as_text():
     cases = {"": [], "17": [17], "0-599": range(600), "0-2,7,9-10": [0, 1, 2, 7, 9, 10], "0,2,4": range(0, 6, 2)}
     assert {text: seed_text(seeds) for text, seeds in cases.items()} == {text: text for text in cases}
-    assert (list(read_seeds("9,3,5,3")), read_seeds("0-9,2-3,5")) == ([3, 5, 9], range(10))
-    assert read_seeds("0-499999,500000-999999") == range(1_000_000)
+    assert (list(read_seeds("9,3,5,3")), list(read_seeds("0-9,2-3,5"))) == ([3, 5, 9], [*range(10)])
+    assert read_seeds("0-499999,500000-999999") == (*range(1_000_000),)
 
 
 @given(st.sets(st.integers(0, 100), min_size=1), st.integers(1, 20))

@@ -18,7 +18,7 @@ RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 def read_seeds(value: object) -> Sequence[int]:
     """Return the seeds of a study or call: a number is a count (seeds 0, 1, ...), a text or a list names them.
 
-    "0-2399", "17" or "3,5,9"; ascending and without repeats, a `range` if there is no gap. Raises RequestError for
+    "0-2399", "17" or "3,5,9"; ascending and without repeats; one range is a `range`. Raises RequestError for
     anything else, and for more than MOST_SEEDS seeds.
     """
     return validated(Seeds, value, key="seeds")
@@ -35,9 +35,7 @@ def _seeds(value: Any) -> Sequence[int]:
         refuse(f"must be {allowed} like 17, 0-2399 or 3,5,9, ascending, at most {MOST_SEEDS}, not {value!r:.80}")
     if len(ends) == 1:  # without 10 s of sorting for the most seeds
         return range(ends[0][0], ends[0][1] + 1)
-    seeds = np.unique(np.concatenate([np.arange(first, last + 1) for first, last in ends]))
-    consecutive = range(int(seeds[0]), int(seeds[-1]) + 1)
-    return consecutive if len(consecutive) == len(seeds) else tuple(seeds.tolist())
+    return tuple(np.unique(np.concatenate([np.arange(first, last + 1) for first, last in ends])).tolist())
 
 
 _Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]
