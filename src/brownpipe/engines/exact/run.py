@@ -231,17 +231,12 @@ def _joined(logs: list[Events]) -> Events | None:
 
 
 def _quarter_arrays(scene: Scene, frame: Frame, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the arrays of an empty Recorder for quarters of a run sampled at `times` (T,); empty if it has none.
-
-    The energy of a single species is that of the run, which is conserved: it is left out.
-    """
+    """Return the arrays of an empty Recorder for quarters of a run sampled at `times` (T,); empty if it has none."""
     ends = ends_of_quarters(times)
     if not (len(ends) and claims_equilibrium(scene)):
         return {"quarter": ends[:0], "species": ends[:0], "totals": np.zeros((0, 2))}
     table = species_table(scene)
-    kinds = len(table.name) if len(table.name) > 1 else 0
-    species = table.label[frame.order] if kinds else ends[:0]
-    return {"quarter": ends, "species": species, "totals": np.zeros((len(ends), 2 + kinds))}
+    return {"quarter": ends, "species": table.label[frame.order], "totals": np.zeros((len(ends), 2 + len(table.name)))}
 
 
 def quarter_of(recorder: ws.Recorder, w: ws.Workspace) -> ws.Recorder:
@@ -258,16 +253,16 @@ def _take_totals(recorder: ws.Recorder, w: ws.Workspace) -> None:
     for row in np.flatnonzero(recorder.quarter == w.progress[ws.SAMPLE] - 1):
         totals = recorder.totals[row]
         totals[:2] = w.count[ws.PAIRS], w.tally[ws.VIRIAL]
-        if len(recorder.species):
-            vx, vy = w.disk.reshape(-1, ws.ROW)[:, [ws.VX, ws.VY]].T
-            half_mass = 0.5 if w.mass is None else 0.5 * w.mass
-            totals[2:] = np.bincount(recorder.species, half_mass * (vx * vx + vy * vy), len(totals) - 2)
+        vx, vy = w.disk.reshape(-1, ws.ROW)[:, [ws.VX, ws.VY]].T
+        half_mass = 0.5 if w.mass is None else 0.5 * w.mass
+        totals[2:] = np.bincount(recorder.species, half_mass * (vx * vx + vy * vy), len(totals) - 2)
 
 
 def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
     """Return what a run reports by quarters, in the scene's units; {} if nothing.
 
-    The energy of a quarter is the mean of those at its beginning and its end, per disk.
+    The energy of a quarter is the mean of those at its beginning and its end, per disk. That of a single species is the
+    energy of the run, which is conserved: it is left out.
     """
     totals = recorder.totals
     if not len(totals):
@@ -277,7 +272,7 @@ def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
         "quarter_collisions": collisions.astype(np.int64),
         "quarter_virial": virial * frame.mass * frame.speed * frame.length,
     }
-    if len(recorder.species):
+    if totals.shape[1] > 3:
         energy = (totals[1:, 2:] + totals[:-1, 2:]) / (2 * np.bincount(recorder.species))
         values["quarter_energy"] = energy * frame.mass * frame.speed * frame.speed
     return values
@@ -303,4 +298,4 @@ def report_of(prepared: PreparedScene, w: ws.Workspace, first: np.ndarray, finit
     sound = finite and overlap <= HEALTH_BOUND and (pinned or conserved.momentum_residual <= HEALTH_BOUND)
     sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], conserved.fastest * time_since_start(w))
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
-    return report(scene, frame, conserved, collisions, impulses, overlap, sound, _quarters(frame, recorder))
+    return report(scene, frame, conserved, collisions, impulses, overlap, sound) | _quarters(frame, recorder)

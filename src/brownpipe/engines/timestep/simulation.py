@@ -206,7 +206,7 @@ def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finit
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
     overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
     missed = {"missed_collisions": count[ws.MISSED]} if w.late else {}
-    return report(scene, frame, conserved, collisions, impulses, overlap, sound, missed)
+    return report(scene, frame, conserved, collisions, impulses, overlap, sound) | missed
 
 
 def _are_inside(w: Workspace) -> bool:
