@@ -179,16 +179,14 @@ def begin(w: Workspace, motion: np.ndarray) -> None:
 
 def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
     """Return memory for samples, free flights after the last step before each: no step depends on sample times."""
-    n = scene.particles
     steps = times / time_step
     last = np.rint(steps)
     last = np.where(np.abs(steps - last) <= 1e-9 + 1e-12 * steps, last, np.floor(steps))
     return ws.Recorder(
-        tracer=int(frame.back[0]) if n else 0,
         step=last.astype(np.int64),
         rest=(times - last * time_step) / frame.time,
         track=blank_samples(len(times), 1),
-        whole=blank_samples(len(times), n if "all" in record else 0),
+        whole=blank_samples(len(times), scene.particles if "all" in record else 0),
     )
 
 
