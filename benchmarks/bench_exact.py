@@ -23,7 +23,7 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, with_fitting_buckets
-from brownpipe.engines.exact.run import events_so_far, new_recorder, prepare_scene, time_since_start
+from brownpipe.engines.exact.run import events_so_far, prepare_scene, time_since_start
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.units import motion_of
 from brownpipe.errors import RequestError
@@ -101,9 +101,9 @@ def scene_of(case):
 
 def started(scene, effort, change=None, record=()):
     """A melted run, its buckets as in `run.to_end`: workspace and recorder. `change` gives a workspace more to do."""
-    engine = prepare_scene(scene)
+    engine = prepare_scene(scene, FOR_EVER, record)
     w = engine.workspace if change is None else change(engine.workspace)
-    room = new_recorder(engine, FOR_EVER, record)
+    room = engine.recorder
     begin(w, motion_of(draw(scene, 0), engine.frame))
     melting = max(effort.melting, EVENTS_TO_MELT * scene.particles)
     go_on(w, room, melting // 2)
@@ -170,8 +170,8 @@ def cost_of_features(n, phi, effort):
 def milliseconds_per_run(effort):
     """Median CPU time of a run of the note's scene: the engine alone, and with drawing, sampling and reporting."""
     scene, runs = read_scene(NOTE), effort.runs
-    engine, states = prepare_scene(scene), [draw(scene, seed) for seed in range(runs)]
-    w, room = engine.workspace, new_recorder(engine, scene.times)
+    engine, states = prepare_scene(scene, scene.times), [draw(scene, seed) for seed in range(runs)]
+    w, room = engine.workspace, engine.recorder
     alone, whole, pairs = [], [], 0
     for _ in range(effort.stretches):
         begun = time.process_time()

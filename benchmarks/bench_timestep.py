@@ -62,15 +62,16 @@ def seconds(run, repeats):
 
 def exactly(engine, state, times, record=()):
     """A run of the exact engine from a state, sampled at these times."""
-    recorder = exact_run.new_recorder(engine, times, record)
-    return exact_run.to_end(engine, exact_run.beginning(engine, state), recorder)
+    block = engine.workspace.calendar.block
+    engine = engine._replace(recorder=exact_run.new_recorder(engine.scene, engine.frame, block, times, record))
+    return exact_run.to_end(engine, exact_run.beginning(engine, state))
 
 
 def runs_of_the_note(effort):
     """Time per run, bias and departure against the time step, in the note's scene."""
     scene, seeds = read_scene(ROOT / "config/scenes/harrison2020.yaml"), effort.seeds
     states, there = [draw(scene, seed) for seed in range(effort.states)], exact.simulate(scene, range(seeds))
-    reference = exact_run.prepare_scene(scene)
+    reference = exact_run.prepare_scene(scene, scene.times)
     alone = seconds(lambda: [exactly(reference, state, scene.times) for state in states], effort.repeats)
     alone *= 1e3 / len(states)
     pairs = there.observables["pair_collisions"]
@@ -109,7 +110,7 @@ def boxes(effort):
 
 def box(scene, effort):
     """The lines of one box, whose long run lasts as long as the scene."""
-    engine, n, long = exact_run.prepare_scene(scene), scene.particles, scene.times[-1:]
+    engine, n, long = exact_run.prepare_scene(scene, scene.times), scene.particles, scene.times[-1:]
     melted = exactly(engine, draw(scene, 0), np.array([effort.melting]), {"all"}).whole
     state = draw(scene, 0)._replace(position=melted.position[-1], velocity=melted.velocity[-1])
     alone = milliseconds_of_time(lambda times: exactly(engine, state, times), long, effort)

@@ -13,7 +13,7 @@ import pytest
 
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact.layout import begin
-from brownpipe.engines.exact.run import new_recorder, prepare_scene
+from brownpipe.engines.exact.run import prepare_scene
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw, without_total_momentum
 from brownpipe.engines.timestep import largest_step
@@ -78,7 +78,7 @@ def test_behind_contact_with_a_wall_by_round_off():
         return state._replace(position=(state.position - 2) * turn, velocity=state.velocity * turn)
 
     def columns(edge):
-        return prepare_scene(explicit(box(4, 4, W), disks(edge, 1), 1.0)).workspace.grid.columns
+        return prepare_scene(explicit(box(4, 4, W), disks(edge, 1), 1.0), np.zeros(0)).workspace.grid.columns
 
     edges = {n: 4 / n * round(n / 4) for n in range(5, 16)}
     found = [edge for n, edge in edges.items() if edge < 1.15 and columns(edge) == n]
@@ -317,12 +317,11 @@ def test_units_that_are_no_powers_of_two(factors):
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_disk_that_is_nowhere_fails_the_run(value, index):
     scene = FEW["periodic"]
-    prepared = prepare_scene(scene)
+    prepared = prepare_scene(scene, scene.times)
     w, first = prepared.workspace, motion_of(draw(scene, 3), prepared.frame)
-    recorder = new_recorder(prepared, scene.times)
     begin(w, first)
     for failed in (False, True):
-        assert exact_run.report_of(prepared, w, recorder, first, finite=True)["failed"] == failed
+        assert exact_run.report_of(prepared, w, first, finite=True)["failed"] == failed
         w.disk[index] = value
 
 

@@ -3,7 +3,6 @@
 All is in the scene's units and in the scene's order of the disks; the tracer is disk 0.
 """
 
-from collections import ChainMap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -145,30 +144,19 @@ def select(runs: Ensemble, rows: np.ndarray | slice) -> Ensemble:
     )
 
 
-def with_blanks(runs: Ensemble, like: Ensemble) -> Ensemble:
-    """Return runs with the observables of others; those that they lack are blank, as if no run came to its end."""
-    size = len(runs.seeds)
-    absent = {name: blank((size, *one.shape[1:]), one.dtype) for name, one in like.observables.items()}
-    return runs._replace(observables=absent | runs.observables)
-
-
 def joined(parts: Sequence[Ensemble]) -> Ensemble:
-    """Return ensembles of one scene and engine as one, seeds ascending; `with_blanks` where no run came to its end."""
+    """Return ensembles of one scene and engine as one, seeds ascending."""
     if len(parts) == 1:
         return parts[0]
-    complete = max(parts, key=lambda runs: len(runs.observables))
-    parts = [with_blanks(runs, complete) for runs in parts]
-    seeds = np.concatenate([runs.seeds for runs in parts])
-    tracks = zip(*(runs.tracer or () for runs in parts), strict=True)
-    tracer = [None if one[0] is None else np.concatenate(one, axis=1) for one in tracks]
-    every = complete._replace(
-        seeds=seeds,
-        tracer=Track(*tracer) if tracer else None,
-        observables={name: np.concatenate([runs.observables[name] for runs in parts]) for name in complete.observables},
-        whole=dict(ChainMap(*(runs.whole for runs in parts))),
-        events=dict(ChainMap(*(runs.events for runs in parts))),
-        stopped=dict(ChainMap(*(runs.stopped for runs in parts))),
-    )
+    seeds, first, tracer = np.concatenate([runs.seeds for runs in parts]), parts[0], None
+    if first.tracer is not None:
+        shape = (len(first.times), len(seeds), 2)
+        tracer = Track(*(None if values is None else blank(shape, values.dtype) for values in first.tracer))
+    every = Ensemble(seeds, first.times, tracer, {}, {}, {}, {}, {}, first.average)
+    for runs, end in zip(parts, np.cumsum([len(runs.seeds) for runs in parts]), strict=True):
+        write(every, slice(end - len(runs.seeds), end), runs.tracer, runs.observables)
+        for name in ("whole", "events", "stopped", "own"):
+            getattr(every, name).update(getattr(runs, name))
     return select(every, np.argsort(seeds, kind="stable"))
 
 

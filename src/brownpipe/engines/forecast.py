@@ -21,7 +21,7 @@ from brownpipe.engines.placement import is_grown, placement_caution
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
-from brownpipe.observables.species import bath_disks, equal_disks, species_table
+from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.scene import Scene
 
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
@@ -126,8 +126,6 @@ def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> fl
         samples, disks = len(scene.times), scene.particles
         if observable.of == "tracer":
             disks = len(equal_disks(scene)) if average == "disks" else 1
-        elif observable.of == "bath":
-            disks = len(bath_disks(scene))
         elif observable.is_over_samples and not is_stationary(scene):
             samples = 1
         pairs = samples / 2 if average == "origins" and observable.of != "all" else 1  # for each sample

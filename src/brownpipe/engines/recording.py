@@ -85,9 +85,8 @@ def report(
     impulses: np.ndarray,
     worst_overlap: float,
     sound: bool,
-    further: dict[str, Any],
 ) -> dict[str, Any]:
-    """Return the observables that every engine of all disks reports of a run, in the scene's units, and `further` ones.
+    """Return the observables that every engine of all disks reports of a run, in the scene's units.
 
     `kinetic_energy` is the total energy at t = 0. `collisions` are the numbers of collisions of pairs, with walls, and
     of the tracer; `impulses` the virial and the total impulses given by the four walls, in the engine's units;
@@ -107,7 +106,6 @@ def report(
         "failed": np.uint8(not sound),
         "kinetic_energy": conserved.energy * frame.mass * frame.speed * frame.speed,
         "virial": virial * frame.mass * frame.speed * frame.length,
-        **further,
     }
     if not scene.box.periodic:
         values["wall_impulse"] = sum(walls) * frame.mass * frame.speed

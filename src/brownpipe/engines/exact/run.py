@@ -42,12 +42,13 @@ MOST_BLOCKS = 2.0**62  # an int64 counts the blocks of a run
 
 
 class PreparedScene(NamedTuple):
-    """A scene, the engine's units for it, and a workspace that its runs use one after the other."""
+    """A scene, the engine's units for it, and the workspace and recorder that its runs use one after the other."""
 
     scene: Scene
     frame: Frame
-    workspace: ws.Workspace
     pinned: bool  # whether the tracer has infinite mass
+    workspace: ws.Workspace
+    recorder: ws.Recorder
 
 
 class RunState(NamedTuple):
@@ -72,13 +73,17 @@ class Checkpoints(NamedTuple):
 NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 
 
-def prepare_scene(scene: Scene, pinned: bool = False) -> PreparedScene:
-    """Return a scene with its workspace and with its kernels compiled; a `pinned` tracer has infinite mass."""
+def prepare_scene(scene: Scene, times: np.ndarray, record: Collection[str] = (), pinned: bool = False) -> PreparedScene:
+    """Return what runs of a scene need that are sampled at the times (T,) [scene's units], with its kernels compiled.
+
+    `record` as of `simulate`; a `pinned` tracer has infinite mass. Raises RequestError if the last time is more blocks
+    away than can be counted.
+    """
     frame = frame_of(scene)
-    prepared = PreparedScene(scene, frame, prepare(scene, frame, pinned), pinned)
-    nothing = partial(advance, prepared.workspace, new_recorder(prepared, np.zeros(0)), 0)
-    compile_all(insert_nothing, report_nothing, nothing)
-    return prepared
+    w = prepare(scene, frame, pinned)
+    recorder = new_recorder(scene, frame, w.calendar.block, times, record)
+    compile_all(insert_nothing, report_nothing, partial(advance, w, recorder._replace(block=recorder.block[:0]), 0))
+    return PreparedScene(scene, frame, pinned, w, recorder)
 
 
 def beginning(prepared: PreparedScene, state: State, equilibrating: bool = False) -> RunState:
@@ -87,15 +92,13 @@ def beginning(prepared: PreparedScene, state: State, equilibrating: bool = False
     return RunState(equilibrating, prepared.workspace.grid.slots, motion, motion, {})
 
 
-def to_end(
-    prepared: PreparedScene, start: RunState, recorder: ws.Recorder, saving: Checkpoints = NO_CHECKPOINTS
-) -> Run:
+def to_end(prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CHECKPOINTS) -> Run:
     """Continue a run to its end and return its result; the tracer's track is in the recorder's arrays.
 
     A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next run starts with the
     default capacity, as it must not depend on earlier runs. Raises RunError if the run makes no progress.
     """
-    scene, frame, w, pinned = prepared
+    scene, frame, pinned, w, recorder = prepared
     while True:
         if start.slots != w.grid.slots:
             w = prepare(scene, frame, pinned, start.slots)
@@ -105,23 +108,18 @@ def to_end(
             for name, array in _arrays_of(w, recorder).items():
                 array[:] = start.arrays[name]
         logs = [] if start.events is None else [start.events]
-        if _to_last_sample(prepared, w, recorder, start, logs, saving):
+        if _to_last_sample(prepared, w, start, logs, saving):
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first, {})
     tracer, whole, finite = tracks_of(scene, frame, recorder)
-    return Run(tracer, whole, _joined(logs), report_of(prepared, w, recorder, start.first, finite))
+    return Run(tracer, whole, _joined(logs), report_of(prepared, w, start.first, finite))
 
 
 def _to_last_sample(
-    prepared: PreparedScene,
-    w: ws.Workspace,
-    recorder: ws.Recorder,
-    start: RunState,
-    logs: list[Events],
-    saving: Checkpoints,
+    prepared: PreparedScene, w: ws.Workspace, start: RunState, logs: list[Events], saving: Checkpoints
 ) -> bool:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
-    scene, frame = prepared.scene, prepared.frame
+    scene, frame, _, _, recorder = prepared
     before, events, estimated = time_since_start(w), 0, w.calendar.width
     few = most = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
     settled = 0.0 if start.equilibrating else scene.equilibrate.time
@@ -188,26 +186,23 @@ def _refuse_standstill(scene: Scene, frame: Frame, now: float, elapsed: float, e
 # -- samples and the log --------------------------------------------------------------------------------------------
 
 
-def new_recorder(prepared: PreparedScene, times: np.ndarray, record: Collection[str] = ()) -> ws.Recorder:
-    """Return an empty recorder for samples at the times (T,) [scene's units]; `record` as of `simulate`.
-
-    It also serves a run that restarts with larger cells: the duration of a block is that of the scene. Raises
-    RequestError if the last time is more blocks away than can be counted.
-    """
-    scene, frame, w, _ = prepared
+def new_recorder(
+    scene: Scene, frame: Frame, duration: float, times: np.ndarray, record: Collection[str]
+) -> ws.Recorder:
+    """Return an empty recorder as of `prepare_scene`; `duration` of a block, which larger cells do not change."""
     n = scene.particles
     log_length = EVENTS_PER_LOG if "events" in record else 0
     engine_times = times / frame.time
-    block = np.floor(engine_times / w.calendar.block)
+    block = np.floor(engine_times / duration)
     if len(block) and not block[-1] < MOST_BLOCKS:
-        longest = w.calendar.block * frame.time * MOST_BLOCKS
+        longest = duration * frame.time * MOST_BLOCKS
         raise RequestError(
             f"{scene.name}: duration: must be at most {longest:.3g} for disks so fast, not {times[-1]:g}"
         )
     return ws.Recorder(
         tracer=int(frame.back[0]) if n else 0,
         block=block.astype(np.int64),
-        time=engine_times - block * w.calendar.block,  # exact, as the length of a block is a power of two
+        time=engine_times - block * duration,  # exact, as the length of a block is a power of two
         track=blank_samples(len(times), 1),
         whole=blank_samples(len(times), n if "all" in record else 0),
         **_quarter_arrays(scene, frame, times),
@@ -236,17 +231,12 @@ def _joined(logs: list[Events]) -> Events | None:
 
 
 def _quarter_arrays(scene: Scene, frame: Frame, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the arrays of an empty Recorder for quarters of a run sampled at `times` (T,); empty if it has none.
-
-    The energy of a single species is that of the run, which is conserved: it is left out.
-    """
+    """Return the arrays of an empty Recorder for quarters of a run sampled at `times` (T,); empty if it has none."""
     ends = ends_of_quarters(times)
     if not (len(ends) and claims_equilibrium(scene)):
         return {"quarter": ends[:0], "species": ends[:0], "totals": np.zeros((0, 2))}
     table = species_table(scene)
-    kinds = len(table.name) if len(table.name) > 1 else 0
-    species = table.label[frame.order] if kinds else ends[:0]
-    return {"quarter": ends, "species": species, "totals": np.zeros((len(ends), 2 + kinds))}
+    return {"quarter": ends, "species": table.label[frame.order], "totals": np.zeros((len(ends), 2 + len(table.name)))}
 
 
 def quarter_of(recorder: ws.Recorder, w: ws.Workspace) -> ws.Recorder:
@@ -263,16 +253,16 @@ def _take_totals(recorder: ws.Recorder, w: ws.Workspace) -> None:
     for row in np.flatnonzero(recorder.quarter == w.progress[ws.SAMPLE] - 1):
         totals = recorder.totals[row]
         totals[:2] = w.count[ws.PAIRS], w.tally[ws.VIRIAL]
-        if len(recorder.species):
-            vx, vy = w.disk.reshape(-1, ws.ROW)[:, [ws.VX, ws.VY]].T
-            half_mass = 0.5 if w.mass is None else 0.5 * w.mass
-            totals[2:] = np.bincount(recorder.species, half_mass * (vx * vx + vy * vy), len(totals) - 2)
+        vx, vy = w.disk.reshape(-1, ws.ROW)[:, [ws.VX, ws.VY]].T
+        half_mass = 0.5 if w.mass is None else 0.5 * w.mass
+        totals[2:] = np.bincount(recorder.species, half_mass * (vx * vx + vy * vy), len(totals) - 2)
 
 
 def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
     """Return what a run reports by quarters, in the scene's units; {} if nothing.
 
-    The energy of a quarter is the mean of those at its beginning and its end, per disk.
+    The energy of a quarter is the mean of those at its beginning and its end, per disk. That of a single species is the
+    energy of the run, which is conserved: it is left out.
     """
     totals = recorder.totals
     if not len(totals):
@@ -282,7 +272,7 @@ def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
         "quarter_collisions": collisions.astype(np.int64),
         "quarter_virial": virial * frame.mass * frame.speed * frame.length,
     }
-    if len(recorder.species):
+    if totals.shape[1] > 3:
         energy = (totals[1:, 2:] + totals[:-1, 2:]) / (2 * np.bincount(recorder.species))
         values["quarter_energy"] = energy * frame.mass * frame.speed * frame.speed
     return values
@@ -291,15 +281,13 @@ def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
 # -- the report -----------------------------------------------------------------------------------------------------
 
 
-def report_of(
-    prepared: PreparedScene, w: ws.Workspace, recorder: ws.Recorder, first: np.ndarray, finite: bool
-) -> dict[str, Any]:
+def report_of(prepared: PreparedScene, w: ws.Workspace, first: np.ndarray, finite: bool) -> dict[str, Any]:
     """Return the report of a run from its workspace and recorder at the end, and its motion (N, 4) at the beginning.
 
     A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers
     that are not `finite`. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
     """
-    scene, frame, _, pinned = prepared
+    scene, frame, pinned, _, recorder = prepared
     mass = np.ones(len(first)) if w.mass is None else w.mass
     count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :]
     conserved = conservation(mass, first, _motion(w).copy(), impulses[1:])
@@ -310,4 +298,4 @@ def report_of(
     sound = finite and overlap <= HEALTH_BOUND and (pinned or conserved.momentum_residual <= HEALTH_BOUND)
     sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], conserved.fastest * time_since_start(w))
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
-    return report(scene, frame, conserved, collisions, impulses, overlap, sound, _quarters(frame, recorder))
+    return report(scene, frame, conserved, collisions, impulses, overlap, sound) | _quarters(frame, recorder)

@@ -18,7 +18,6 @@ from brownpipe.engines.exact.run import (
     PreparedScene,
     RunState,
     beginning,
-    new_recorder,
     prepare_scene,
     to_end,
 )
@@ -51,8 +50,7 @@ def simulate(
     observables.
     """
     batch = new_batch(scene, seeds, record, observables, average)
-    equilibrator, prepared = prepare_equilibration(scene), prepare_scene(scene)
-    recorder = new_recorder(prepared, scene.times, batch.needed_record)
+    equilibrator, prepared = prepare_equilibration(scene), prepare_scene(scene, scene.times, batch.needed_record)
     finished, unfinished = resume(checkpoints.stored, batch)
 
     def run(column: int) -> Run:
@@ -61,7 +59,7 @@ def simulate(
         if start is None or start.equilibrating:
             drawn = draw(scene, int(batch.ensemble.seeds[column]))
             start = beginning(prepared, equilibrate(equilibrator, drawn, start, saving))
-        return to_end(prepared, start, recorder, saving)
+        return to_end(prepared, start, saving)
 
     def store(done: int) -> None:
         if done < len(batch.ensemble.seeds) and checkpoints.due():
@@ -75,7 +73,8 @@ def simulate(
 
 def prepare_equilibration(scene: Scene) -> PreparedScene | None:
     """Return what equilibrates the states of a scene; None if it has no time to equilibrate."""
-    return prepare_scene(scene, scene.equilibrate.tracer == "pinned") if scene.equilibrate.time > 0 else None
+    time, tracer = scene.equilibrate.time, scene.equilibrate.tracer
+    return prepare_scene(scene, np.array([time]), {"all"}, tracer == "pinned") if time > 0 else None
 
 
 def equilibrate(
@@ -91,7 +90,7 @@ def equilibrate(
     scene = prepared.scene
     moving = np.arange(len(state.mass)) >= int(prepared.pinned)  # all disks, or all but the tracer
     start = stored or beginning(prepared, state._replace(velocity=state.velocity * moving[:, None]), True)
-    result = to_end(prepared, start, new_recorder(prepared, np.array([scene.equilibrate.time]), {"all"}), saving)
+    result = to_end(prepared, start, saving)
     if result.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
     position, velocity = result.whole.position[-1], result.whole.velocity[-1]

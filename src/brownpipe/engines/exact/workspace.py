@@ -161,7 +161,7 @@ class Recorder(NamedTuple):
     track: Samples  # of the tracer, M = 1
     whole: Samples  # of all disks, M = N, or M = 0
     quarter: np.ndarray  # (5,) int64, samples between which the quarters of the run lie; (0,): not counted in quarters
-    species: np.ndarray  # (N,) int64, of each disk; (0,): energies are not summed
+    species: np.ndarray  # (N,) int64, of each disk; (0,): not counted in quarters
     totals: np.ndarray  # (5, 2 + K) float64: pair collisions and virial until then, energy of the K species; or (0, 2)
     log_block: np.ndarray  # (L,) int64, of each collision
     log_time: np.ndarray  # (L,) float64, within the block

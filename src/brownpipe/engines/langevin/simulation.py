@@ -63,8 +63,11 @@ def simulate(
     compile_all(partial(follow, no_path, no_path, weights[:0]), partial(folded, scene, no_path))
 
     def run(column: int) -> Run:
-        path = _path(scene, mass, int(batch.ensemble.seeds[column]), weights)
-        track, known = folded(scene, path)
+        seed, path = int(batch.ensemble.seeds[column]), np.empty((len(weights) + 1, 2, 2))  # as if there were no walls
+        stream = noise(scene, seed)
+        path[0] = draw_tracer(scene, mass, seed, stream)
+        follow(path, stream.standard_normal((len(weights), 2, 2)), weights)
+        track, known = folded(scene, path[1:])  # the first step is the time to equilibrate
         return Run(track, None, observables={"friction_rate": gamma, "failed": np.uint8(not known)})
 
     return make_runs(batch, run)
@@ -88,15 +91,6 @@ def _collision_rate(scene: Scene) -> float:
     reports = runs.observables
     heat = reports["kinetic_energy"] / (scene.particles * scene.velocities.temperature)  # kT of a run / kT of the scene
     return float(np.sum(reports["tracer_collisions"] / np.sqrt(heat)) / (RATE_RUNS * scene.duration))
-
-
-def _path(scene: Scene, mass: np.ndarray, seed: int, weights: np.ndarray) -> np.ndarray:
-    """Return positions and velocities (T, 2, 2) at the sample times as if there were no walls."""
-    stream = noise(scene, seed)
-    path = np.empty((len(weights) + 1, 2, 2))
-    path[0] = draw_tracer(scene, mass, seed, stream)
-    follow(path, stream.standard_normal((len(weights), 2, 2)), weights)
-    return path[1:]  # the first step is the time to equilibrate
 
 
 def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:

@@ -179,16 +179,14 @@ def begin(w: Workspace, motion: np.ndarray) -> None:
 
 def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
     """Return memory for samples, free flights after the last step before each: no step depends on sample times."""
-    n = scene.particles
     steps = times / time_step
     last = np.rint(steps)
     last = np.where(np.abs(steps - last) <= 1e-9 + 1e-12 * steps, last, np.floor(steps))
     return ws.Recorder(
-        tracer=int(frame.back[0]) if n else 0,
         step=last.astype(np.int64),
         rest=(times - last * time_step) / frame.time,
         track=blank_samples(len(times), 1),
-        whole=blank_samples(len(times), n if "all" in record else 0),
+        whole=blank_samples(len(times), scene.particles if "all" in record else 0),
     )
 
 
@@ -206,7 +204,7 @@ def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finit
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
     overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
     missed = {"missed_collisions": count[ws.MISSED]} if w.late else {}
-    return report(scene, frame, conserved, collisions, impulses, overlap, sound, missed)
+    return report(scene, frame, conserved, collisions, impulses, overlap, sound) | missed
 
 
 def _are_inside(w: Workspace) -> bool:

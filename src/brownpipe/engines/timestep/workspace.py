@@ -93,7 +93,6 @@ class Workspace(NamedTuple):
 class Recorder(NamedTuple):
     """Where samples are written; T of them."""
 
-    tracer: int  # the engine's number of the tracer
     step: np.ndarray  # (T,) int64, the last step before each sample
     rest: np.ndarray  # (T,) float64, the time from that step to the sample
     track: Samples  # of the tracer, M = 1
