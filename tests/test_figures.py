@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from brownpipe import provenance
-from brownpipe.analysis import aggregate, velocity
+from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine, requested
 from brownpipe.errors import FigureError
 from brownpipe.figures import (
@@ -255,7 +255,7 @@ def test_residuals_of_velocities_that_follow_the_model_are_standard_normal(corre
         times = rng.geometric(1 / correlated, (40, 3000 // correlated))
         bins = np.clip((rng.standard_normal(times.shape) + 6) / width, 0, centres.size - 1).astype(int)
         counts = [np.bincount(*of_run, minlength=centres.size) for of_run in zip(bins, times, strict=True)]
-        density = velocity.density(np.array(counts)[:, None], width)[:, 0]
+        density = np.array(counts) / np.sum(counts, axis=1, keepdims=True) / width
         error = density.std(axis=0, ddof=1) / np.sqrt(len(density))
         residuals = velocity_distribution._residuals(density.mean(axis=0), error, expected)
         shown += residuals[np.isfinite(residuals)].tolist()

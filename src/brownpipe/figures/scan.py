@@ -63,9 +63,8 @@ def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str
         values += [float(case[f"{name}{part}"]) for case in cases for part in PARTS if part != "_standard_error"]
         expected = [float(case.get(theory, np.nan)) for case in cases]
         if np.isfinite(expected).any():
-            named = "Enskog" in axes.get_legend_handles_labels()[1]
-            line = {"color": looks["color"], "linestyle": DASHED, "linewidth": 1}
-            axes.plot(x, expected, **line, label="_" if named else "Enskog")
+            named = "_" * ("Enskog" in axes.get_legend_handles_labels()[1])
+            axes.plot(x, expected, color=looks["color"], linestyle=DASHED, linewidth=1, label=f"{named}Enskog")
     _scale(axes, "x", [case[axis].item() for cases in series.values() for case in cases])
     _scale(axes, "y", values)
 

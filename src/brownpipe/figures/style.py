@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from xarray import Dataset
 
 from brownpipe.figures.cases import differing, drift_in_words, in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from xarray import Dataset
 
 # Colours by meaning: measured data, fits, models, reference lines, text and theory
 DATA = "#0072B2"

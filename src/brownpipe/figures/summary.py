@@ -1,13 +1,13 @@
 """The results of a study as a short table, printed at its end, and all numbers behind it."""
 
+from __future__ import annotations
+
 import json
 import textwrap
 from collections.abc import Collection, Iterator, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from pandas import DataFrame
-from xarray import Dataset
 
 from brownpipe.analysis import drift
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
@@ -31,6 +31,10 @@ from brownpipe.figures.cases import (
 )
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.text import in_lines
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 TESTS = ("eq. (18), D = MSD/4t", "eq. (18), fitted D")  # of the first two models of a dataset
 FIT = (
@@ -255,6 +259,8 @@ def missing_runs(cases: list[Dataset]) -> Iterator[str]:
 
 def summary_table(dataset: Dataset) -> DataFrame:
     """Return every number that an answer may have, and those of the other fit windows: one row per case and window."""
+    from pandas import DataFrame
+
     rows = []
     cases = cases_of(dataset)
     shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits

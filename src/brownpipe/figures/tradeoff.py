@@ -3,13 +3,13 @@
 An engine with its settings is named by its label, as in studies and result folders (`timestep-0.001-late`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pandas import DataFrame
-from xarray import Dataset
 
 from brownpipe.figures.cases import aligned, plus_minus
 from brownpipe.figures.render import Drawing, drawing_of
@@ -21,6 +21,8 @@ from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, tot
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from xarray import Dataset
 
 LEAST_ERROR = 2e-3  # error down to which the exact engine is drawn at least
 WIDTH = 8.6  # of the figure [inch]
@@ -34,7 +36,7 @@ KEY = "Bold: Pareto front, with unresolved biases at their 95 % upper bound. Dot
 POINTS = 2000  # of a curve
 
 
-def draw(dataset: Dataset, scene: str) -> "Figure":
+def draw(dataset: Dataset, scene: str) -> Figure:
     """Draw the expected error of the MSD at the end of a run against CPU time, with the Pareto front in bold."""
     settings = settings_of(dataset, scene)
     front = pareto_front(settings_of(dataset, scene, careful=True))
@@ -73,7 +75,7 @@ def _unresolved_bound(setting: Dataset) -> float:
     return max(-low, high) if low < 0.0 < high else 0.0
 
 
-def _direct_labels(axes: "Axes", errors: dict[str, float], colours: dict[str, str], least: float) -> None:
+def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float) -> None:
     """Write the label of every curve beside its end, at the last of its `errors`; keep labels `least` apart."""
     low, high = np.log(axes.get_ylim())
     ends = [(np.log(error) - low) / (high - low) for error in errors.values()]
