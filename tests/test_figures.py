@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from brownpipe import provenance
-from brownpipe.analysis import aggregate, velocity
+from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine, requested
 from brownpipe.errors import FigureError
 from brownpipe.figures import (
@@ -255,7 +255,7 @@ def test_residuals_of_velocities_that_follow_the_model_are_standard_normal(corre
         times = rng.geometric(1 / correlated, (40, 3000 // correlated))
         bins = np.clip((rng.standard_normal(times.shape) + 6) / width, 0, centres.size - 1).astype(int)
         counts = [np.bincount(*of_run, minlength=centres.size) for of_run in zip(bins, times, strict=True)]
-        density = velocity.density(np.array(counts)[:, None], width)[:, 0]
+        density = np.array(counts) / np.sum(counts, axis=1, keepdims=True) / width
         error = density.std(axis=0, ddof=1) / np.sqrt(len(density))
         residuals = velocity_distribution._residuals(density.mean(axis=0), error, expected)
         shown += residuals[np.isfinite(residuals)].tolist()
@@ -299,20 +299,17 @@ def test_uncertain_bins_are_pooled_for_drawing_alone(dataset):
     """The number of pairs stays, and so does the chance of the interval: errors add in squares."""
     case = dataset.sel(scene="hot", particles=20, engine="exact", species_pair=PAIRS[1])
     case = case.isel(distance=case.distance.values > CONTACT[1])
-    pooled = pair_distribution._pooled(case, 4)
-    r, g, value = case.distance.values, case.pair_distribution.values, pooled.pair_distribution.values
-    whole = 4 * value.size
-    ring = r[:whole].reshape(-1, 4).sum(axis=1)
-    assert whole > r.size - 4 and value @ ring == pytest.approx(g[:whole] @ r[:whole])
-    single = 1.96 * case.pair_distribution_standard_error.values
-    down, up = value - pooled.pair_distribution_low.values, pooled.pair_distribution_high.values - value
-    assert down == pytest.approx(up)
-    assert (up / single[:whole:4]) == pytest.approx(0.5, rel=0.05)
-    for error, width in ((0.05, 0.035), (0.019, None), (0.5, 0.095)):  # 0.05/sqrt(7) < 0.02; at most a quarter
-        unsure = dataset.sel(species_pair=[PAIRS[1]], scene=["hot"])
-        unsure = unsure.assign(pair_distribution_standard_error=error * unsure.pair_distribution)
-        label = draw_figure(unsure, "pair_distribution").axes[0].get_legend_handles_labels()[1][0]
-        assert label == "58 runs, 95 % band" + (f", bins of width {width:g}" if width else "")
+    for relative, number in ((0.05, 7), (0.019, 1), (0.5, 19)):  # 0.05/sqrt(7) < 0.02; at most a quarter of the contact
+        error = (relative * case.pair_distribution).rename()
+        pooled = pair_distribution._pooled(case.assign(pair_distribution_standard_error=error))
+        r, g, value = case.distance.values, case.pair_distribution.values, pooled.pair_distribution.values
+        whole = number * value.size
+        ring = r[:whole].reshape(-1, number).sum(axis=1)
+        assert whole > r.size - number and value @ ring == pytest.approx(g[:whole] @ r[:whole])
+        if number > 1:
+            down, up = value - pooled.pair_distribution_low.values, pooled.pair_distribution_high.values - value
+            single = 1.96 * error.values[:whole].reshape(-1, number).mean(axis=1)
+            assert down == pytest.approx(up) and up == pytest.approx(single / np.sqrt(number), rel=0.05)
 
 
 # -- what a reader sees ---------------------------------------------------------------------------------------------

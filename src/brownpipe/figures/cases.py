@@ -4,19 +4,23 @@ A case is one scene with one value of each varied key, one particle count and on
 dimensions. A part of it, such as a species or a pair of species, lacks that dimension, too.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import product
-from typing import Any, SupportsFloat
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import numpy as np
-import pandas
-from xarray import Dataset
 
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
 from brownpipe.engines.friction import window_caution
 from brownpipe.errors import FigureError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 MOST_CURVES = 6  # cases in one panel
 LONGEST = 10.0  # duration of the cases in one panel over the shortest
@@ -239,11 +243,13 @@ def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
 # -- tables: numbers (pandas, written as CSV), and words in aligned columns -------------------------------------------
 
 
-def frame_of(cases: Iterable[Dataset], dims: Sequence[str], names: Iterable[str]) -> pandas.DataFrame:
+def frame_of(cases: Iterable[Dataset], dims: Sequence[str], names: Iterable[str]) -> DataFrame:
     """Return one row per case and point along `dims` with the variables `names` there, each with its uncertainties.
 
     Variables and uncertainties that no case has are left out, and so are empty rows.
     """
+    import pandas
+
     cases = [*cases]
     labels = labels_of_cases(cases[0])
     shown = [name for name in names if name not in labels and any(has(case, name) for case in cases)]

@@ -19,26 +19,24 @@ LEFT_END = 1e-17  # left end of the axis, where smaller values and zeros are dra
 WIDTH = 3.6  # of a panel, with its share of the labels beside the panels [inch]
 LABEL = 32  # characters of a line of such a label
 LINE = 0.16  # height of a line of text [inch]
+BOX = ("whislo", "q1", "med", "q3", "whishi")  # matplotlib's names of the QUANTILES
 QUANTILES = {"least": 0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1}
 
 
 def draw(cases: list[Dataset]) -> Figure:
-    """Draw one panel per measure, one line per case: all runs (thin), the central 90 % (thick), the median (dot)."""
+    """Draw one panel per measure, one box per case: all runs (whiskers), the central 90 % (box), the median (line)."""
     labels = [textwrap.fill(_name(case), LABEL) for case in cases]
     each = 0.28 + LINE * max(label.count("\n") for label in labels)
     figure, axes = grid(1, len(MEASURES), WIDTH, 1.56 + each * len(cases), sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
-        for row, case in enumerate(cases):
-            least, low, middle, high, greatest = np.maximum(_quantiles(case, name), LEFT_END)
-            panel.plot([least, greatest], [row, row], color=DATA, linewidth=1.2)
-            panel.plot([low, high], [row, row], color=DATA, linewidth=6, alpha=0.45, solid_capstyle="butt")
-            panel.plot([middle], [row], "o", color=DATA, markersize=5)
+        drawn = [np.maximum(_quantiles(case, name), LEFT_END) for case in cases]
+        boxes = [dict(zip(BOX, of_case, strict=True)) for of_case in drawn]
+        looks = {"showfliers": False, "widths": 0.4, "medianprops": {"color": DATA}}
+        panel.bxp(boxes, range(len(cases)), orientation="horizontal", **looks)
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
         panel.set_title(f"expected below {bound:g}", color=FIT, loc="right", fontsize=10, fontweight="normal")
         panel.set(xscale="log", xlabel=label)
         panel.minorticks_off()
-    key = "dot: median; thick: central 90 % of the runs; thin: all runs; values below"
-    figure.suptitle(f"{key} {LEFT_END:g} are drawn at {LEFT_END:g}", x=0.01, ha="left", fontsize=9)
     axes[0, 0].set_yticks(range(len(cases)), labels)
     axes[0, 0].set_ylim(len(cases) - 0.4, -0.6)
     axes[0, 0].tick_params(axis="y", length=0)

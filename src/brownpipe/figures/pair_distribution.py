@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from xarray import DataArray, Dataset
+from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.pairs import NORMAL
@@ -31,14 +31,14 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
 
     Of several pairs or with `looks` it is drawn with its value at contact, of a single one with both values.
     """
-    pairs = [_beyond_contact(pair) for pair in pairs]
+    pairs = [pair.isel(distance=pair.distance.values > float(pair.contact_distance)) for pair in pairs]
     contacts = [float(pair.contact_distance) for pair in pairs]
     axes.axhline(1, color=style.GREY, linewidth=0.8)
     for contact in {*contacts}:
         axes.axvline(contact, color=style.GREY, linestyle=style.DOTTED, linewidth=1)
     single = len(pairs) == 1 and not looks
     for pair, line in style.told_apart(pairs, _runs_in_words if single else _contact_in_words, looks):
-        _curve(axes, pair, **line)
+        style.band(axes, _pooled(pair), NAME, **line)
         for name in (name for name in CONTACTS if has(pair, name)):
             words, colour, marker = CONTACTS[name]
             label = f"{words}: {estimate_of(pair, name)}" if single else "_"
@@ -48,10 +48,6 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
     end = max(float(pair.distance[-1]) for pair in pairs)
     axes.set_xlim(min(contacts) - 0.04 * (end - min(contacts)), end)
     axes.set_xlabel("centre-to-centre distance $r$")
-
-
-def _beyond_contact(pair: Dataset) -> Dataset:
-    return pair.isel(distance=pair.distance.values > float(pair.contact_distance))
 
 
 def _runs_in_words(pair: Dataset) -> str:
@@ -77,24 +73,18 @@ def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
         axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=label)
 
 
-def _curve(axes: Axes, pair: Dataset, label: str, **looks: Any) -> None:
-    """Draw g(r) with its band; where the errors of single bins are large, of several pooled bins."""
-    filled = pair.isel(distance=pair[NAME].values > 0)
-    error = float((filled[f"{NAME}_standard_error"] / filled[NAME]).median())  # falls as the root of the number of bins
-    if error > LARGEST_ERROR:
-        width = float(np.diff(pair.distance.values[:2])[0])
-        number = min(int(np.ceil((error / LARGEST_ERROR) ** 2)), max(1, int(WIDEST * pair.contact_distance / width)))
-        pair, label = _pooled(pair, number), f"{label}, bins of width {number * width:.2g}"
-    style.band(axes, pair, NAME, label=label, **looks)
+def _pooled(pair: Dataset) -> Dataset:
+    """Return g(r) in bins as wide as LARGEST_ERROR asks for, weighted by the area of their rings.
 
-
-def _pooled(pair: Dataset, number: int) -> Dataset:
-    """Return g(r) in bins so many times as wide, weighted by the area of their rings, errors taken as independent."""
-
-    def total(values: DataArray) -> DataArray:
-        return values.coarsen(distance=number, boundary="trim").sum()
-
-    ring = pair.distance.rename("area")
-    mean = total(ring * pair[NAME]) / total(ring)
-    reach = NORMAL * np.sqrt(total((ring * pair[f"{NAME}_standard_error"]) ** 2)) / total(ring)
+    Errors of bins are taken as independent: that of the mean falls as the root of their number.
+    """
+    g, error, area = pair[NAME], pair[f"{NAME}_standard_error"], pair.distance.rename("area")
+    relative = float((error / g.where(g > 0)).median())
+    if not relative > LARGEST_ERROR:
+        return pair
+    widest = WIDEST * float(pair.contact_distance / (pair.distance[1] - pair.distance[0]))
+    number = min(int(np.ceil((relative / LARGEST_ERROR) ** 2)), max(1, int(widest)))
+    sums = (values.coarsen(distance=number, boundary="trim").sum() for values in (area * g, (area * error) ** 2, area))
+    total, variance, areas = sums
+    mean, reach = total / areas, NORMAL * np.sqrt(variance) / areas
     return Dataset({NAME: mean, f"{NAME}_low": mean - reach, f"{NAME}_high": mean + reach})

@@ -57,17 +57,14 @@ def _shown(series: Mapping[str, list[Dataset]], name: str) -> dict[str, list[Dat
 def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str) -> None:
     """Draw a quantity of each series with 95 % intervals, and theory as a dashed line."""
     theory, values = PANELS[name][2], []
-    drawn: list[list[float]] = []
     for (label, cases), looks in zip(series.items(), MARKS, strict=False):
         x = [case[axis].item() for case in cases]
         points(axes, x, cases, name, label=label, **looks)
         values += [float(case[f"{name}{part}"]) for case in cases for part in PARTS if part != "_standard_error"]
-        expected = [float(case[theory]) for case in cases] if theory and all(theory in case for case in cases) else []
-        if np.isfinite(expected).any() and expected not in drawn:  # that of one series for all fit windows
-            axes.plot(
-                x, expected, color=looks["color"], linestyle=DASHED, linewidth=1, label="_" if drawn else "Enskog"
-            )
-            drawn.append(expected)
+        expected = [float(case.get(theory, np.nan)) for case in cases]
+        if np.isfinite(expected).any():
+            named = "_" * ("Enskog" in axes.get_legend_handles_labels()[1])
+            axes.plot(x, expected, color=looks["color"], linestyle=DASHED, linewidth=1, label=f"{named}Enskog")
     _scale(axes, "x", [case[axis].item() for cases in series.values() for case in cases])
     _scale(axes, "y", values)
 

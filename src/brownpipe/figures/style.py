@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from xarray import Dataset
 
 from brownpipe.figures.cases import differing, drift_in_words, in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from xarray import Dataset
 
 # Colours by meaning: measured data, fits, models, reference lines, text and theory
 DATA = "#0072B2"
@@ -106,19 +106,15 @@ def columns(
 
 def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-    from matplotlib.transforms import ScaledTranslation
+    from matplotlib.textpath import TextPath
 
     pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
-    font = FontProperties(size=KEY_SIZE)
     for axes, title in zip(panels, titles, strict=True):
         axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / len(title)))
         if labels := axes.get_legend_handles_labels()[1]:
-            above = axes.transAxes + ScaledTranslation(0, (pad - 5) / 72, axes.figure.dpi_scale_trans)
-            place = {"loc": "upper left", "bbox_to_anchor": (-0.02, 1.0), "bbox_transform": above, "borderaxespad": 0}
-            width = max(text_to_path.get_text_width_height_descent(text, font, "$" in text)[0] for text in labels) / 72
-            axes.legend(**place, labelspacing=0.35, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
+            width = max(TextPath((0, 0), text, size=KEY_SIZE).get_extents().width for text in labels) / 72
+            place = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "borderaxespad": 0.2, "labelspacing": 0.35}
+            axes.legend(**place, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
 
 
 def told_apart(

@@ -108,12 +108,12 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     dataset has, with standard errors over runs. If rings or displacement times were asked for, there is the verdict on
     eq. (18) with either D. All tests of the table are one family: a model is rejected at the family-wise level (Holm).
     """
-    cases = _cases(dataset)
+    cases = cases_of(dataset)
     options = json.loads(dataset.attrs.get("options", "{}"))
     given = {name for name, value in options.items() if value} | {f"figure {name}" for name in chosen}
+    given |= {str(name) for name, values in dataset.data_vars.items() if values.notnull().any()}
     known = [one for one in quantities(dataset) if [*columns_of(cases, one)]]
-    asked = [one for one in known if any(name in given or _any_has(cases, name) for name in one.asked_by)]
-    shown = asked or known
+    shown = [one for one in known if given & {*one.asked_by}] or known
     p = np.array([at_last_distribution(case).p_value_joint.values[: len(TESTS)] for case in cases])
     p = p if given & {*OF_RINGS} else np.full_like(p, np.nan)
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
@@ -133,13 +133,6 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     return Answer(len(names), columns, lines, [*missing_runs(cases)], [*drifting(cases)])
 
 
-def _cases(dataset: Dataset) -> list[Dataset]:
-    """Return the cases. Without a temperature, the Green-Kubo integral is not a D and is left out."""
-    if {"green_kubo", "enskog_diffusion"} <= {*dataset.data_vars}:
-        dataset = dataset.assign(green_kubo=dataset.green_kubo.where(dataset.enskog_diffusion.notnull()))
-    return cases_of(dataset)
-
-
 def quantities(dataset: Dataset) -> list[Quantity]:
     """Return all quantities that an answer may have, MSD and D last.
 
@@ -156,22 +149,21 @@ def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[
         return
     dim = next((dim for dim in SPECIES if dim in cases[0][one.variable].dims), "")
     labels = cases[0][dim].values.tolist() if dim else [""]
-    parts = {label: [_at(case.sel({dim: label}) if dim else case, one.variable) for case in cases] for label in labels}
-    known = {label: of_label for label, of_label in parts.items() if any(part is not None for part in of_label)}
+    parts = {label: [_at(case.sel({dim: label}) if dim else case, one) for case in cases] for label in labels}
+    known = {label: of_label for label, of_label in parts.items() if any(of_label)}
     for label, of_label in known.items():
         yield f"{one.heading}, {label}" if len(known) > 1 else one.heading, of_label
 
 
-def _any_has(cases: list[Dataset], name: str) -> bool:
-    return any(has(case, name) for case in cases)
+def _at(case: Dataset, one: Quantity) -> Dataset | None:
+    """Return the case at the end and in the first window; None if it does not have the quantity there.
 
-
-def _at(case: Dataset, name: str) -> Dataset | None:
-    """Return the case at the end and in the first window; None if it does not have the variable there."""
-    if not has(case, name):
+    Without a temperature, the Green-Kubo integral is not a D.
+    """
+    if not has(case, one.variable) or (one.variable == "green_kubo" and not has(case, one.theory)):
         return None
-    part = defined(case, name).isel(time=-1) if "time" in case[name].dims else case
-    return part.isel(window=0) if has(part.isel(window=0), name) else None
+    part = defined(case, one.variable).isel(time=-1) if "time" in case[one.variable].dims else case
+    return part.isel(window=0) if has(part.isel(window=0), one.variable) else None
 
 
 def _cell(part: Dataset | None, one: Quantity) -> str:
@@ -201,7 +193,7 @@ def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], t
         source = f" ({variable.observable})" if "observable" in variable.attrs else ""
         place = "".join(where.get(str(dim), "") for dim in variable.dims)
         yield from textwrap.wrap(f"{one.heading}: {meaning}{place}{source}.", LINE)
-    if any(one.theory and _any_has(cases, one.theory) for one in shown):
+    if any(one.theory and has(case, one.theory) for one in shown for case in cases):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
     starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
     window = dataset.window_start.values[0], dataset.window_end.values[0]
@@ -270,7 +262,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
     from pandas import DataFrame
 
     rows = []
-    cases = _cases(dataset)
+    cases = cases_of(dataset)
     shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
     measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):

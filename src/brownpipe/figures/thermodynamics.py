@@ -41,14 +41,14 @@ def draw(cases: list[Dataset]) -> Figure:
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
         for (label, of_series), looks in zip(_series(measured).items(), MARKS, strict=False):
-            points(main, _densities(of_series), of_series, name, label=label, **looks)
-            with_value = [case for case in of_series if np.isfinite(_expected(case, name))]
+            densities = [float(case.packing_fraction) for case in of_series]
+            points(main, densities, of_series, name, label=label, **looks)
             for panel in low:
-                points(panel, _densities(with_value), [_deviation(case, name) for case in with_value], name, **looks)
+                points(panel, densities, [_deviation(case, name) for case in of_series], name, **looks)
+        main.margins(x=0.15, y=0.12)
         if name == Z:
             main.axhline(1, color=GREY, linewidth=0.8)  # of the ideal gas
-        main.margins(x=0.15, y=0.12)
-        if name != Z:
+        else:
             main.set_ylim(bottom=0)
         main.set(xlim=np.maximum(main.get_xlim(), 0), ylabel=PANELS[name][0])
         for panel in low:
@@ -67,10 +67,6 @@ def _series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
     """The cases by all but their density, under a name also if there is one series."""
     series = series_of(cases, "packing_fraction", "particles", drift=True)
     return {label or scene_of(of_series[0]): of_series for label, of_series in series.items()}
-
-
-def _densities(cases: list[Dataset]) -> list[float]:
-    return [float(case.packing_fraction) for case in cases]
 
 
 def _deviation(case: Dataset, name: str) -> Dataset:

@@ -3,14 +3,13 @@
 An engine with its settings is named by its label, as in studies and result folders (`timestep-0.001-late`).
 """
 
-import textwrap
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pandas import DataFrame
-from xarray import Dataset
 
 from brownpipe.figures.cases import aligned, plus_minus
 from brownpipe.figures.render import Drawing, drawing_of
@@ -22,6 +21,8 @@ from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, tot
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from xarray import Dataset
 
 LEAST_ERROR = 2e-3  # error down to which the exact engine is drawn at least
 WIDTH = 8.6  # of the figure [inch]
@@ -31,11 +32,11 @@ LABEL_DISTANCE = 13.5  # least distance of two labels [point]
 LABELS: dict[str, Any] = {"xycoords": "axes fraction", "va": "center", "fontsize": 8.5, "annotation_clip": False}
 # From a curve to its label
 LEADER = {"arrowstyle": "-", "linewidth": 0.6, "relpos": (0, 0.5), "shrinkA": 1, "shrinkB": 0}
-REMARK_LINE = 105  # characters
+KEY = "Bold: Pareto front, with unresolved biases at their 95 % upper bound. Dotted: error below that bound."
 POINTS = 2000  # of a curve
 
 
-def draw(dataset: Dataset, scene: str) -> "Figure":
+def draw(dataset: Dataset, scene: str) -> Figure:
     """Draw the expected error of the MSD at the end of a run against CPU time, with the Pareto front in bold."""
     settings = settings_of(dataset, scene)
     front = pareto_front(settings_of(dataset, scene, careful=True))
@@ -43,8 +44,8 @@ def draw(dataset: Dataset, scene: str) -> "Figure":
     end = max((exact.spread / LEAST_ERROR) ** 2 * exact.seconds, *(3 * interval.start for interval in front))
     times = np.geomspace(FEWEST_RUNS * min(setting.seconds for setting in settings), end, POINTS)
     figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
-    bold = dict.fromkeys(["exact", *(interval.label for interval in front)])
-    colours = dict(zip(bold, cycle(colour for colour, _, _ in SERIES), strict=False))
+    coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
+    colours = dict(zip(coloured, cycle(colour for colour, _, _ in SERIES), strict=False))
     for setting in settings:
         error, on_front = total_error(setting, times), np.zeros(len(times), bool)
         for interval in front:
@@ -61,19 +62,11 @@ def draw(dataset: Dataset, scene: str) -> "Figure":
     log_axis(axes, "y", min(inside.values(), default=0.1) / 1.5, 1.0)
     axes.set_xlabel("CPU time on this machine (s)")
     axes.set_ylabel("expected relative error of $\\langle r^2 \\rangle$ at the end of a run")
-    remark = _remark([label for label in last if label not in inside])
-    axes.set_title(f"{scene}: cost-accuracy trade-off", pad=11 + LABEL_DISTANCE * len(remark))
+    axes.set_title(f"{scene}: cost-accuracy trade-off", pad=11 + LABEL_DISTANCE)
     place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
-    axes.annotate("\n".join(remark), (0, 1), (0, 6), color=GREY, fontsize=8.8, **place)
+    axes.annotate(KEY, (0, 1), (0, 6), color=GREY, fontsize=8.8, **place)
     _direct_labels(axes, inside, colours, LABEL_DISTANCE / 72 / (figure.get_figheight() - FRAME))
     return figure
-
-
-def _remark(unlabelled: Sequence[str]) -> list[str]:
-    """Lines that explain the figure, and name the settings whose curves do not end inside it."""
-    key = "Bold: Pareto front, with unresolved biases at their 95 % upper bound. Dotted: error below that bound."
-    missing = f"Error above 100 % or fewer than {FEWEST_RUNS} runs: {'; '.join(unlabelled)}." if unlabelled else ""
-    return textwrap.wrap(key, REMARK_LINE) + textwrap.wrap(missing, REMARK_LINE)
 
 
 def _unresolved_bound(setting: Dataset) -> float:
@@ -82,7 +75,7 @@ def _unresolved_bound(setting: Dataset) -> float:
     return max(-low, high) if low < 0.0 < high else 0.0
 
 
-def _direct_labels(axes: "Axes", errors: dict[str, float], colours: dict[str, str], least: float) -> None:
+def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float) -> None:
     """Write the label of every curve beside its end, at the last of its `errors`; keep labels `least` apart."""
     low, high = np.log(axes.get_ylim())
     ends = [(np.log(error) - low) / (high - low) for error in errors.values()]

@@ -64,17 +64,17 @@ def _rate_in_words(curve: Dataset) -> str:
 
 def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     """Draw the decays on logarithmic axes as far as they are resolved."""
-    least = 0.5
     for (upper, lower), group in zip(axes.T, groups, strict=True):
-        least = min(least, *_tails(upper, lower, group))
+        _tails(upper, lower, group)
         times = np.concatenate([case.time.values for case in group])
         style.log_axis(lower, "x", times[times > 0].min(), times.max())
         lower.set_xlabel("time $t$")
+    least = min([0.5, *(np.min(line.get_ydata()) for panel in axes[1] for line in panel.lines)])
     style.log_axis(axes[1, 0], "y", least / 3, 1.5)
 
 
-def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> list[float]:
-    """Draw the decays on logarithmic axes as far as they are resolved, with a slope of 1/t; return their least values.
+def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> None:
+    """Draw the decays on logarithmic axes as far as they are resolved, with a slope of 1/t.
 
     A curve ends where its 95 % band, or without one the curve, first reaches zero: the rest is noise.
     """
@@ -93,4 +93,3 @@ def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> list[float]:
         guide = 2.5 * float((tail[TRACER] * tail.time).sel(time=t).mean()) / t
         axes.plot(t, guide, color=style.INK, linewidth=1)
         upper.plot([], [], color=style.INK, linewidth=1, label="decay as $1/t$ (lower panel)")
-    return [1.0, *(float(tail[TRACER].min()) for tail in tails)]
