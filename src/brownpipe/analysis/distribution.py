@@ -80,8 +80,7 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
     for column in np.concatenate([of_block[:, at] for of_block in squared]).T:
         nearly_all = np.sqrt(np.quantile(column, 1 - BEYOND, method="higher"))
         reach = max(REACH * np.sqrt(np.mean(column)), nearly_all) or size
-        mantissa, exponent = np.frexp(reach / MOST_RINGS)
-        width = np.ldexp(1.0, exponent - (mantissa == 0.5))
+        width = 2.0 ** np.ceil(np.log2(reach / MOST_RINGS))
         edges.append(ring_edges(width, int(np.ceil(reach / width))))
     return tuple(edges)
 

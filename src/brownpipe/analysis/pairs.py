@@ -27,7 +27,6 @@ NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrap
 ORDER = 2  # of the polynomial that multiplies the decay there
 DECAY_AT_WALL = 2.2  # -d ln n/dz over phi chi near a wall, in diameters; theory has 8/pi at phi = 0
 DECAY = 1.6  # -d ln g/dr over phi chi up to NEAR, in contact distances; from simulations at phi = 0.5 and 0.65
-COUNTED = ("pair_collisions", "tracer_collisions", "kinetic_energy")  # numbers of a run
 FEW = 20  # pairs in a bin, of all runs together
 NORMAL = 1.96  # standard errors in half a 95 % interval
 
@@ -45,9 +44,7 @@ def pairs_in(scene: Scene) -> SpeciesPairs:
     """Return the pairs of species in a scene."""
     _, number, radius, *_ = table = species_table(scene)
     a, b = np.array(species_pairs(table), int).reshape(-1, 2).T
-    return SpeciesPairs(
-        a, b, np.where(a == b, number[a] * (number[a] - 1) / 2, number[a] * number[b]), radius[a] + radius[b]
-    )
+    return SpeciesPairs(a, b, number[a] * (number[b] - (a == b)) / (1.0 + (a == b)), radius[a] + radius[b])
 
 
 def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
@@ -136,10 +133,10 @@ def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
 
     The collisions of each pair of species are known for one species, and for one beside a single tracer.
     """
-    scene, seen = case.scene, runs.observables
-    if not is_stationary(scene) or not seen.keys() >= {*COUNTED}:
+    scene, names = case.scene, ("pair_collisions", "tracer_collisions", "kinetic_energy")
+    if not is_stationary(scene) or not runs.observables.keys() >= {*names}:
         return {}
-    every, tracers, energy = (np.asarray(seen[name], float) for name in COUNTED)
+    every, tracers, energy = (np.asarray(runs.observables[name], float) for name in names)
     number = species_table(scene).number
     if len(number) == 1 and number[0] > 1:
         collisions = every[:, None]
