@@ -1,12 +1,11 @@
 """One labelled dataset from the trajectory files of a study: all estimates for each scene, particle count, engine."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate, chain
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brownpipe import progress
 from brownpipe.analysis import displacement, distribution, drift, pairs, thermodynamics, variables, velocity
 from brownpipe.analysis.estimator import Averages, Case, columns_of, results_of
 from brownpipe.analysis.goodness import holm
@@ -18,6 +17,7 @@ from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.observables import AXES
 from brownpipe.observables.observable import RunArray
 from brownpipe.observables.own import Own
+from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.scene.variation import short_name, unit_of, value_of
 from brownpipe.storage.datasets import origin_attributes
@@ -80,8 +80,8 @@ def aggregate(
     ]
     _refuse_unfit(cases)
     own = _own_variables(groups)
-    *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
-    parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
+    every_case = tracked([*zip(cases, groups, strict=True)], "cases")
+    parts = [part for case, group in every_case for part in _results(case, group)]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = origin_attributes("aggregate", ((group.pattern.contents, group.seeds) for group in groups), asked)
     attributes = variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({*map(_followed, every)}))} | made
@@ -158,8 +158,8 @@ def _refuse_unfit(cases: Sequence[Case]) -> None:
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
 
-def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
-    """Return the values of all variables for a case, from its group; `before` of the `total` runs are analysed.
+def _results(case: Case, group: Group) -> list[Part]:
+    """Return the values of all variables for a case, from its group.
 
     Those of the displacement distributions come as a part for each time, since each may have rings of its own.
     """
@@ -174,7 +174,6 @@ def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
             stopped.update(runs.stopped)
             if (good := runs.observables["failed"] == 0).any():
                 yield select(runs, good)
-            progress.report("runs", before + health.shape[1], total)
 
     blocks, first = good_runs(), list[Ensemble]()
     while sum(len(runs.seeds) for runs in first) < RUNS_FOR_RINGS and (runs := next(blocks, None)) is not None:

@@ -118,13 +118,12 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
     read = lru_cache(maxsize=LOADED)(lambda path: read_trajectories(path).ensemble._replace(whole={}, events={}))
 
     def load(file: RunFile) -> Ensemble:
-        runs = file.contents.ensemble if file.is_in_memory else read(file.path)
-        return runs if len(runs.seeds) == len(file.seeds) else select(runs, np.isin(runs.seeds, file.seeds))
+        return file.contents.ensemble if file.is_in_memory else read(file.path)
 
     files = sorted(group.files, key=lambda file: file.seeds.min())
     blocks = [np.unique(file.seeds // SEEDS_PER_BLOCK) for file in files]
     expected = load(group.pattern).observables.keys()
-    for block in np.unique(group.seeds // SEEDS_PER_BLOCK):
+    for block in tracked(np.unique(group.seeds // SEEDS_PER_BLOCK), "blocks of runs"):
         parts = []
         for file in (file for file, own in zip(files, blocks, strict=True) if block in own):
             runs = load(file)
@@ -132,7 +131,8 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
             if unlike and len(runs.stopped) < len(runs.seeds):  # otherwise nothing was measured
                 wrong = f"has other observables than {group.pattern.path} ({unlike}); make one of the two again"
                 raise AnalysisError(f"{file.path}: {wrong}")
-            parts.append(select(runs, runs.seeds // SEEDS_PER_BLOCK == block))
+            is_of_block = runs.seeds // SEEDS_PER_BLOCK == block
+            parts.append(select(runs, is_of_block & np.isin(runs.seeds, file.seeds)))
         yield joined(parts)
 
 
