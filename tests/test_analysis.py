@@ -12,6 +12,8 @@ from brownpipe.analysis.displacement import initial_square_speed
 from brownpipe.engines.ensemble import Track
 from brownpipe.engines.initial_state import draw
 from brownpipe.errors import AnalysisError
+from brownpipe.observables.displacement import displacement as moved
+from brownpipe.observables.displacement import squared
 from brownpipe.scene import parse_scene
 from brownpipe.storage import trajectories
 from ensembles import DIFFUSION, make_runs, make_scene, study, write
@@ -28,11 +30,11 @@ WINDOWS = ((0.1, 1.0), (0.5, 1.0))
 def test_squared_displacement_is_from_the_start_and_unwrapped():
     """Images two thousand million boxes away cost no digits."""
     position = np.array([[[1.0, 2.0], [0.0, 0.0]], [[4.0, 6.0], [0.0, -1.0]]])
-    assert displacement.squared_displacement(position).tolist() == [[0.0, 25.0], [0.0, 1.0]]
+    assert squared(moved(position, None, (1.0, 1.0))).T.tolist() == [[0.0, 25.0], [0.0, 1.0]]
     position, image = np.array([[[0.9, 0.1]], [[0.1, 0.9]]]), np.array([[[7, 0]], [[8, -1]]], np.int32)
-    assert displacement.squared_displacement(position, image, (1.0, 1.0))[0, 1] == pytest.approx(0.2**2 + 0.2**2)
+    assert squared(moved(position, image, (1.0, 1.0)))[1, 0] == pytest.approx(0.2**2 + 0.2**2)
     position, image = np.array([[[0.25, 0.0]], [[0.5, 0.0]]]), np.full((2, 1, 2), 2_000_000_000, np.int32)
-    assert displacement.squared_displacement(position, image, (1.1, 1.1))[0, 1] == 0.0625
+    assert squared(moved(position, image, (1.1, 1.1)))[1, 0] == 0.0625
 
 
 def test_line_is_polyfit():

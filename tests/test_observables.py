@@ -8,11 +8,11 @@ import xarray
 from scipy import stats
 
 from brownpipe import observables
-from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.engines import Engine
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import RequestError
 from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, observe, orientation
+from brownpipe.observables.displacement import displacement, squared
 from brownpipe.observables.observable import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
@@ -329,7 +329,7 @@ def test_the_same_to_the_bit(boundary, average):
         assert values.tobytes() == kept.observables[name].tobytes()
         assert values.tobytes() == np.concatenate([part.observables[name] for part in parts]).tobytes()
     if average == "runs":
-        from_track = squared_displacement(kept.tracer.position, kept.tracer.image, (5.0, 4.0))
+        from_track = squared(displacement(kept.tracer.position, kept.tracer.image, (5.0, 4.0))).T
         assert from_track.tobytes() == once.observables["square_displacement"].tobytes()
     speed = [np.sum(kept.whole[seed].velocity[0, 0] ** 2) for seed in range(5)]
     assert speed == once.observables["initial_square_speed"].tolist()

@@ -8,12 +8,12 @@ import pytest
 import yaml
 
 from brownpipe import cli, tradeoff
-from brownpipe.analysis.displacement import squared_displacement
 from brownpipe.analysis.resampling import resample
 from brownpipe.engines import Engine, requested
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.forecast import START_UP, Cost
 from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError, RequestError, StorageError
+from brownpipe.observables.displacement import squared
 from brownpipe.study import plan, read_study
 from brownpipe.study.plan import MOST_PILOT_RUNS, Performance, offers
 from brownpipe.study.run_sets import files_of, run_sets
@@ -221,7 +221,7 @@ def test_achieved_error_is_the_tolerance(study_file, tmp_path, here):
     study = read_study(study_file(tolerance=0.05))
     (scene,) = study.cases
     track = exact.simulate(scene, range(counted(study))).tracer
-    end = squared_displacement(track.position)[:, -1]
+    end = squared(track.position - track.position[0])[-1]
     achieved = end.std(ddof=1) / end.mean() / math.sqrt(len(end))
     known_to = math.sqrt(2 / MOST_PILOT_RUNS + 2 / len(end))
     assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from brownpipe.analysis import displacement, resampling
+from brownpipe.observables.displacement import squared
 from ensembles import DIFFUSION, walk
 
 SIGMAS = 4.5
@@ -17,9 +18,9 @@ def ensembles_of_diffusers(runs, count, seed):
     rng, times = np.random.default_rng(seed), np.arange(11) * 0.1
     samples = []
     for _ in range(0, count, 50):
-        squared = displacement.squared_displacement(walk(rng, times, runs * 50))
-        lines = displacement.per_run_lines(squared, times, ((0.1, 1.0),))
-        samples.append(np.stack([squared[:, -1], lines[:, 0, 0]], axis=-1).reshape(runs, 50, 2))
+        r2 = squared(walk(rng, times, runs * 50)).T
+        lines = displacement.per_run_lines(r2, times, ((0.1, 1.0),))
+        samples.append(np.stack([r2[:, -1], lines[:, 0, 0]], axis=-1).reshape(runs, 50, 2))
     return np.concatenate(samples, axis=1)
 
 

@@ -1,15 +1,12 @@
 """One labelled dataset from the trajectory files of a study: all estimates for each scene, particle count, engine."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate, chain
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brownpipe import progress
 from brownpipe.analysis import displacement, distribution, drift, pairs, thermodynamics, variables, velocity
-from brownpipe.analysis.displacement import labels as labels_of
-from brownpipe.analysis.distribution import chosen_times, ring_edges, rings_of
 from brownpipe.analysis.estimator import Averages, Case, columns_of, results_of
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported
@@ -20,6 +17,7 @@ from brownpipe.errors import AnalysisError, RequestError
 from brownpipe.observables import AXES
 from brownpipe.observables.observable import RunArray
 from brownpipe.observables.own import Own
+from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.scene.variation import short_name, unit_of, value_of
 from brownpipe.storage.datasets import origin_attributes
@@ -74,7 +72,7 @@ def aggregate(
         raise AnalysisError("rings: width and number must be given together")
     groups = groups_of(sources)
     every = [group.pattern.contents for group in groups]
-    scenes, fixed = [one.scene for one in every], None if dr is None else ring_edges(dr, rings)
+    scenes, fixed = [one.scene for one in every], None if dr is None else distribution.ring_edges(dr, rings)
     fitted, times = windows or default_windows(scenes), [*displacement_times]
     cases = [
         Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own, varied=vary)
@@ -82,8 +80,8 @@ def aggregate(
     ]
     _refuse_unfit(cases)
     own = _own_variables(groups)
-    *before, total = accumulate((len(group.seeds) for group in groups), initial=0)
-    parts = [part for given in zip(cases, groups, before, strict=True) for part in _results(*given, total)]
+    every_case = tracked([*zip(cases, groups, strict=True)], "cases")
+    parts = [part for case, group in every_case for part in _results(case, group)]
     asked = {"fit_windows": windows or None, "ring_width": dr, "rings": rings, "displacement_times": times}
     made = origin_attributes("aggregate", ((group.pattern.contents, group.seeds) for group in groups), asked)
     attributes = variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({*map(_followed, every)}))} | made
@@ -148,42 +146,42 @@ def _followed(runs: Trajectories) -> str:
 def _refuse_unfit(cases: Sequence[Case]) -> None:
     """Refuse windows that coincide, windows that end after every run, and times that no run samples."""
     windows, times = cases[0].windows, cases[0].displacement_times
-    names, last = labels_of(windows), max(case.times[-1] for case in cases)
+    names, last = displacement.labels(windows), max(case.times[-1] for case in cases)
     if len(set(names)) < len(names):
         raise AnalysisError(f"fit windows {', '.join(names)}: must differ in their first six digits")
     for name, (_, end) in zip(names, windows, strict=True):
         if end * (1 - SAME_TIME) > last:
             raise AnalysisError(f"fit window {name}: must end by {last:g}, when the longest run does")
-    sampled = np.concatenate([case.times[chosen_times(case)] for case in cases])
+    sampled = np.concatenate([case.times[distribution.chosen_times(case)] for case in cases])
     for time in times:
         if not np.isclose(sampled, time, rtol=SAME_TIME, atol=0.0).any():
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
 
-def _results(case: Case, group: Group, before: int, total: int) -> list[Part]:
-    """Return the values of all variables for a case, from its group; `before` of the `total` runs are analysed.
+def _results(case: Case, group: Group) -> list[Part]:
+    """Return the values of all variables for a case, from its group.
 
     Those of the displacement distributions come as a part for each time, since each may have rings of its own.
     """
-    averages, health, stopped = Averages(), list[np.ndarray](), dict[int, str]()
+    averages, stopped = Averages(), dict[int, str]()
+    health = np.zeros((1 + len(HEALTH), 0))
 
     def good_runs() -> Iterator[Ensemble]:
         """Yield the runs that have not failed, block by block."""
+        nonlocal health
         for runs in blocks_of(group):
-            health.append(np.stack([reported(runs, name) for name in ("failed", *HEALTH)]))
+            health = np.append(health, [reported(runs, name) for name in ("failed", *HEALTH)], axis=1)
             stopped.update(runs.stopped)
-            good = health[-1][0] == 0
-            if good.any():
+            if (good := runs.observables["failed"] == 0).any():
                 yield select(runs, good)
-            progress.report("runs", before + sum(one.shape[1] for one in health), total)
 
     blocks, first = good_runs(), list[Ensemble]()
     while sum(len(runs.seeds) for runs in first) < RUNS_FOR_RINGS and (runs := next(blocks, None)) is not None:
         first.append(runs)
-    case = case._replace(rings=rings_of(case, first))
+    case = case._replace(rings=distribution.rings_of(case, first))
     for runs in chain(first, blocks):
         averages.add(runs.seeds, columns_of(ESTIMATORS, case, runs))
-    failed, *numbers = np.concatenate(health, axis=1)
+    failed, *numbers = health
     name = case.scene.name.partition(",")[0] if case.varied else case.scene.name
     labels: Part = {"scene": [name], "particles": [case.scene.particles], "engine": [case.engine.label]}
     labels |= {short_name(path): [value_of(case.scene, path)] for path in case.varied}

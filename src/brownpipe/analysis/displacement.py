@@ -13,20 +13,10 @@ from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, SEED, SPEED2, TIME, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import diffusive_from
-from brownpipe.observables import displacement as of_a_run
+from brownpipe.observables.displacement import displacement, squared
 from brownpipe.scene import Scene
 
 CENTRED = 1e-12  # relative distance from the centre, or difference of the sides, that counts as round-off
-
-
-def squared_displacement(
-    position: np.ndarray, image: np.ndarray | None = None, size: tuple[float, float] = (0.0, 0.0)
-) -> np.ndarray:
-    """Return the squared distance from the start, (S, T) [length^2], of tracks `position` (T, S, 2).
-
-    image: (T, S, 2) periodic images in a box of `size`, None between walls.
-    """
-    return np.ascontiguousarray(of_a_run.squared(of_a_run.displacement(position, image, size)).T)
 
 
 def line_weights(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
@@ -110,17 +100,18 @@ def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
     """
     if runs.tracer is None:
         return runs.observables.get("square_displacement") if case.average == "runs" else None
-    return squared_displacement(runs.tracer.position, runs.tracer.image, (case.scene.box.width, case.scene.box.height))
+    size = (case.scene.box.width, case.scene.box.height)
+    return np.ascontiguousarray(squared(displacement(runs.tracer.position, runs.tracer.image, size)).T)
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return r^2 at all times, and the lines in all windows; of every run r^2 at its end and D in the first window."""
-    squared = squared_of(case, runs)
-    if squared is None:
+    square = squared_of(case, runs)
+    if square is None:
         return Columns()
-    lines = per_run_lines(squared, case.times, case.windows)
-    kept = {"run_msd": squared[:, -1], "run_diffusion_coefficient": lines[:, 0, 0] / 4}
-    return Columns({"msd": squared, "lines": lines}, kept=kept)
+    lines = per_run_lines(square, case.times, case.windows)
+    kept = {"run_msd": square[:, -1], "run_diffusion_coefficient": lines[:, 0, 0] / 4}
+    return Columns({"msd": square, "lines": lines}, kept=kept)
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -137,7 +128,7 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "diffusive_from": diffusive_from(scene),
         "accessible_half_width": accessible_half_width(scene),
     }
-    if "msd" not in averages:
+    if "msd" not in averages.places:
         return values
     msd, lines = averages.estimate("msd"), averages.estimate("lines")
     slope, over_4t = lines.at(0), np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)

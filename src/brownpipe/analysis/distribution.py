@@ -55,9 +55,7 @@ def chosen_times(case: Case) -> np.ndarray:
 
     Times at which the case has no sample are left out.
     """
-    times = np.array(case.displacement_times)
-    if not times.size:
-        return np.array([len(case.times) - 1])
+    times = np.array([*case.displacement_times] or case.times[-1:])
     nearest = np.abs(case.times - times[:, None]).argmin(axis=1)
     return nearest[np.abs(case.times[nearest] - times) <= SAME_TIME * times]
 
@@ -80,8 +78,7 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
     for column in np.concatenate([of_block[:, at] for of_block in squared]).T:
         nearly_all = np.sqrt(np.quantile(column, 1 - BEYOND, method="higher"))
         reach = max(REACH * np.sqrt(np.mean(column)), nearly_all) or size
-        mantissa, exponent = np.frexp(reach / MOST_RINGS)
-        width = np.ldexp(1.0, exponent - (mantissa == 0.5))
+        width = 2.0 ** np.ceil(np.log2(reach / MOST_RINGS))
         edges.append(ring_edges(width, int(np.ceil(reach / width))))
     return tuple(edges)
 
@@ -111,7 +108,7 @@ def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
     """Yield the values of all variables and coordinates at each of the displacement times, which have own rings."""
     square = ["square"] if np.isfinite(displacement.accessible_half_width(case.scene)) else []
     models = ["msd", *(f"slope {label}" for label in displacement.labels(case.windows)), *square]
-    if "r2" not in averages:
+    if "r2" not in averages.places:
         edges = ring_edges(1.0, 1) if case.edges is None else case.edges
         yield {"displacement_time": case.times[chosen_times(case)], "model": models} | _rings(edges)
         return
@@ -227,7 +224,7 @@ MOMENTS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 an
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return the non-Gaussian parameter; for the rest see `at_each_time`."""
-    if "quartic_displacement" not in averages:
+    if "quartic_displacement" not in averages.places:
         return {}
     mean, error, low, high = kurtosis(averages, MOMENTS)
     return {"non_gaussian_parameter": Estimate(mean - 1, error, low - 1, high - 1), **_controlled(averages, mean - 1)}

@@ -26,10 +26,7 @@ from brownpipe.scene import Scene
 
 LEVEL = 0.01  # family-wise error rate
 FEWEST_RUNS = 8
-TOO_FEW = (
-    "too few runs, samples or collisions to tell whether it is in equilibrium; "
-    f"{FEWEST_RUNS} runs of four sample intervals are needed"
-)
+TOO_FEW = f"too few runs, samples or collisions to test for drifts: it takes {FEWEST_RUNS} runs of 4 sample intervals"
 POWER = 0.9
 LONGER = 2.0
 COUNTED = ("kinetic_energy", *(name for name, array in ARRAYS.items() if "quarter" in array.dims))  # in every run

@@ -57,9 +57,6 @@ class Averages:
         self.totals: dict[str, np.ndarray] = {}  # sums over runs
         self.kept: dict[str, np.ndarray] = {}  # (runs, ...) of every run
 
-    def __contains__(self, name: object) -> bool:
-        return name in self.places
-
     def add(self, seeds: np.ndarray, columns: Columns) -> "Averages":
         """Add the runs `seeds` (n,), n > 0, of the next block."""
         flat, end = [np.zeros((len(seeds), 0))], 0

@@ -4,8 +4,6 @@ P pairs of species, R bins of distance, K species, B bins of distance from a wal
 section 3.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -27,27 +25,17 @@ NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrap
 ORDER = 2  # of the polynomial that multiplies the decay there
 DECAY_AT_WALL = 2.2  # -d ln n/dz over phi chi near a wall, in diameters; theory has 8/pi at phi = 0
 DECAY = 1.6  # -d ln g/dr over phi chi up to NEAR, in contact distances; from simulations at phi = 0.5 and 0.65
-COUNTED = ("pair_collisions", "tracer_collisions", "kinetic_energy")  # numbers of a run
 FEW = 20  # pairs in a bin, of all runs together
 NORMAL = 1.96  # standard errors in half a 95 % interval
 
 
-class SpeciesPairs(NamedTuple):
-    """The P pairs of species."""
-
-    a: np.ndarray  # (P,) index of a species
-    b: np.ndarray  # (P,) that of the other, a <= b
-    number: np.ndarray  # (P,) pairs of disks
-    contact: np.ndarray  # (P,) distance of the two disks at contact [length]
-
-
-def pairs_in(scene: Scene) -> SpeciesPairs:
-    """Return the pairs of species in a scene."""
+def pairs_in(scene: Scene) -> tuple[np.ndarray, ...]:
+    """Return the P pairs of species in a scene, each (P,): index of a species and of the other, a <= b, number of pairs
+    of disks, distance of two disks at contact [length].
+    """
     _, number, radius, *_ = table = species_table(scene)
     a, b = np.array(species_pairs(table), int).reshape(-1, 2).T
-    return SpeciesPairs(
-        a, b, np.where(a == b, number[a] * (number[a] - 1) / 2, number[a] * number[b]), radius[a] + radius[b]
-    )
+    return a, b, number[a] * (number[b] - (a == b)) / (1.0 + (a == b)), radius[a] + radius[b]
 
 
 def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
@@ -136,10 +124,10 @@ def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
 
     The collisions of each pair of species are known for one species, and for one beside a single tracer.
     """
-    scene, seen = case.scene, runs.observables
-    if not is_stationary(scene) or not seen.keys() >= {*COUNTED}:
+    scene, names = case.scene, ("pair_collisions", "tracer_collisions", "kinetic_energy")
+    if not is_stationary(scene) or not runs.observables.keys() >= {*names}:
         return {}
-    every, tracers, energy = (np.asarray(seen[name], float) for name in COUNTED)
+    every, tracers, energy = (np.asarray(runs.observables[name], float) for name in names)
     number = species_table(scene).number
     if len(number) == 1 and number[0] > 1:
         collisions = every[:, None]
@@ -211,7 +199,8 @@ def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate
     """
     estimate = averages.estimate("pair_distribution").scaled(_per_lone(around_lone))
     pairs, one = averages.totals["pairs"], averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone)
-    beyond = bin_edges(case.scene)[1:] > pairs_in(case.scene).contact[:, None]
+    *_, contact = pairs_in(case.scene)
+    beyond = bin_edges(case.scene)[1:] > contact[:, None]
     few = (pairs < FEW) & beyond & np.isfinite(estimate.low)
     low, high = (np.where(few, end * one, np.nan) for end in resampling.wilson_interval(pairs))
     return estimate._replace(low=np.fmin(estimate.low, low), high=np.fmax(estimate.high, high))
@@ -230,11 +219,11 @@ def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> Esti
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
     """Return g(r), the contact values and the density at the walls with the errors of extrapolation."""
     values: dict[str, ArrayLike | Estimate] = {}
-    if "contact_density" in averages:
+    if "contact_density" in averages.places:
         values["contact_density"] = widened(*map(averages.estimate, ("contact_density", "contact_density_following")))
     if {"pair_distribution", "contact_value_rate"} & averages.places.keys():
-        values["contact_distance"] = pairs_in(case.scene).contact
-    if "pair_distribution" in averages:
+        *_, values["contact_distance"] = pairs_in(case.scene)
+    if "pair_distribution" in averages.places:
         around_lone = averages.totals["around_lone"] / averages.runs
         values["pair_distribution"] = _of_few(case, averages, around_lone)
         values["contact_value"] = _at_contact(case, averages, around_lone)

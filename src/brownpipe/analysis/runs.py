@@ -74,11 +74,11 @@ def _opened(number: int, source: Source) -> RunFile:
 
 def _group(files: Sequence[RunFile]) -> Group:
     """Return files as a group. Raises AnalysisError if they differ in more than their seeds, or have one in common."""
-    kinds = [_kind(file.contents) for file in files]
-    for file, kind in zip(files, kinds, strict=True):
-        if other := [what for what, of_first in kinds[0].items() if kind[what] != of_first]:
-            cure = "use or make again one of them"
-            raise AnalysisError(f"{file.path}: has another {other[0]} than {files[0].path}; {cure}")
+    for file in files:
+        for one, of_first in zip(_kind(file.contents), _kind(files[0].contents), strict=True):
+            if one != of_first:
+                other = f"has another {one[0]} than {files[0].path}; use or make again one of them"
+                raise AnalysisError(f"{file.path}: {other}")
     seeds = np.sort(np.concatenate([file.seeds for file in files]))
     repeated = seeds[1:][seeds[1:] == seeds[:-1]]
     if repeated.size:
@@ -90,14 +90,11 @@ def _group(files: Sequence[RunFile]) -> Group:
     return Group(tuple(files), seeds)
 
 
-def _kind(contents: Trajectories) -> dict[str, object]:
-    """Return what all files of a group must have in common."""
-    return {
-        f"scene {contents.scene.name!r}": contents.scene.digest,
-        "--record": contents.record & {"tracer", "velocity"},
-        "average": contents.ensemble.average,
-        "source code": contents.source,
-    }
+def _kind(contents: Trajectories) -> list[tuple[str, object]]:
+    """Return what all files of a group must have in common, with its name."""
+    scene, recorded = contents.scene, contents.record & {"tracer", "velocity"}
+    common = [(f"scene {scene.name!r}", scene.digest), ("--record", recorded), ("source code", contents.source)]
+    return [*common, ("average", contents.ensemble.average)]
 
 
 def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
@@ -121,13 +118,12 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
     read = lru_cache(maxsize=LOADED)(lambda path: read_trajectories(path).ensemble._replace(whole={}, events={}))
 
     def load(file: RunFile) -> Ensemble:
-        runs = file.contents.ensemble if file.is_in_memory else read(file.path)
-        return runs if len(runs.seeds) == len(file.seeds) else select(runs, np.isin(runs.seeds, file.seeds))
+        return file.contents.ensemble if file.is_in_memory else read(file.path)
 
     files = sorted(group.files, key=lambda file: file.seeds.min())
     blocks = [np.unique(file.seeds // SEEDS_PER_BLOCK) for file in files]
     expected = load(group.pattern).observables.keys()
-    for block in np.unique(group.seeds // SEEDS_PER_BLOCK):
+    for block in tracked(np.unique(group.seeds // SEEDS_PER_BLOCK), "blocks of runs"):
         parts = []
         for file in (file for file, own in zip(files, blocks, strict=True) if block in own):
             runs = load(file)
@@ -135,7 +131,8 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
             if unlike and len(runs.stopped) < len(runs.seeds):  # otherwise nothing was measured
                 wrong = f"has other observables than {group.pattern.path} ({unlike}); make one of the two again"
                 raise AnalysisError(f"{file.path}: {wrong}")
-            parts.append(select(runs, runs.seeds // SEEDS_PER_BLOCK == block))
+            is_of_block = runs.seeds // SEEDS_PER_BLOCK == block
+            parts.append(select(runs, is_of_block & np.isin(runs.seeds, file.seeds)))
         yield joined(parts)
 
 

@@ -15,9 +15,6 @@ from brownpipe.engines.friction import DENSEST
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
-COLLISION_COUNTS = ("pair_collisions", "wall_collisions", "tracer_collisions")
-RATES = ("collision_rate", "tracer_collision_rate")
-
 
 def temperature(scene: Scene, energy: np.ndarray) -> np.ndarray:
     """Return kT (n,) [energy] of runs with kinetic energies (n,): energy per disk.
@@ -103,7 +100,7 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     scene, duration, seen = case.scene, case.times[-1], runs.observables
     if "pair_collisions" not in seen or not scene.particles:
         return Columns()
-    means = {name: seen[name] for name in COLLISION_COUNTS}
+    means = {name: seen[name] for name in ("pair_collisions", "wall_collisions", "tracer_collisions")}
     means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
     means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
     if "kinetic_energy" not in seen:
@@ -113,7 +110,8 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     if scene.particles > 1 and np.ptp(scene.radius) == np.ptp(scene.mass) == 0:
         means["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], hot)
     if scene.velocities and scene.velocities.temperature and scene.particles > 1:
-        means |= {f"{name}_at_temperature": rate_at_temperature(scene, means[name], hot) for name in RATES}
+        for name in ("collision_rate", "tracer_collision_rate"):
+            means[f"{name}_at_temperature"] = rate_at_temperature(scene, means[name], hot)
     means |= {"kinetic_temperature": kt, "compressibility": compressibility(scene, seen["virial"], hot, duration)}
     if "wall_impulse" in seen:
         pressure = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)

@@ -75,7 +75,7 @@ def initial_slope(case: Case, averages: Averages) -> Estimate:
     NaN if the decay at the first sample exceeds COARSE.
     """
     mean = averages.mean("velocity_autocorrelation")
-    if "vacf_initial_slope" not in averages or mean[0] - mean[1] > COARSE * mean[0]:
+    if "vacf_initial_slope" not in averages.places or mean[0] - mean[1] > COARSE * mean[0]:
         return Estimate(*np.full(4, np.nan))
     rate, fastest = enskog_rate(case.scene), fastest_rate(case.scene)
     times, slope = case.times, averages.estimate("vacf_initial_slope")
@@ -96,7 +96,7 @@ def expected_slope(case: Case, averages: Averages) -> float:
     """
     scene = case.scene
     partners = np.unique(scene.mass[1:])
-    if partners.size != 1 or "tracer_collisions" not in averages:
+    if partners.size != 1 or "tracer_collisions" not in averages.places:
         return np.nan
     rate = averages.mean("tracer_collisions") / case.times[-1]
     share = 2 * theory.reduced_mass(scene.mass[0], partners[0]) / scene.mass[0]
@@ -129,7 +129,7 @@ def columns(case: Case, runs: Ensemble) -> Columns:
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return the slope of the autocorrelation at 0, and that of equilibrium."""
-    if "velocity_autocorrelation" not in averages or len(case.times) < 3:
+    if "velocity_autocorrelation" not in averages.places or len(case.times) < 3:
         return {}
     slope, expected = initial_slope(case, averages), expected_slope(case, averages)
     return {"vacf_initial_slope": slope, "vacf_initial_slope_expected": expected}
