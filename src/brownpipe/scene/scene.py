@@ -378,6 +378,8 @@ def overlap(
 
     A disk of radius R that overlaps another one, no larger, is nearer to it than 2 R: a k-d tree finds both.
     """
+    if len(radius) < 2:
+        return None
     from scipy.spatial import KDTree  # takes 0.2 s
 
     sides, inside = None, position
