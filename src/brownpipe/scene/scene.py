@@ -115,13 +115,6 @@ class Mixture(Record):
         "random insertion (`auto`: of smaller disks that grow, where it fails), or a lattice", "auto"
     )
 
-    @model_validator(mode="after")
-    def _check(self) -> "Mixture":
-        names, counts = [one.name for one in self.species], [one.count for one in self.species]
-        if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
-            refuse(f"must have names of their own, none tracer, and one rest at most, not {names}, {counts}", "species")
-        return self
-
 
 class Velocities(Record):
     """Normal distribution of the initial velocity components: one of the two widths is given.
@@ -134,12 +127,6 @@ class Velocities(Record):
     zero_momentum: StrictBool | None = key(
         "subtract the velocity of the centre of mass (default: in a periodic box with several disks)", None
     )
-
-    @model_validator(mode="after")
-    def _check(self) -> "Velocities":
-        if (self.standard_deviation is None) == (self.temperature is None):
-            refuse("must have either standard_deviation or temperature")
-        return self
 
 
 class Samples(Record):
@@ -210,6 +197,10 @@ class Scene(Record):
         if isinstance(self.disks, Mixture):
             groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
             groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
+            names, counts = [one.name for one in self.disks.species], [one.count for one in self.disks.species]
+            if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
+                allowed = "names of their own, none tracer, and one rest at most"
+                refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
             self._resolve(listed=(), species=tuple(groups.values()), placement=self.disks.placement)
         else:
             groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
@@ -254,6 +245,8 @@ class Scene(Record):
             start._resolve(tracer=held)
         elif start.tracer == "pinned" != held:
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
+        if velocities and (velocities.standard_deviation is None) == (velocities.temperature is None):
+            refuse("must have either standard_deviation or temperature", "velocities")
         if velocities is not None and velocities.zero_momentum is None:
             drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
             velocities._resolve(zero_momentum=drifts)
