@@ -375,16 +375,14 @@ def overlap(
         return None
     from scipy.spatial import KDTree  # takes 0.2 s
 
-    sides, inside = None, position
-    if box is not None:
-        low, high = np.array(box, float).T
-        sides, inside = high - low, (position - low) % (high - low)
-    tree = KDTree(inside, boxsize=sides)
+    margin = 2 * radius.max()  # of a box around all disks, in which none is near an image of another
+    low, high = np.array(box, float).T if box else (position.min(axis=0) - margin, position.max(axis=0) + margin)
+    sides = high - low
+    tree = KDTree((position - low) % sides, boxsize=sides)
     near = tree.query_ball_point(tree.data, 2 * radius)
     a, b = np.repeat(np.arange(len(radius)), [len(disks) for disks in near]), np.concatenate(near).astype(int)
     apart = position[a] - position[b]
-    if sides is not None:
-        apart -= sides * np.rint(apart / sides)
+    apart -= sides * np.rint(apart / sides)
     sigma, spacing = radius[a] + radius[b], 2 * np.spacing(np.abs(position).max())  # round-off of the positions
     gap = np.hypot(*apart.T) - sigma
     gap[(a == b) | (gap >= -(ROUND_OFF * sigma + spacing))] = 0.0
