@@ -72,17 +72,15 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     wanted = run_set(study, scene, engine, range(first, first + number))
     seeds = np.asarray(wanted.seeds)
     parts = stored_runs(scene, engine, wanted.digest, seeds)
-    missing = ranges(without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts]))
-    for first, last in missing:
+    missing = without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts])
+    for first, last in ranges(missing):
         parts.append(engine.simulate(scene, range(first, last + 1), record, observables=observables, average=average))
         refuse_taken(parts[-1].own)
         write_trajectories(wanted.folder / f"{first}-{last}.h5", scene, engine, parts[-1], digest=wanted.digest)
-    made = sum(last - first + 1 for first, last in missing)
     every = joined(parts)
     ensemble = select(every, np.isin(every.seeds, seeds))
     runs = tradeoff.runs_of(scene, engine, ensemble, squares)
-    settled = equilibrium(Trajectories(scene, engine, ensemble))
-    return Pilot(runs, cost, made, settled)
+    return Pilot(runs, cost, len(missing), equilibrium(Trajectories(scene, engine, ensemble)))
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
