@@ -74,7 +74,7 @@ def read_yaml(path: str | Path) -> Document:
         raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise RequestError(f"{path}: not text; if it is an HDF5 file: brownpipe inspect {shell_path(path)}") from None
-    except (ValueError, RecursionError) as error:
+    except (ValueError, TypeError, RecursionError) as error:  # TypeError: a list or mapping as a key
         raise RequestError(f"{path}: {error}") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -94,8 +94,6 @@ def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
     mapping: dict[str, object] = {}
     for key_node, item in node.value:
         key, line = key_node.value, key_node.start_mark.line + 1
-        if not isinstance(key, str):
-            raise ValueError(f"line {line}: a key must be a plain word")
         if key in mapping:
             raise ValueError(f"line {line}: duplicate key {key!r}; must be given once")
         lines[*path, key] = line
