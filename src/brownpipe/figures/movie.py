@@ -52,7 +52,7 @@ def scenery_of(scene: Scene, seed: int, track: Track) -> tuple[Figure, Callable[
     (centre,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
     axes.plot(*track.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3)
     time = axes.set_title("", loc="right", fontweight="normal", fontsize=10)
-    points, ends = path_of(scene, track)
+    points, ends = path_of(track)
 
     def show(k: int) -> None:
         centres, which = with_images(scene, track.position[k])
@@ -135,20 +135,16 @@ def with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndar
     return centres[seen], which[seen]
 
 
-def path_of(scene: Scene, track: Track) -> tuple[np.ndarray, np.ndarray]:
+def path_of(track: Track) -> tuple[np.ndarray, np.ndarray]:
     """The path of disk 0 as points (P, 2), and the number of points up to each sample (T,).
 
-    Where the disk leaves a periodic box, the path continues past the edge and, after a gap, enters at the opposite one.
+    It has a gap, a point of NaN, where the disk leaves a periodic box and enters at the opposite edge.
     """
     points, ends = track.position[:, 0], np.arange(1, len(track.position) + 1)
     if track.image is None:
         return points, ends
-    crossings = np.diff(track.image[:, 0], axis=0)
-    crossed = np.flatnonzero(crossings.any(axis=1))
-    shift = crossings[crossed] * (scene.box.width, scene.box.height)
-    between = np.stack([points[crossed + 1] + shift, np.full_like(shift, np.nan), points[crossed] - shift], axis=1)
-    with_crossings = np.insert(points, np.repeat(crossed + 1, 3), between.reshape(-1, 2), axis=0)
-    return with_crossings, ends + 3 * np.searchsorted(crossed, ends - 1)
+    crossed = np.flatnonzero(np.diff(track.image[:, 0], axis=0).any(axis=1))
+    return np.insert(points, crossed + 1, np.nan, axis=0), ends + np.searchsorted(crossed, ends - 1)
 
 
 # --- pictures, animations, videos
