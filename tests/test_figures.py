@@ -25,8 +25,8 @@ from brownpipe.figures import (
     velocity_distribution,
 )
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
-from brownpipe.figures.render import cases_shown, draw_into
 from brownpipe.figures.render import draw as draw_figure
+from brownpipe.figures.render import draw_into
 from brownpipe.figures.summary import answer, summary
 from brownpipe.observables.observable import Track
 from brownpipe.storage.trajectories import write_trajectories
@@ -555,7 +555,7 @@ def test_scenes_share_no_pair(dataset, tmp_path, run_through):
 
 
 def test_rows_of_every_table_name_their_case_with_its_varied_keys(dataset):
-    shown = cases_shown(in_densities(dataset, 2))
+    shown = cases.cases_shown(in_densities(dataset, 2))
     for name, of_name in shown.items():
         module = MODULES[name]
         frame = module.table(of_name) if hasattr(module, "table") else cases.frame_of(of_name, *module.TABLE)

@@ -23,7 +23,7 @@ from brownpipe.figures.cases import (
     early_mark,
     estimate_of,
     has,
-    label_of,
+    own_names,
     scene_of,
     text_of,
     title_of,
@@ -137,7 +137,7 @@ def quantities(dataset: Dataset) -> list[Quantity]:
 
     An observable of the user's own is every variable with this attribute that is one number in each case.
     """
-    own = [str(name) for name in dataset.data_vars if "observable" in dataset[name].attrs]
+    own = own_names([dataset])
     numbers = [name for name in own if f"{name}_standard_error" in dataset and dataset[name].dims == dataset.runs.dims]
     return [*QUANTITIES, *(Quantity(name, name, (name,)) for name in numbers), *DISPLACED]
 
@@ -264,7 +264,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
     shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
     measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):
-        row = label_of(case) | {name: case[name].item() for name in ("runs", "failed_runs")}
+        row = {name: case[name].item() for name in (*labels_of_cases(case), "runs", "failed_runs")}
         row["time"] = case.duration.item()
         for one, heading, parts in measured:
             for end in ("", "_standard_error"):
