@@ -1,7 +1,6 @@
 """Pictures and animations of a whole run: what is in them, the same bytes each time, refusals by name."""
 
 import io
-import sys
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from PIL import Image, ImageSequence
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Track
-from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
+from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.figures import movie
 from brownpipe.storage.trajectories import write_trajectories
 from brownpipe.text import in_bytes
@@ -75,24 +74,11 @@ def test_rate_that_a_gif_cannot_have_is_refused_before_anything_is_drawn(path, t
     assert not (tmp_path / "a.gif").exists()
 
 
-def test_video_is_what_ffmpeg_makes_of_raw_frames(path, frames, tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert main(["movie", str(path), "--output", str(tmp_path / "a.mp4")]) == WRONG_REQUEST
-    assert "a .mp4 needs ffmpeg" in capsys.readouterr().err
-    stand_in = tmp_path / "ffmpeg"
-    stand_in.write_text(f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'wb').write(sys.stdin.buffer.read())\n")
-    stand_in.chmod(0o755)
-    raw = made(path, ".mp4", "--frames", "3")
-    height, width, _ = frames[-1].shape
-    assert width % 2 == height % 2 == 0  # or H.264 refuses
-    of_video = np.frombuffer(raw, np.uint8).reshape(3, height, width, 4)[..., :3]
-    apart = abs(of_video[-1] - frames[-1].astype(int))
-    assert apart.max() < 16  # the width of the cells of colours that share one in the GIF
-    assert apart.mean() < 2  # most pixels are white, which the GIF has as 254
-    stand_in.write_text(f"#!{sys.executable}\nraise SystemExit(7)\n")
-    assert main(["movie", str(path), "--output", str(tmp_path / "b.mp4"), "--frames", "1"]) == FAILED
-    assert "ffmpeg failed with exit status 7" in capsys.readouterr().err
-    assert not (tmp_path / "b.mp4").exists()
+def test_last_frame_is_the_picture_in_the_colours_of_the_animation(path, frames):
+    with Image.open(io.BytesIO(made(path, ".png"))) as picture:
+        small = np.asarray(picture.convert("RGB").resize(frames[-1].shape[1::-1], Image.Resampling.BOX))
+    apart = abs(small - frames[-1].astype(int))
+    assert apart.mean() < 4  # edges differ by the resolution; most pixels are white, which the GIF has as 254
 
 
 def test_refusals(path, tmp_path, capsys):
@@ -100,7 +86,7 @@ def test_refusals(path, tmp_path, capsys):
     asked = {
         "holds no whole runs; brownpipe simulate SCENE --record all makes some": [tmp_path / "tracer.h5"],
         "holds no run of seed 17; must be of 3,8": [path, "--seed", "17"],
-        "the output must end in .gif, .mp4, .png or .html, not '.avi'": [path, "--output", tmp_path / "run.avi"],
+        "the output must end in .gif, .png or .html, not '.avi'": [path, "--output", tmp_path / "run.avi"],
         "is an input": [path, "--output", path],
     }
     for message, arguments in asked.items():
