@@ -17,6 +17,7 @@ from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
 from brownpipe.engines.friction import window_caution
 from brownpipe.errors import FigureError
+from brownpipe.figures.catalogue import FIGURES, OWN, SCAN
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -52,9 +53,40 @@ def has(case: Dataset, *names: str) -> bool:
     return all(name in case and bool(np.isfinite(case[name].values).any()) for name in names)
 
 
-def own_names(case: Dataset) -> list[str]:
-    """Return the names of the averages of the user's own observables that the case has."""
-    return [str(name) for name in case.data_vars if "observable" in case[name].attrs and has(case, str(name))]
+def own_names(cases: list[Dataset]) -> list[str]:
+    """Return the names of the averages of the user's own observables that any of the cases has."""
+    names = [str(name) for name in cases[0].data_vars if "observable" in cases[0][name].attrs]
+    return [name for name in names if any(has(case, name) for case in cases)]
+
+
+def cases_shown(
+    dataset: Dataset, particles: int | None = None, names: Sequence[str] | None = None
+) -> dict[str, list[Dataset]]:
+    """Return the cases that each figure shows: those with data for it, of one particle count or of all.
+
+    `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
+    particle count of each scene: `particles`, or by default its largest.
+
+    Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
+    """
+    cases = cases_of(dataset)
+    counts = sorted({int(case.particles) for case in cases})
+    if particles not in (None, *counts):
+        raise FigureError(f"particles: {particles} is not in the dataset; choose one of {counts}")
+    shown: dict[str, list[Dataset]] = {}
+    for name in names or FIGURES:
+        _, needs, variables, every_count, _ = FIGURES[name]
+        selected = [defined(case, *variables[:1]) if variables else case for case in cases if has(case, *variables)]
+        selected = selected if every_count else one_count(selected, particles)
+        if OWN in needs:
+            selected = [case for case in selected if own_names([case])]
+        if SCAN in needs and not (selected and axis_of(selected) in differing(selected)):
+            selected = []
+        if names and not selected:
+            needed = "; ".join(needs) or "runs"
+            raise FigureError(f"{name}: cannot be drawn from this dataset, whose study must have {needed}")
+        shown |= {name: selected} if selected else {}
+    return shown
 
 
 def one_count(cases: list[Dataset], particles: int | None = None) -> list[Dataset]:

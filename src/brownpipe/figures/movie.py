@@ -1,18 +1,14 @@
 """One whole run in pictures, for `brownpipe movie`: every disk to scale, the tracer in colour with its path so far.
 
-A picture shows the end of the run; an animation or a video its samples.
+A picture shows the end of the run; an animation its samples.
 """
 
 import io
 import json
-import tempfile
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from subprocess import CalledProcessError
 
 import numpy as np
-from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
@@ -20,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from brownpipe.errors import FigureError, RequestError
+from brownpipe.errors import RequestError
 from brownpipe.figures.origin import Record, metadata
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
 from brownpipe.observables.observable import Track
@@ -28,7 +24,7 @@ from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import Trajectories
 
-SUFFIXES = (".gif", ".mp4", ".png")
+SUFFIXES = (".gif", ".png")
 DOTS = 100  # per inch, of an animation
 GIF_RATES = (100 / 65535, 50.0)  # frames a second: a pause is two bytes [0.01 s], and viewers slow down shorter ones
 LONGER_SIDE = 5.6  # of the box [inch]
@@ -52,7 +48,7 @@ def scenery_of(scene: Scene, seed: int, track: Track) -> tuple[Figure, Callable[
     (centre,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
     axes.plot(*track.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3)
     time = axes.set_title("", loc="right", fontweight="normal", fontsize=10)
-    points, ends = path_of(scene, track)
+    points, ends = path_of(track)
 
     def show(k: int) -> None:
         centres, which = with_images(scene, track.position[k])
@@ -135,47 +131,39 @@ def with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndar
     return centres[seen], which[seen]
 
 
-def path_of(scene: Scene, track: Track) -> tuple[np.ndarray, np.ndarray]:
+def path_of(track: Track) -> tuple[np.ndarray, np.ndarray]:
     """The path of disk 0 as points (P, 2), and the number of points up to each sample (T,).
 
-    Where the disk leaves a periodic box, the path continues past the edge and, after a gap, enters at the opposite one.
+    It has a gap, a point of NaN, where the disk leaves a periodic box and enters at the opposite edge.
     """
     points, ends = track.position[:, 0], np.arange(1, len(track.position) + 1)
     if track.image is None:
         return points, ends
-    crossings = np.diff(track.image[:, 0], axis=0)
-    crossed = np.flatnonzero(crossings.any(axis=1))
-    shift = crossings[crossed] * (scene.box.width, scene.box.height)
-    between = np.stack([points[crossed + 1] + shift, np.full_like(shift, np.nan), points[crossed] - shift], axis=1)
-    with_crossings = np.insert(points, np.repeat(crossed + 1, 3), between.reshape(-1, 2), axis=0)
-    return with_crossings, ends + 3 * np.searchsorted(crossed, ends - 1)
+    crossed = np.flatnonzero(np.diff(track.image[:, 0], axis=0).any(axis=1))
+    return np.insert(points, crossed + 1, np.nan, axis=0), ends + np.searchsorted(crossed, ends - 1)
 
 
-# --- pictures, animations, videos
+# --- pictures, animations
 
 
 def movie(
     trajectories: Trajectories, seed: int, suffix: str, record: Record, frames: int | None = None, fps: float = 25.0
 ) -> bytes:
-    """Return the bytes of a picture (`.png`), an animation (`.gif`) or else a video (`.mp4`) of one whole run.
+    """Return the bytes of a picture (`.png`) or an animation (`.gif`) of one whole run.
 
     A picture shows the run at its end. An animation shows `frames` of its samples (default: all), equally spaced and
     ending with the last, at `fps` per second; a GIF rounds the time per frame to hundredths of a second. `record` goes
-    into the metadata. The same run gives the same bytes, except for a video, which ffmpeg encodes.
-
-    Raise RequestError for a rate that a GIF cannot have; for a video, FigureError if ffmpeg is not installed and
-    OSError if it fails.
+    into the metadata. The same run gives the same bytes. Raise RequestError for a rate that a GIF cannot have.
     """
     if suffix == ".gif" and not GIF_RATES[0] <= fps <= GIF_RATES[1]:
         allowed = f"from {GIF_RATES[0]:.3g} to {GIF_RATES[1]:g} frames a second for a .gif"
-        raise RequestError(f"--fps: must be {allowed}, not {fps:.10g}; a .mp4 can have any rate")
+        raise RequestError(f"--fps: must be {allowed}, not {fps:.10g}")
     scene, track = trajectories.scene, trajectories.ensemble.whole[seed]
     with drawing():
         figure, show = scenery_of(scene, seed, track)
         if suffix == ".png":
             return image_bytes(figure, "png", metadata(record))
-        shown = samples_shown(len(scene.times), frames)
-        return (_gif if suffix == ".gif" else _video)(figure, show, shown, fps, json.dumps(record))
+        return _gif(figure, show, samples_shown(len(scene.times), frames), fps, json.dumps(record))
 
 
 def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
@@ -198,21 +186,3 @@ def _gif(figure: Figure, show: Callable[[int], None], shown: np.ndarray, fps: fl
     how = {"duration": 10 * round(100 / fps), "loop": 0, "comment": comment}
     next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, **how)
     return buffer.getvalue()
-
-
-def _video(figure: Figure, show: Callable[[int], None], shown: np.ndarray, fps: float, comment: str) -> bytes:
-    """Return the bytes of an MP4 (H.264), encoded by ffmpeg."""
-    if not FFMpegWriter.isAvailable():
-        raise FigureError("movie: a .mp4 needs ffmpeg, which is not installed; choose a .gif, or install it")
-    encoded = ["-pix_fmt", "yuv420p", "-movflags", "+faststart"]
-    writer = FFMpegWriter(fps, "libx264", metadata={"comment": comment}, extra_args=encoded)  # type: ignore[arg-type]
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "movie.mp4"  # not a pipe: ffmpeg writes the index at the start, once it has all frames
-        try:
-            with writer.saving(figure, target, DOTS):
-                for k in tracked(shown, "frames"):
-                    show(k)
-                    writer.grab_frame()
-        except CalledProcessError as error:
-            raise OSError(f"movie: ffmpeg failed with exit status {error.returncode}") from error
-        return target.read_bytes()

@@ -13,8 +13,7 @@ from brownpipe.figures.cases import early_mark, estimate_of, fits_of, frame_of, 
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
-DOTS = {"linestyle": "", "marker": "o", "markersize": 3}
-MOST_DOTS = 60  # samples shown as dots
+DOTS = {"linestyle": "", "marker": "o", "markersize": 3, "markevery": 0.02}  # of the length of the curve
 LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
 FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
 
@@ -23,8 +22,7 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise with models."""
     single = len(cases) == 1 and not looks
     for case, line in style.told_apart(cases, _last_in_words if single else _fitted_diffusion, looks):
-        dots = DOTS | {"markevery": -(-case.time.size // MOST_DOTS)} if single else {}  # models are lines
-        style.band(axes, case, "msd", **line | dots)
+        style.band(axes, case, "msd", **line | (DOTS if single else {}))  # models are lines
     for k, fit in enumerate(fit for case in cases for fit in fits_of(case)[:1]):
         t = np.array([fit.window_start.item(), fit.window_end.item()])
         slope = f": slope {estimate_of(fit, 'slope')}{early_mark(fit)}" if single else ""
@@ -47,8 +45,7 @@ def _fitted_diffusion(case: Dataset) -> str:
 
 def _last_in_words(case: Dataset) -> str:
     """The number of runs and the MSD at their end, for the legend."""
-    with_band = ", 95 % band" if case.msd_low.notnull().any() else ""
-    return f"{int(case.runs):,} runs{with_band}: MSD({case.time[-1]:g}) = {estimate_of(case.isel(time=-1), 'msd')}"
+    return f"{int(case.runs):,} runs: MSD({case.time[-1]:g}) = {estimate_of(case.isel(time=-1), 'msd')}"
 
 
 def _models(axes: Axes, case: Dataset, t: np.ndarray) -> None:

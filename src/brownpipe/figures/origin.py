@@ -6,7 +6,6 @@ itself: runs, seeds, options, source and versions. It is deterministic: no date,
     PNG    text chunks `Description` and `Source` (the record)
     SVG    Dublin Core elements `description` and `source`
     GIF    a comment block
-    MP4    the comment
     HTML   a script element of class `brownpipe-record`, which is no program but JSON
     CSV    nothing, so that every program reads it: the record is in `provenance.json`
     txt    the last two lines name version, source, commit and dataset

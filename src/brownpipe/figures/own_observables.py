@@ -16,7 +16,7 @@ MOST_CURVES = 6  # of a case in a panel: those at the first places of the other 
 
 def draw(cases: list[Dataset]) -> Figure:
     """Draw each array of all cases against its first dimension, with its 95 % band; numbers as points."""
-    names = _names(cases)
+    names = own_names(cases)
     figure, axes = grid(len(names), 1, WIDTH, 3.4)
     for name, panel in zip(names, axes[:, 0], strict=True):
         along, *others = map(str, cases[0][name].dims or ("case",))
@@ -43,8 +43,4 @@ def _parts(case: Dataset, dims: list[str]) -> Iterator[Dataset]:
 
 def table(cases: list[Dataset]) -> pandas.DataFrame:
     """Return one row per case, array and point along its dimensions."""
-    return pandas.concat([frame_of(cases, [*map(str, cases[0][name].dims)], [name]) for name in _names(cases)])
-
-
-def _names(cases: list[Dataset]) -> list[str]:
-    return [*dict.fromkeys(name for case in cases for name in own_names(case))]
+    return pandas.concat([frame_of(cases, [*map(str, cases[0][name].dims)], [name]) for name in own_names(cases)])

@@ -6,20 +6,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from brownpipe.errors import FigureError
-from brownpipe.figures.cases import (
-    axis_of,
-    cases_of,
-    defined,
-    differing,
-    frame_of,
-    has,
-    one_count,
-    own_names,
-    panels_of,
-    parts_of,
-    title_of,
-)
-from brownpipe.figures.catalogue import FIGURES, OWN, SCAN
+from brownpipe.figures.cases import cases_shown, frame_of, panels_of, parts_of, title_of
+from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.style import columns, drawing, heads, image_bytes
 
 if TYPE_CHECKING:
@@ -102,33 +90,3 @@ def draw_into(axes: Axes, dataset: Dataset, name: str, particles: int | None = N
     module.curves(axes, [one for case in cases for one in parts_of(case, part, variables[0])], **looks)
     axes.set_ylabel(axes.get_ylabel() or module.LABELS[0])
     return axes
-
-
-def cases_shown(
-    dataset: Dataset, particles: int | None = None, names: Sequence[str] | None = None
-) -> dict[str, list[Dataset]]:
-    """Return the cases that each figure shows: those with data for it, of one particle count or of all.
-
-    `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
-    particle count of each scene: `particles`, or by default its largest.
-
-    Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
-    """
-    cases = cases_of(dataset)
-    counts = sorted({int(case.particles) for case in cases})
-    if particles not in (None, *counts):
-        raise FigureError(f"particles: {particles} is not in the dataset; choose one of {counts}")
-    shown: dict[str, list[Dataset]] = {}
-    for name in names or FIGURES:
-        _, needs, variables, every_count, _ = FIGURES[name]
-        selected = [defined(case, *variables[:1]) if variables else case for case in cases if has(case, *variables)]
-        selected = selected if every_count else one_count(selected, particles)
-        if OWN in needs:
-            selected = [case for case in selected if own_names(case)]
-        if SCAN in needs and not (selected and axis_of(selected) in differing(selected)):
-            selected = []
-        if names and not selected:
-            needed = "; ".join(needs) or "runs"
-            raise FigureError(f"{name}: cannot be drawn from this dataset, whose study must have {needed}")
-        shown |= {name: selected} if selected else {}
-    return shown

@@ -19,12 +19,11 @@ from brownpipe.figures.cases import (
     aligned,
     at_last_distribution,
     cases_of,
-    defined,
     drifts,
     early_mark,
     estimate_of,
     has,
-    label_of,
+    own_names,
     scene_of,
     text_of,
     title_of,
@@ -138,7 +137,7 @@ def quantities(dataset: Dataset) -> list[Quantity]:
 
     An observable of the user's own is every variable with this attribute that is one number in each case.
     """
-    own = [str(name) for name in dataset.data_vars if "observable" in dataset[name].attrs]
+    own = own_names([dataset])
     numbers = [name for name in own if f"{name}_standard_error" in dataset and dataset[name].dims == dataset.runs.dims]
     return [*QUANTITIES, *(Quantity(name, name, (name,)) for name in numbers), *DISPLACED]
 
@@ -162,7 +161,8 @@ def _at(case: Dataset, one: Quantity) -> Dataset | None:
     """
     if not has(case, one.variable) or (one.variable == "green_kubo" and not has(case, one.theory)):
         return None
-    part = defined(case, one.variable).isel(time=-1) if "time" in case[one.variable].dims else case
+    values = case[one.variable]
+    part = case.sel(time=values.dropna("time").time[-1]) if "time" in values.dims else case
     return part.isel(window=0) if has(part.isel(window=0), one.variable) else None
 
 
@@ -207,8 +207,6 @@ def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], t
         family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
         yield f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and kurtosis,"
         yield f"and rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm)."
-        power = max(float(case.power_5_percent.max()) for case in last)
-        yield f"Power: by ring counts alone, a D wrong by 5% is rejected with a probability of at most {power:.0%}."
 
 
 def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:
@@ -266,7 +264,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
     shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
     measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):
-        row = label_of(case) | {name: case[name].item() for name in ("runs", "failed_runs")}
+        row = {name: case[name].item() for name in (*labels_of_cases(case), "runs", "failed_runs")}
         row["time"] = case.duration.item()
         for one, heading, parts in measured:
             for end in ("", "_standard_error"):

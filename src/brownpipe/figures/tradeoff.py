@@ -118,7 +118,7 @@ def summary(dataset: Dataset) -> str:
 
 
 REMARK = (
-    "cost: CPU time of a run relative to an exact one; median and range of runs timed in turn on this machine.\n"
+    "cost: CPU time of a run relative to an exact one, timed in turn on this machine.\n"
     "bias: relative to exact, ± one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
     "distance: total variation distance of the displacement distributions at the end.\n"
     "departs: median time at which the tracer leaves the exact trajectory.\n"
@@ -141,7 +141,7 @@ def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
         "setting": setting.setting.item(),
         "runs": f"{int(setting.runs)}",
         "ms/run": f"{1e3 * float(setting.seconds):.3g}",
-        "cost": _cost(setting, exact_seconds),
+        "cost": f"{float(setting.seconds) / exact_seconds:.3g}",
         "MSD bias": _bias(setting, "msd_bias"),
         "D bias": _bias(setting, "d_bias"),
         "distance": _bias(setting, "displacement_bias"),
@@ -152,30 +152,17 @@ def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
     }
 
 
-def _cost(setting: Dataset, exact_seconds: float) -> str:
-    """`1.23 (1.1-1.4)`; without the range where runs were not timed in turn."""
-    if "cost_ratio_low" not in setting or setting.setting == "exact":
-        return f"{float(setting.seconds) / exact_seconds:.3g}"
-    low, high = (f"{float(setting[f'cost_ratio_{end}']):.2g}" for end in ("low", "high"))
-    return f"{float(setting.cost_ratio):.3g} ({low}-{high})"
-
-
 def _bias(setting: Dataset, name: str) -> str:
     """`+2.1 ± 1.0 %`, or `< 1.1 %` for a bias that is not resolved; a distance has no sign and no standard error."""
     value, low, high = (float(setting[f"{name}{part}"]) for part in ("", "_low", "_high"))
     if np.isnan(value) or setting.setting == "exact":
         return "-"
     if low <= 0.0 <= high:
-        return f"< {_percent(max(-low, high))}"
+        return f"< {100 * max(-low, high):.1f} %"
     if f"{name}_standard_error" not in setting:
-        return _percent(value)
+        return f"{100 * value:.1f} %"
     error = float(setting[f"{name}_standard_error"])
     return f"{'+' if value > 0 else ''}{plus_minus(100 * value, 100 * error)} %"
-
-
-def _percent(fraction: float) -> str:
-    """Two digits, or all before the decimal point."""
-    return f"{100 * fraction:.0f} %" if fraction >= 0.1 else f"{100 * fraction:.2g} %"
 
 
 def _interval(setting: Dataset) -> str:

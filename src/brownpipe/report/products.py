@@ -11,6 +11,7 @@ from xarray import Dataset
 
 from brownpipe.errors import FigureError, WrongFileError
 from brownpipe.figures import render, tradeoff
+from brownpipe.figures.cases import cases_shown
 from brownpipe.figures.origin import RECORD, Record, closing_lines, metadata, read_record, record_of, record_text
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.processes import calculated
@@ -42,7 +43,7 @@ def write(
 
     page: file of the page with all of them. cores: on which figures of a study are drawn at the same time. No file is
     replaced before all are written; then what an earlier drawing made here is removed if it was not drawn again. Raises
-    WrongFileError for a file in the place of a product that brownpipe did not make, FigureError as `render.cases_shown`
+    WrongFileError for a file in the place of a product that brownpipe did not make, FigureError as `cases_shown`
     does.
     """
     folder = Path(folder)
@@ -51,7 +52,7 @@ def write(
         tables, page_of = {"tradeoff": tradeoff.table(dataset)}, page_of_tradeoff
         name, text = "tradeoff.txt", tradeoff.summary(dataset)
     else:
-        cases = render.cases_shown(dataset, record["particles"], record["figures"])
+        cases = cases_shown(dataset, record["particles"], record["figures"])
         draw = partial(render.drawn, cases, metadata(record), record["panel"] or ())
         drawings = calculated(draw, [*cases], "figures", cores)
         tables = {one.name: one.table for one in drawings} | {"summary": summary_table(dataset)}

@@ -125,13 +125,13 @@ def verify(arguments: Namespace) -> int:
 def add_movie(add: Callable) -> None:
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
     add_seed(add, "the run to show (default: the first in the file)")
-    add("--output", metavar="FILE", help="*.gif, *.mp4, *.png or *.html (default: FILE.gif, in this folder)")
+    add("--output", metavar="FILE", help="*.gif, *.png or *.html (default: FILE.gif, in this folder)")
     add("--frames", type=typed(AtLeastOne), metavar="COUNT", help="samples to show (default: all)")
     add("--fps", type=typed(Positive), help="frames a second (default: 25); of a .gif at most 50, in steps of 0.01 s")
 
 
 def movie(arguments: Namespace) -> None:
-    """Show one whole run of a trajectory file: a picture, an animation (GIF), a video (MP4, by ffmpeg), or a web page.
+    """Show one whole run of a trajectory file: a picture, an animation (GIF), or a web page.
 
     The file must have been recorded with `--record all`, for a page with `--record all,events`. The picture shows the
     end of the run. The page (HTML) replays the run from collision to collision, and needs no other file.
@@ -149,7 +149,7 @@ def movie(arguments: Namespace) -> None:
 
 
 def _frames(trajectories: Trajectories, arguments: Namespace, kind: str) -> tuple[bytes, str]:
-    """Return a picture, animation or video, and what it shows."""
+    """Return a picture or animation, and what it shows."""
     from brownpipe.figures.movie import movie, samples_shown
     from brownpipe.figures.origin import movie_record
 
