@@ -89,16 +89,14 @@ def aggregate(
     held = {name: one for name, one in (ALL_VARIABLES | with_uncertainties(own)).items() if name in found}
     table, keys = _over_keys(held, scenes, vary, vary_together)
     attributes |= {VARIED: " ".join(key for key, one in keys.items() if one.dims == (key,))} if keys else {}
-    dataset = joined(parts, table, ALL_COORDINATES | keys, attributes, (*EACH, *keys))
+    dataset = joined(parts, table, {**ALL_COORDINATES, **keys}, attributes, (*EACH, *keys))
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value
         p.values = holm(p.values.ravel()).reshape(p.shape)
     return dataset
 
 
-def _over_keys(
-    table: Table, scenes: Sequence[Scene], paths: Sequence[str], together: bool
-) -> tuple[Table, dict[str, Variable]]:
+def _over_keys(table: Table, scenes: Sequence[Scene], paths: Sequence[str], together: bool) -> tuple[Table, Table]:
     """Return variables with a dimension for each varied key behind that of the scene, and the keys as coordinates.
 
     With `together`, keys beyond the first are coordinates along the dimension of the first. A variable with the name of
