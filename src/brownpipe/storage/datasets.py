@@ -56,21 +56,18 @@ def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
 class LookedUpOnce(h5py.File):
     """An HDF5 file that is only read: h5netcdf looks up each array some fifty times, half of the CPU time."""
 
-    def __init__(self, file: h5py.File):
-        super().__init__(file.id)
-        self._found: dict[str, h5py.Dataset] = {}
-
     def __getitem__(self, name: str) -> h5py.Dataset:
-        if name not in self._found:
-            self._found[name] = super().__getitem__(name)
-        return self._found[name]
+        found = self.__dict__.setdefault("found", {})
+        if name not in found:
+            found[name] = super().__getitem__(name)
+        return found[name]
 
 
 def _dataset_in(file: h5py.File) -> "xarray.Dataset":
     import h5netcdf
     import xarray
 
-    store = xarray.backends.H5NetCDFStore(h5netcdf.File(LookedUpOnce(file), "r"))
+    store = xarray.backends.H5NetCDFStore(h5netcdf.File(LookedUpOnce(file.id), "r"))
     return xarray.open_dataset(store).load().drop_encoding()
 
 
