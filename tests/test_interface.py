@@ -344,6 +344,9 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
         bp.plot(result.squeeze())
     with pytest.raises(FigureError, match="result: has no dimension scene"):
         bp.plot(result.isel(scene=[]))
+    for name, figure in (("msd", "msd"), ("runs", "msd"), ("energy_drift", "health")):
+        with pytest.raises(FigureError, match=f"result: lacks {name}; plot what analyse returns"):
+            bp.plot(result.drop_vars(name), figure)
     with pytest.raises(FigureError, match="particles: 7 is not in the dataset"):
         bp.plot(result, particles=7)
 

@@ -12,13 +12,14 @@ import signal
 import sys
 from argparse import Namespace
 from collections.abc import Sequence
+from importlib import import_module
 from typing import NoReturn
 
 from brownpipe import processes
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.provenance import versions
 from brownpipe.text import printable
-from brownpipe.verbs import VERBS, verb_of
+from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
 
 GARBAGE = 500_000  # new objects before Python looks for garbage: saves CPU time of figures and analysis
@@ -84,14 +85,15 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
     given = [name for name in argv[:1] if name in VERBS]
     for name in given or VERBS:
-        verb = verb_of(name)
+        module = import_module(f"brownpipe.verbs.{VERBS[name]}")
+        verb = getattr(module, name)
         description, _, example = (verb.__doc__ or "").rpartition("\n\n")
         brief = description.partition("\n")[0]
         subparser = subparsers.add_parser(name, help=brief, description=description, epilog=example.strip())
         subparser.set_defaults(verb=verb)
         if given:
             parser.of_verb = subparser
-            getattr(sys.modules[verb.__module__], f"add_{name}")(subparser.add_argument)
+            getattr(module, f"add_{name}")(subparser.add_argument)
     return parser
 
 

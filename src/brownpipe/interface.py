@@ -20,7 +20,7 @@ from xarray import DataArray, Dataset, DataTree
 
 from brownpipe import progress
 from brownpipe.analysis import aggregate
-from brownpipe.analysis.dataset import refuse_taken
+from brownpipe.analysis.dataset import ALWAYS, refuse_taken
 from brownpipe.analysis.resampling import resample
 from brownpipe.engines import DEFINITIONS, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures, joined, select
@@ -306,9 +306,14 @@ def plot(
             raise FigureError(f"result: has no dimension {dim}, or nothing along it; plot it before squeeze or sel")
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
-    if ax is not None:
-        return draw_into(ax, result, figure, plain(particles), **looks)
-    drawn = draw(result, figure, plain(particles), _words("panel", panel).split(",") if panel else ())
+    try:
+        if ax is not None:
+            return draw_into(ax, result, figure, plain(particles), **looks)
+        drawn = draw(result, figure, plain(particles), _words("panel", panel).split(",") if panel else ())
+    except (AttributeError, FigureError, KeyError, StopIteration) as error:
+        if lacking := ", ".join(sorted(ALWAYS - result.variables.keys())):
+            raise FigureError(f"result: lacks {lacking}; plot what analyse returns, with all its variables") from error
+        raise
     drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]  # by which notebooks show an object
     return drawn
 

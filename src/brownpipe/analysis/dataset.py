@@ -34,7 +34,8 @@ ESTIMATORS = displacement, distribution, velocity, pairs, thermodynamics, drift
 FIRST = ("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation")
 BY_NAME = with_uncertainties({name: one for part in (*ESTIMATORS, variables) for name, one in part.VARIABLES.items()})
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
-ALWAYS = {*with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES)}  # in every dataset
+OF_EVERY_RUN = {*displacement.COORDINATES, *distribution.COORDINATES, *HEALTH, "runs", "failed_runs", "run_status"}
+ALWAYS = OF_EVERY_RUN.union(with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES))  # in every dataset
 ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | variables.COORDINATES
 ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
 Table = Mapping[str, Variable]
@@ -89,16 +90,14 @@ def aggregate(
     held = {name: one for name, one in (ALL_VARIABLES | with_uncertainties(own)).items() if name in found}
     table, keys = _over_keys(held, scenes, vary, vary_together)
     attributes |= {VARIED: " ".join(key for key, one in keys.items() if one.dims == (key,))} if keys else {}
-    dataset = joined(parts, table, ALL_COORDINATES | keys, attributes, (*EACH, *keys))
+    dataset = joined(parts, table, {**ALL_COORDINATES, **keys}, attributes, (*EACH, *keys))
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value
         p.values = holm(p.values.ravel()).reshape(p.shape)
     return dataset
 
 
-def _over_keys(
-    table: Table, scenes: Sequence[Scene], paths: Sequence[str], together: bool
-) -> tuple[Table, dict[str, Variable]]:
+def _over_keys(table: Table, scenes: Sequence[Scene], paths: Sequence[str], together: bool) -> tuple[Table, Table]:
     """Return variables with a dimension for each varied key behind that of the scene, and the keys as coordinates.
 
     With `together`, keys beyond the first are coordinates along the dimension of the first. A variable with the name of

@@ -88,9 +88,8 @@ def accessible_half_width(scene: Scene) -> float:
 
 def squared_of(case: Case, runs: Ensemble) -> np.ndarray | None:
     """Return the squared displacement (n, T) of every run: the observable, else from the tracer's track; else None."""
-    if "square_displacement" in runs.observables:
-        return runs.observables["square_displacement"]
-    return tracer_square_displacement(case, runs)
+    measured = runs.observables.get("square_displacement")
+    return tracer_square_displacement(case, runs) if measured is None else measured
 
 
 def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:

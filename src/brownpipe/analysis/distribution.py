@@ -15,7 +15,7 @@ from brownpipe import theory
 from brownpipe.analysis import displacement, goodness, resampling
 from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
-from brownpipe.analysis.variables import EACH, ERROR, RATE, SAME_TIME, TIME, Mean, Variable, with_intervals
+from brownpipe.analysis.variables import EACH, ENDS, ERROR, RATE, SAME_TIME, TIME, Mean, Variable, with_intervals
 from brownpipe.engines.ensemble import Ensemble
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
@@ -73,11 +73,10 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
     squared = [displacement.tracer_square_displacement(case, runs) for runs in blocks]
     if not squared or squared[0] is None:
         return ()
-    size = max(case.scene.box.width, case.scene.box.height)
     edges = []
     for column in np.concatenate([of_block[:, at] for of_block in squared]).T:
         nearly_all = np.sqrt(np.quantile(column, 1 - BEYOND, method="higher"))
-        reach = max(REACH * np.sqrt(np.mean(column)), nearly_all) or size
+        reach = max(REACH * np.sqrt(np.mean(column)), nearly_all) or 1.0  # nothing moves
         width = 2.0 ** np.ceil(np.log2(reach / MOST_RINGS))
         edges.append(ring_edges(width, int(np.ceil(reach / width))))
     return tuple(edges)
@@ -155,28 +154,24 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
     of_msd, of_lines = (np.stack(resampling.moments(averages.of(name), 0))[:, 0] for name in ("msd", "lines"))
     means, variances = np.column_stack([of_msd[:, at], of_lines[:, : len(case.windows)]])
-    means = np.where((means > 0.0) & (t > 0.0), means, np.nan)
+    means = np.where(means > 0.0, means, np.nan)
     variances = variances / means**2
     shared = averages.totals["shared"][k][:, : len(edges)] / means[:, None] - counts
-    over = np.array([4 * t or 1.0, *np.full(len(means) - 1, 4.0)])
-    models = [Model(d, None, *of_source) for d, *of_source in zip(means / over, shared, variances, strict=True)]
+    each = zip(means / 4 / np.append(t, np.ones(len(case.windows))), shared, variances, strict=True)
+    models = [Model(d, None, *of_source) for d, *of_source in each]
     if np.isfinite(half_width):
-        d, raised = (
-            theory.reflecting_square_diffusion(means[0] * scale, t, half_width) if t > 0.0 else np.nan
-            for scale in (1.0, 1.0 + LOG_STEP)
-        )
+        larger = means[0] * (1.0 + LOG_STEP)
+        d, raised = (theory.reflecting_square_diffusion(msd, t, half_width) for msd in (means[0], larger))
         elasticity = (raised / d - 1.0) / LOG_STEP
         models.append(Model(d, half_width, elasticity * shared[0], elasticity**2 * variances[0]))
     tests = [_test(counts, edges, t, kurtosis_p, model) for model in models]
     return {name: [test[name] for test in tests] for name in tests[0]}
 
 
-def _test(
-    counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, model: Model
-) -> dict[str, float | np.ndarray]:
+def _test(counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, model: Model) -> dict[str, Any]:
     """Test of one model: variable -> value."""
     expected, raised, lowered, *wrong = (
-        expected_ring_counts(counts.sum(), edges, t or 1.0, model.diffusion * scale, model.half_width)
+        expected_ring_counts(counts.sum(), edges, t, model.diffusion * scale, model.half_width)
         for scale in (1.0, float(np.exp(LOG_STEP)), float(np.exp(-LOG_STEP)), 1 + WRONG_BY, 1 - WRONG_BY)
     )
     test = goodness.chi_square(counts, expected, (raised - lowered) / (2 * LOG_STEP), model.shared, model.variance)
@@ -256,14 +251,11 @@ MODELS = (
 )
 AT = (*EACH, "displacement_time")
 RING, MODEL = (*AT, "r"), (*AT, "model")
-OF_COUNT = "(Wilson) interval of the count"
 
 MEANING = "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 for a normal distribution"
 
 AT_TIMES = {
-    "displacement_counts": Variable(RING, "1", "number of runs in the ring"),
-    "displacement_counts_low": Variable(RING, "1", f"lower end of the 95 % {OF_COUNT}"),
-    "displacement_counts_high": Variable(RING, "1", f"upper end of the 95 % {OF_COUNT}"),
+    "displacement_counts": Variable(RING, "1", "number of runs in the ring", ENDS),
     "displacement_overflow": Variable(AT, "1", "number of runs beyond the outermost ring"),
     "model_diffusion_coefficient": Variable(MODEL, RATE, "diffusion coefficient of the model"),
     "expected_counts": Variable((*MODEL, "r"), "1", "number of runs expected in the ring by the model"),

@@ -5,7 +5,6 @@ likely as its negative, because the motion of hard disks is reversible: over n r
 Student's t with n - 1 degrees of freedom. The quantities of all cases of a dataset are one family of tests (Holm).
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -19,7 +18,6 @@ from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import settling_time
-from brownpipe.observables import ARRAYS
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
@@ -29,7 +27,6 @@ FEWEST_RUNS = 8
 TOO_FEW = f"too few runs, samples or collisions to test for drifts: it takes {FEWEST_RUNS} runs of 4 sample intervals"
 POWER = 0.9
 LONGER = 2.0
-COUNTED = ("kinetic_energy", *(name for name, array in ARRAYS.items() if "quarter" in array.dims))  # in every run
 
 
 class Drift(NamedTuple):
@@ -76,7 +73,7 @@ def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
     runs, means = values.shape[1], values.mean(axis=(1, 2))
     changes = values[..., 3] - values[..., 0]
     change = changes.mean(axis=1)
-    error = changes.std(axis=1, ddof=1) / math.sqrt(runs) if runs > 1 else np.full(len(values), np.nan)
+    error = changes.std(axis=1, ddof=1) / np.sqrt(runs) if runs > 1 else np.full(len(values), np.nan)
     may_tell = (error > 0) & (means != 0) & (runs >= FEWEST_RUNS)
     t = np.divide(change, error, out=np.full(len(change), np.nan), where=may_tell)
     size = np.where(means != 0, np.abs(means), np.nan)
@@ -118,7 +115,7 @@ def _percent(change: float, error: float) -> str:
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return what is counted in the quarters of every run."""
-    counted = {name: runs.observables[name] for name in COUNTED if name in runs.observables}
+    counted = {name: one for name, one in runs.observables.items() if name.startswith(("kinetic_energy", "quarter_"))}
     return Columns(kept=counted if is_tested(case.scene, case.engine) else {})
 
 

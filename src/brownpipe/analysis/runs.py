@@ -64,12 +64,12 @@ def _opened(number: int, source: Source) -> RunFile:
     """Return a source; of a file what it holds is read, but not its runs."""
     if isinstance(source, Trajectories):
         return RunFile(f"runs[{number}]", source.ensemble.seeds, source, True)
-    if not isinstance(source, StoredFile):
-        contents = read_trajectories(source, outline=True)
-        return RunFile(str(source), contents.ensemble.seeds, contents, False)
-    contents = read_stored(source.path, outline=True)
-    seeds = contents.ensemble.seeds
-    return RunFile(str(source.path), seeds[np.isin(seeds, source.seeds)], contents, False)
+    if isinstance(source, StoredFile):
+        contents = read_stored(source.path, outline=True)
+        seeds = contents.ensemble.seeds
+        return RunFile(str(source.path), seeds[np.isin(seeds, source.seeds)], contents, False)
+    contents = read_trajectories(source, outline=True)
+    return RunFile(str(source), contents.ensemble.seeds, contents, False)
 
 
 def _group(files: Sequence[RunFile]) -> Group:

@@ -28,9 +28,8 @@ ATTRIBUTES = {
     "Conventions": "CF-1.11",
     "title": "Brownian motion of a hard disk among hard disks: averages over independent runs",
     "comment": (
-        "Units are the reduced units of each scene. Averages are over runs that did not fail; standard errors and "
-        "intervals come from the spread of runs, never of time points. A diffusion coefficient is meaningful only "
-        "with its fit window, particle count and box: in two dimensions it has no limit at long times."
+        "Units are the reduced units of each scene. Averages, standard errors and intervals are over runs that did not "
+        "fail, never over time points. A diffusion coefficient has meaning only with its fit window, N and box."
     ),
 }
 
@@ -41,7 +40,7 @@ UNCERTAINTIES = {
     "low": "lower end of the 95 % interval of the {}",
     "high": "upper end of the 95 % interval of the {}",
 }
-ERROR, INTERVAL = ("standard_error",), tuple(UNCERTAINTIES)
+ERROR, ENDS, INTERVAL = ("standard_error",), ("low", "high"), tuple(UNCERTAINTIES)
 
 
 class Variable(NamedTuple):

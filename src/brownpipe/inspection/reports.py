@@ -9,7 +9,7 @@ import numpy as np
 
 from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
 from brownpipe.analysis.goodness import holm
-from brownpipe.analysis.variables import EACH, FAILED, MISSING, labels_of_cases
+from brownpipe.analysis.variables import EACH, FAILED, MISSING
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
 from brownpipe.errors import RequestError, WrongFileError
 from brownpipe.figures import tradeoff
@@ -198,12 +198,11 @@ def failed_runs(path: str | Path) -> tuple[int, int, str]:
     Raises StorageError if the file is damaged, WrongFileError if it is no dataset of `brownpipe aggregate` with the
     labels of its runs.
     """
-    dataset = read_dataset(path)
-    status, labels = dataset.get("run_status"), labels_of_cases(dataset)
+    status = read_dataset(path).get("run_status")
     if status is None or not {*EACH, "seed"} <= set(status.dims):
         raise WrongFileError(f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate")
     cases = []
     for place in zip(*np.nonzero((status == FAILED).any("seed").values), strict=True):
-        words = label_in_words(dataset.isel(dict(zip(labels, place, strict=True))), labels)
+        words = label_in_words(status[place].coords.to_dataset(), map(str, status.dims[:-1]))  # of seeds are the last
         cases.append(f"{words}: seeds {brief_seed_text(status.seed.values[status[place].values == FAILED])}")
     return int((status == FAILED).sum()), int((status != MISSING).sum()), "; ".join(cases)

@@ -9,7 +9,6 @@ or YAML do not notice it.
 import hashlib
 import json
 import os
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -20,8 +19,7 @@ import numpy as np
 from brownpipe.errors import RequestError, StorageError, WrongFileError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
-SEAL = re.compile(rb"# brownpipe-sha256:([0-9a-f]{64})\n")
-SEAL_LENGTH = len("# brownpipe-sha256:\n") + 64
+SEAL = b"# brownpipe-sha256:"
 TRAJECTORIES, CHECKPOINT, DATASET = "runs_digest", "checkpoint", "dataset"
 KINDS = {  # of HDF5 files, by an attribute that files of this kind alone have, datasets none
     TRAJECTORIES: "a trajectory file (of `brownpipe simulate`)",
@@ -82,7 +80,7 @@ def sync(path: Path) -> None:
 
 def sealed(contents: bytes) -> bytes:
     """Return the contents with their seal behind them."""
-    return contents + f"# brownpipe-sha256:{hashlib.sha256(contents).hexdigest()}\n".encode()
+    return contents + SEAL + f"{hashlib.sha256(contents).hexdigest()}\n".encode()
 
 
 def seal_of(path: str | Path) -> str:
@@ -97,11 +95,11 @@ def read_sealed(path: str | Path) -> bytes:
     if it has neither a seal nor the first bytes of HDF5.
     """
     contents = Path(path).read_bytes()
-    rest, seal = contents[:-SEAL_LENGTH], SEAL.fullmatch(contents[-SEAL_LENGTH:])
-    if seal is None:
+    rest, seal, digest = contents.rpartition(SEAL)
+    if not seal:
         kind = StorageError if HDF5.startswith(contents[: len(HDF5)]) else WrongFileError
         raise kind("is cut short or damaged, or not a file of brownpipe")
-    if hashlib.sha256(rest).hexdigest() != seal[1].decode():
+    if digest != f"{hashlib.sha256(rest).hexdigest()}\n".encode():
         raise StorageError("was damaged or edited after it was written")
     return rest
 

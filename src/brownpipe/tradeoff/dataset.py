@@ -7,7 +7,7 @@ import numpy as np
 
 from brownpipe.analysis.dataset import joined
 from brownpipe.analysis.runs import Source, groups_of
-from brownpipe.analysis.variables import INTERVAL, SAME_TIME, Mean, Variable, with_uncertainties
+from brownpipe.analysis.variables import ENDS, SAME_TIME, Mean, Variable, with_uncertainties
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from brownpipe.progress import tracked
@@ -33,7 +33,6 @@ ATTRIBUTES = {
     ),
 }
 SCENE, SETTING = ("scene",), ("scene", "setting")
-ENDS = INTERVAL[1:]  # low and high, without a standard error
 BEST = "no setting has a smaller total error of the MSD"
 MSD, D = "MSD at the end", "D in the window"
 DISTRIBUTION = "total variation distance of the distribution of displacements at the end, in ten rings"

@@ -5,9 +5,6 @@ the exit status (None: done). `add_NAME` beside it is given `add_argument` of it
 inside the functions that need them.
 """
 
-from collections.abc import Callable
-from importlib import import_module
-
 MODULES = {
     "studies": ("new", "run", "check", "plan", "schema"),
     "simulate": ("simulate",),
@@ -15,8 +12,3 @@ MODULES = {
     "files": ("inspect", "verify", "movie", "export"),
 }
 VERBS = {verb: module for module, verbs in MODULES.items() for verb in verbs}
-
-
-def verb_of(name: str) -> Callable:
-    """Return a verb by its name."""
-    return getattr(import_module(f"brownpipe.verbs.{VERBS[name]}"), name)
