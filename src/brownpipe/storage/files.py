@@ -161,8 +161,7 @@ def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarr
     """
     with writing(path) as file:
         file.attrs[CHECKPOINT] = json.dumps(made_by)
-        for name, value in arrays.items():
-            file[name] = value
+        file.update(arrays)
 
 
 def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | None:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 2**18
 SMALL = 4096  # bytes of a variable that is not compressed: it would grow
 NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable."  # as netCDF4 marks such a scale
-DEFAULTS = ("", "tracer", "runs")  # of the options --observables, --record and --average of `brownpipe simulate`
 
 
 class Trajectories(NamedTuple):
@@ -83,7 +82,7 @@ def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: s
     options = {"record": record, "observables": ",".join(runs.measured or ()), "average": runs.ensemble.average}
     words = [f"--particles {runs.scene.particles}"] if runs.scene.species else []
     words += [f"--seeds {seed_text(seeds)}", f"--engine {runs.engine.options}"]
-    words += [f"--{key} {value}" for key, value in options.items() if value not in DEFAULTS]
+    words += [f"--{key} {value}" for key, value in options.items() if value not in ("", "tracer", "runs")]  # defaults
     return {
         "command": f"brownpipe simulate {runs.scene.name}.yaml {' '.join(words)}",
         "scene_digest": runs.scene.digest,
