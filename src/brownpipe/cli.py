@@ -45,7 +45,11 @@ def _status(argv: list[str]) -> int:
     """Run one verb; return the exit status, after one line on stderr for an error."""
     try:
         try:
-            arguments = _parsed(argv)
+            parser = build_parser(argv)
+            arguments, further = parser.parse_known_args(argv, Namespace(argv=argv))
+            arguments.further = [word for word in further if word != "--"]  # passed on to another program
+            if further and argv[0] != "run":
+                parser.error(f"unrecognized arguments: {' '.join(further)}")
             return arguments.verb(arguments) or DONE
         finally:
             sys.stdout.flush()
@@ -62,16 +66,6 @@ def _status(argv: list[str]) -> int:
         return say("out of memory", FAILED)
     except OSError as error:
         return say(str(error), FAILED)
-
-
-def _parsed(argv: list[str]) -> Namespace:
-    """Return the arguments; `further` are those that a verb passes on to another program."""
-    parser = build_parser(argv)
-    if argv[:1] != ["run"]:
-        return parser.parse_args(argv, Namespace(argv=argv))
-    arguments, further = parser.parse_known_args(argv, Namespace(argv=argv))
-    arguments.further = [word for word in further if word != "--"]
-    return arguments
 
 
 def build_parser(argv: Sequence[str]) -> "_Parser":
