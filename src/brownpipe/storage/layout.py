@@ -14,7 +14,8 @@ AXES = {
     "component": Axis("1", "Cartesian component", lambda _: ["x", "y"]),
 }
 SAMPLED = ("time", "seed", "component")
-MEANING = {  # variable: units, long_name, and its dimensions unless it is a number for each run
+# Of each variable units, long_name, and its dimensions unless it is a number for each run.
+VARIABLES: dict[str, tuple[str, ...]] = {
     "seed": ("1", "seed of the run"),
     "position": ("length", "position of the disk's centre", *SAMPLED),
     "velocity": ("length/time", "velocity", *SAMPLED),
@@ -43,10 +44,9 @@ MEANING = {  # variable: units, long_name, and its dimensions unless it is a num
     "failed": ("1", "1 if beyond a bound of the health check, not finite, or stopped: exclude from averages"),
     "stopped": ("1", "why the run could not go on; empty for a run that came to its end"),
 }
-MEASURED = {name: (array.units, array.long_name, "seed", *array.dims) for name, array in observables.ARRAYS.items()}
-ALONG = {dim: (axis.units, axis.long_name, dim) for dim, axis in AXES.items()}
+VARIABLES |= {name: (array.units, array.long_name, "seed", *array.dims) for name, array in observables.ARRAYS.items()}
+VARIABLES |= {dim: (axis.units, axis.long_name, dim) for dim, axis in AXES.items()}
 SCALES = {"seed", *AXES}  # coordinates: each along the dimension of its name
-VARIABLES: dict[str, tuple[str, ...]] = MEANING | MEASURED | ALONG
 LOG = ("event_time", "a", "b", "impulse")  # the fields of Events
 PLACES = {  # the variables of each group; in the root those of the runs' observables, too
     "/": {*SCALES, *Track._fields, "stopped"},
@@ -74,8 +74,7 @@ def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     """Return runs as the variables of each group; tracks of several whole runs, and collisions, are copied."""
     dims = {dim for name in ensemble.observables for dim in dims_of("/", name, ensemble.own)}
     root = {dim: np.asarray(AXES[dim].coordinates(scene)) for dim in AXES if dim in {*dims, "component"}}
-    root |= {"time": ensemble.times, "seed": ensemble.seeds}
-    root |= _recorded(ensemble.tracer) | ensemble.observables
+    root |= {"time": ensemble.times, "seed": ensemble.seeds} | _recorded(ensemble.tracer) | ensemble.observables
     if ensemble.stopped:
         root["stopped"] = np.array([ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()])
     groups = {"/": root}

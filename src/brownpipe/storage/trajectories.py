@@ -149,20 +149,15 @@ def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:
 
 
 def trajectories_in(file: h5py.File, outline: bool = False) -> Trajectories:
-    """Return the contents of an open trajectory file."""
+    """Return the contents of an open trajectory file; of an `outline` the values of coordinates alone."""
     header = {name: value for name, value in file.attrs.items() if isinstance(value, str)}
-    groups = {place: _variables(file[place], outline) for place in PLACES if place in file}
+    groups: Groups = {place: {} for place in PLACES if place in file}
+    for place, variables in groups.items():
+        for name, item in file[place].items():
+            if "units" in item.attrs:  # no group, and no dimension without coordinates
+                texts = item.asstr() if h5py.check_string_dtype(item.dtype) else item
+                variables[name] = texts[:0] if outline and not item.is_scale else texts[()]
     return _runs_of(header, groups)._replace(header=header)
-
-
-def _variables(group: h5py.Group, outline: bool) -> dict[str, np.ndarray]:
-    """Return the values of all variables of a group, with texts as `str`; of an `outline` those of coordinates only."""
-    found = {}
-    for name, item in group.items():
-        if "units" in item.attrs:  # no group, and no dimension without coordinates
-            texts = item.asstr() if h5py.check_string_dtype(item.dtype) else item
-            found[name] = texts[:0] if outline and not item.is_scale else texts[()]
-    return found
 
 
 def _runs_of(attributes: Mapping, groups: Groups) -> Trajectories:
