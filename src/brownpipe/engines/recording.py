@@ -39,17 +39,27 @@ def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track |
 
     And whether all positions and velocities are finite numbers in the scene's units.
     """
-    finite, whole = True, None
+    tracks, finite = [Track(*recorder.track)], True
     if recorder.whole.position.shape[1]:
-        whole = [values.take(frame.back, axis=1) for values in recorder.whole]
-    with np.errstate(over="ignore", invalid="ignore"):
-        for position, velocity, _ in (recorder.track, *([whole] if whole else ())):
-            position *= frame.length
-            position += frame.origin
-            velocity *= frame.speed
-            finite &= bool(np.isfinite(position).all() and np.isfinite(velocity).all())
-    recorded = slice(3 if scene.box.periodic else 2)  # no images between walls
-    return Track(*recorder.track[recorded]), Track(*whole[recorded]) if whole else None, finite
+        tracks.append(Track(*(values.take(frame.back, axis=1) for values in recorder.whole)))
+    for track in tracks:
+        finite &= convert(track.position, track.velocity, frame.origin, frame.length, frame.speed)
+    if not scene.box.periodic:
+        tracks = [track._replace(image=None) for track in tracks]
+    return tracks[0], tracks[1] if len(tracks) > 1 else None, finite
+
+
+@entry_point
+def convert(position: np.ndarray, velocity: np.ndarray, origin: np.ndarray, length: float, speed: float) -> bool:
+    """Convert samples (T, M, 2) from the engine's units; return whether they are finite numbers."""
+    finite = True
+    for t in range(position.shape[0]):
+        for i in range(position.shape[1]):
+            for c in range(2):
+                position[t, i, c] = position[t, i, c] * length + origin[c]
+                velocity[t, i, c] *= speed
+                finite &= math.isfinite(position[t, i, c]) and math.isfinite(velocity[t, i, c])
+    return finite
 
 
 @entry_point
@@ -113,8 +123,9 @@ def report(
 
 
 def report_nothing() -> None:
-    """Compile the kernel of a report."""
+    """Compile the kernels of a report."""
     conservation(np.zeros(0), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros(4))
+    convert(np.zeros((0, 1, 2)), np.zeros((0, 1, 2)), np.zeros(2), 1.0, 1.0)
 
 
 def images_fit(scene: Scene, frame: Frame, crossings: float, path: float) -> bool:

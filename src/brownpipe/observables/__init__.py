@@ -51,12 +51,12 @@ def record_of(name: str) -> Observable:
 
 def observe(scene: Scene, run: Run, names: Iterable[str], average: str = "runs") -> dict[str, np.ndarray]:
     """Return the arrays of the named observables of one run. Those of one's own are left to `own.measure`."""
-    arrays, whole, stationary = dict[str, np.ndarray](), run.whole, is_stationary(scene)
+    arrays, whole = dict[str, np.ndarray](), run.whole
     for observable in (OBSERVABLES[name] for name in names if not own.is_own(name)):
         if observable.of == "tracer":
             track = whole.of(equal_disks(scene)) if average == "disks" else run.tracer
         else:
-            track = whole if stationary or not observable.is_over_samples else whole.at_end()
+            track = whole.at_end() if observable.is_over_samples and not is_stationary(scene) else whole
         arrays |= observable.measure(scene, track, average)
     return arrays
 

@@ -289,6 +289,9 @@ class Scene(Record):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scene) and (self.name, self.text) == (other.name, other.text)
 
+    def __hash__(self) -> int:
+        return hash(self.text)
+
     @property
     def label(self) -> str:
         """Name and number of disks, by which a trade-off names it."""
