@@ -78,8 +78,7 @@ def cases_shown(
         _, needs, variables, every_count, _ = FIGURES[name]
         selected = [defined(case, *variables[:1]) if variables else case for case in cases if has(case, *variables)]
         selected = selected if every_count else one_count(selected, particles)
-        if OWN in needs:
-            selected = [case for case in selected if own_names([case])]
+        selected = [case for case in selected if OWN not in needs or own_names([case])]
         if SCAN in needs and not (selected and axis_of(selected) in differing(selected)):
             selected = []
         if names and not selected:
@@ -253,6 +252,12 @@ def early_mark(fit: Dataset) -> str:
     """Return a ring for a fit whose window begins before the tracer's motion is diffusive; "" for others."""
     window = (fit.window_start.item(), fit.window_end.item())
     return " °" if window_caution(window, {"": fit.diffusive_from.item()}) else ""
+
+
+def fitted_diffusion(case: Dataset) -> str:
+    """Return D in the first fit window in words, with a ring as of `early_mark`; "" without a fit."""
+    fits = [(fit, estimate_of(fit, "diffusion_coefficient")) for fit in fits_of(case)[:1]]
+    return "".join(f"D over {fit.window.item()} = {estimate}{early_mark(fit)}" for fit, estimate in fits)
 
 
 def estimate_of(case: Dataset, name: str) -> str:

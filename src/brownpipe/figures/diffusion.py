@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from xarray import Dataset
 
-from brownpipe.figures.cases import estimate_of, fits_of, has
+from brownpipe.figures.cases import fits_of, fitted_diffusion, has
 from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, time_axis, told_apart
 
 LABELS = ("diffusion coefficient $D(t)$, 95 % bands",)
@@ -32,14 +32,13 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     if len(cases) == 1 and not looks:
         _routes(axes, cases[0])
     else:
-        for case, line in told_apart(cases, _slope_in_words, looks):
+        for k, (case, line) in enumerate(told_apart(cases, fitted_diffusion, looks)):
             name = next(name for name in FROM_MSD if has(case, name))
             band(axes, case.isel(time=case.time.values > 0), name, **line)
             _bar(axes, case, color=line["color"])
             if has(case, "enskog_diffusion"):
-                axes.axhline(float(case.enskog_diffusion), color=line["color"], linestyle=DOTTED, linewidth=1)
-        if any(has(case, "enskog_diffusion") for case in cases):
-            axes.plot([], [], color=GREY, linestyle=DOTTED, linewidth=1, label="_" if looks else "Enskog's theory")
+                label = "_" if looks or k else "Enskog's theory"
+                axes.axhline(float(case.enskog_diffusion), color=line["color"], linestyle=DOTTED, label=label)
         axes.set_ylim(bottom=min(0, axes.get_ylim()[0]))
     time_axis(axes, cases)
 
@@ -54,10 +53,9 @@ def _routes(axes: Axes, case: Dataset) -> None:
         if name in shown:
             leaves = ", leaves the panel" * bool((later[name] > end).any())
             band(axes, later, name, colour, linestyle=line, label=label + leaves)
-    _bar(axes, case, color=INK, label=_slope_in_words(case))
+    _bar(axes, case, color=INK, label=f"slope/4: {fitted_diffusion(case)}")
     if "enskog_diffusion" in shown:
         label = f"Enskog's theory: D = {float(case.enskog_diffusion):.4g}"
-        label += f" ($\\chi$ = {float(case.enskog_contact_value):.4g})" if has(case, "enskog_contact_value") else ""
         label += ", above the panel" * bool(case.enskog_diffusion > end)
         axes.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=label)
     axes.set_ylim(min(0.0, *(float(case[name].min()) for name in shown)), end)
@@ -68,8 +66,3 @@ def _bar(axes: Axes, case: Dataset, **looks: Any) -> None:
     for fit in fits_of(case)[:1]:
         ends, diffusion = [float(fit.window_start), float(fit.window_end)], float(fit.diffusion_coefficient)
         axes.plot(ends, [diffusion] * 2, linewidth=1.2, marker="|", markersize=9, **looks)
-
-
-def _slope_in_words(case: Dataset) -> str:
-    fits = fits_of(case)[:1]
-    return "".join(f"slope/4 over {fit.window.item()}: {estimate_of(fit, 'diffusion_coefficient')}" for fit in fits)

@@ -23,6 +23,5 @@ def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
         band(axes, part, NAME, **line)
     for mean in dict.fromkeys(float(part.kinetic_temperature) for part in parts if has(part, "kinetic_temperature")):
         axes.axhline(mean, color=INK, linestyle=DOTTED, label=f"equipartition, $kT$ = {mean:.4g}")
-    highest_mean = max(float(part[NAME].max()) for part in parts)
-    axes.set_ylim(0, min(1.05 * highest(parts, NAME), 1.5 * highest_mean) or 1.0)  # above the bands, unless very wide
+    axes.set_ylim(0, 1.05 * highest(parts, NAME) or 1.0)
     time_axis(axes, parts)

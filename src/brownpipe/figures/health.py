@@ -18,7 +18,6 @@ MEASURES = {
 LEFT_END = 1e-17  # left end of the axis, where smaller values and zeros are drawn
 WIDTH = 3.6  # of a panel, with its share of the labels beside the panels [inch]
 LABEL = 32  # characters of a line of such a label
-LINE = 0.16  # height of a line of text [inch]
 BOX = ("whislo", "q1", "med", "q3", "whishi")  # matplotlib's names of the QUANTILES
 QUANTILES = {"least": 0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1}
 
@@ -26,8 +25,7 @@ QUANTILES = {"least": 0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one panel per measure, one box per case: all runs (whiskers), the central 90 % (box), the median (line)."""
     labels = [textwrap.fill(_name(case), LABEL) for case in cases]
-    each = 0.28 + LINE * max(label.count("\n") for label in labels)
-    figure, axes = grid(1, len(MEASURES), WIDTH, 1.56 + each * len(cases), sharex=True, sharey=True)
+    figure, axes = grid(1, len(MEASURES), WIDTH, 1.3 + 0.44 * len(cases), sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         drawn = [np.maximum(_quantiles(case, name), LEFT_END) for case in cases]
         boxes = [dict(zip(BOX, of_case, strict=True)) for of_case in drawn]

@@ -156,8 +156,8 @@ def movie(
     into the metadata. The same run gives the same bytes. Raise RequestError for a rate that a GIF cannot have.
     """
     if suffix == ".gif" and not GIF_RATES[0] <= fps <= GIF_RATES[1]:
-        allowed = f"from {GIF_RATES[0]:.3g} to {GIF_RATES[1]:g} frames a second for a .gif"
-        raise RequestError(f"--fps: must be {allowed}, not {fps:.10g}")
+        low, high = GIF_RATES
+        raise RequestError(f"--fps: must be from {low:.3g} to {high:g} frames a second for a .gif, not {fps:.10g}")
     scene, track = trajectories.scene, trajectories.ensemble.whole[seed]
     with drawing():
         figure, show = scenery_of(scene, seed, track)

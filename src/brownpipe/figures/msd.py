@@ -9,7 +9,7 @@ from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.figures import style
-from brownpipe.figures.cases import early_mark, estimate_of, fits_of, frame_of, has
+from brownpipe.figures.cases import early_mark, estimate_of, fits_of, fitted_diffusion, frame_of, has
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
@@ -21,7 +21,7 @@ FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is fo
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise with models."""
     single = len(cases) == 1 and not looks
-    for case, line in style.told_apart(cases, _last_in_words if single else _fitted_diffusion, looks):
+    for case, line in style.told_apart(cases, _last_in_words if single else fitted_diffusion, looks):
         style.band(axes, case, "msd", **line | (DOTS if single else {}))  # models are lines
     for k, fit in enumerate(fit for case in cases for fit in fits_of(case)[:1]):
         t = np.array([fit.window_start.item(), fit.window_end.item()])
@@ -35,12 +35,6 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
         axes.set_ylim(0, HEADROOM * style.highest(cases, "msd") or 1.0)
     axes.set_xlim(0, 1.01 * max(axes.dataLim.x1, *(case.time.values[-1] for case in cases)))
     axes.set_xlabel("time $t$")
-
-
-def _fitted_diffusion(case: Dataset) -> str:
-    """D in the first fit window, for the legend."""
-    fits = fits_of(case)[:1]
-    return "".join(f"D = {estimate_of(fit, 'diffusion_coefficient')}{early_mark(fit)}" for fit in fits)
 
 
 def _last_in_words(case: Dataset) -> str:

@@ -27,9 +27,8 @@ def draw(cases: list[Dataset]) -> Figure:
                 band(panel, defined(part, name), name, **line)
             else:
                 points(panel, [k], [part], name, **line | {"linestyle": "none", "marker": "o"})
+                panel.set_xticks([])
         panel.set(xlabel=along, ylabel=axis_label(cases[0], name))
-        if not cases[0][name].dims:
-            panel.set_xticks([])
     heads(axes[:, 0], [f"{cases[0][name].observable}: {cases[0][name].long_name}" for name in names])
     return figure
 

@@ -3,6 +3,7 @@
 The routes: extrapolation of g(r) to contact, and the collision rate of the pair (docs/theory.md).
 """
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
     for contact in {*contacts}:
         axes.axvline(contact, color=style.GREY, linestyle=style.DOTTED, linewidth=1)
     single = len(pairs) == 1 and not looks
-    for pair, line in style.told_apart(pairs, _runs_in_words if single else _contact_in_words, looks):
+    for pair, line in style.told_apart(pairs, partial(_in_words, single), looks):
         style.band(axes, _pooled(pair), NAME, **line)
         for name in (name for name in CONTACTS if has(pair, name)):
             words, colour, marker = CONTACTS[name]
@@ -50,27 +51,25 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
     axes.set_xlabel("centre-to-centre distance $r$")
 
 
-def _runs_in_words(pair: Dataset) -> str:
-    return f"{int(pair.runs):,} runs, 95 % band"
-
-
-def _contact_in_words(pair: Dataset) -> str:
-    return f"g(contact) = {estimate_of(pair, 'contact_value')}"
+def _in_words(single: bool, pair: Dataset) -> str:
+    return f"{int(pair.runs):,} runs, 95 % band" if single else f"g(contact) = {estimate_of(pair, 'contact_value')}"
 
 
 def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
     """Draw the contact value of theory and, for dilute equal disks, g(r) to first order in the density."""
     known = [pair for pair in pairs if has(pair, "contact_theory")]
     for k, pair in enumerate(known):
+        hidden = "_" * (k > 0 or not named)
         label = f"theory at contact: {float(pair.contact_theory):.4g}" if len(known) == 1 else "theory at contact"
         place = [float(pair.contact_distance)], [float(pair.contact_theory)]
-        axes.plot(*place, "_", color=style.INK, markersize=12, linestyle="", label="_" * (k > 0 or not named) + label)
-    dilute = [pair for pair in known if has(pair, "compressibility_rate") and pair.packing_fraction < DILUTE]
-    for k, pair in enumerate(dilute):  # of equal disks
-        sigma, label = float(pair.contact_distance), "_" * (k > 0 or not named) + "first order in the density"
-        r = np.linspace(sigma, float(pair.distance[-1]), 400)
-        g = theory.dilute_pair_distribution(r, sigma, float(pair.packing_fraction))
-        axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=label)
+        axes.plot(*place, "_", color=style.INK, markersize=12, linestyle="", label=hidden + label)
+        if has(pair, "compressibility_rate") and pair.packing_fraction < DILUTE:  # equal disks
+            r = np.linspace(place[0][0], float(pair.distance[-1]), 400)
+            g, label = (
+                theory.dilute_pair_distribution(r, r[0], float(pair.packing_fraction)),
+                "first order in the density",
+            )
+            axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=hidden + label)
 
 
 def _pooled(pair: Dataset) -> Dataset:

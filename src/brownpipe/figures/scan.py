@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, frame_of, has, series_of
+from brownpipe.figures.cases import PARTS, axis_label, axis_of, frame_of, has, series_of
 from brownpipe.figures.style import DASHED, MARKS, WIDTH, grid, heads, log_axis, points
 
 LOGARITHMIC = 30.0  # ratio of the largest value to the smallest, beyond which an axis is logarithmic
@@ -30,28 +30,19 @@ def draw(cases: list[Dataset]) -> Figure:
     D is that of the first fit window; the table has all.
     """
     axis = axis_of(cases)
-    series = series_of(cases, axis)
+    series = series_of([case.isel(time=-1, window=0) for case in cases], axis)
     names = [name for name in PANELS if any(has(case, name) for case in cases)]
     figure, axes = grid(-(-len(names) // 2), 2, WIDTH, 3.6 + 0.38 * max(0, len(series) - 1))
     for panel in axes.flat[len(names) :]:
         panel.remove()
     for panel, name in zip(axes.flat, names, strict=False):
-        _panel(panel, axis, _shown(series, name), name)
+        shown = {label: [end for end in ends if has(end, name)] for label, ends in series.items()}
+        _panel(panel, axis, shown, name)
         panel.set_xlabel(axis_label(cases[0], axis))
         panel.set_ylabel(PANELS[name][1])
     over = {D: f" over {cases[0].window[0].item()}"}
     heads(axes.flat[: len(names)], [PANELS[name][0] + over.get(name, "") for name in names])
     return figure
-
-
-def _shown(series: Mapping[str, list[Dataset]], name: str) -> dict[str, list[Dataset]]:
-    """Return the cases of each series at the end of their runs and at the first fit window, where they have a value."""
-    shown = {}
-    for label, cases in series.items():
-        ends = [case.isel(time=-1, window=0) for case in cases]
-        with_value = [case for case in ends if has(case, name)]
-        shown[label + (max(map(early_mark, with_value), default="") if name == D else "")] = with_value
-    return shown
 
 
 def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str) -> None:
@@ -95,12 +86,9 @@ def table(cases: list[Dataset]) -> DataFrame:
 def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
     """Return the differences of means from the case before, over runs with the same seeds, and their errors."""
     found: dict[str, float] = {}
-    for name, of_runs in OF_RUNS.items():
-        if of_runs in case:
-            other = case[of_runs] if before is None else before[of_runs]
-            pairs = (case[of_runs] - other).dropna("seed").values
-            enough = before is not None and len(pairs) > 1
-            error = pairs.std(ddof=1) / np.sqrt(len(pairs)) if enough else np.nan
-            found |= {f"{name}_difference": pairs.mean() if enough else np.nan}
-            found |= {f"{name}_difference_standard_error": error}
+    for name in (name for name in OF_RUNS if OF_RUNS[name] in case):
+        values = case[OF_RUNS[name]]
+        pairs = (values - (np.nan if before is None else before[OF_RUNS[name]])).dropna("seed").values
+        mean, error = (pairs.mean(), pairs.std(ddof=1) / np.sqrt(len(pairs))) if len(pairs) > 1 else (np.nan, np.nan)
+        found |= {f"{name}_difference": mean, f"{name}_difference_standard_error": error}
     return found

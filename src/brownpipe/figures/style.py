@@ -199,8 +199,7 @@ def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
     axis = getattr(axes, f"{name}axis")
     decades = np.log10(high / low)
     labelled = next(digits for fewer, digits in LABELLED.items() if decades < fewer)
-    short = decades < SHORT
-    axis.set_major_locator(MaxNLocator(2) if short else LogLocator(subs=labelled, numticks=MOST_TICKS))
+    axis.set_major_locator(MaxNLocator(2) if decades < SHORT else LogLocator(subs=labelled, numticks=MOST_TICKS))
     plain = low >= 1e-4 and high <= 1e4
     axis.set_major_formatter("{x:.4g}" if plain else LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
     axis.set_minor_locator(LogLocator(subs=range(1, 10), numticks=99))

@@ -29,7 +29,7 @@ from brownpipe.figures.cases import (
     title_of,
 )
 from brownpipe.scene.seeds import brief_seed_text
-from brownpipe.text import in_lines
+from brownpipe.text import counted, in_lines
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -251,7 +251,7 @@ def missing_runs(cases: list[Dataset]) -> Iterator[str]:
                 which = f"{seeds.size} of {np.count_nonzero(asked)} seeds ({brief_seed_text(seeds)})"
                 yield f"{title_of(case)}: {fate}: {which}{reason}"
     if failed := sum(int(case.failed_runs) for case in cases):
-        runs = "1 failed run" if failed == 1 else f"{failed} failed runs"
+        runs = counted(failed, "failed run")
         yield f"The averages leave out {runs}; they are biased if runs that fail differ from the others."
 
 
@@ -259,8 +259,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
     """Return every number that an answer may have, and those of the other fit windows: one row per case and window."""
     from pandas import DataFrame
 
-    rows = []
-    cases = cases_of(dataset)
+    rows, cases = [], cases_of(dataset)
     shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
     measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):
@@ -274,6 +273,5 @@ def summary_table(dataset: Dataset) -> DataFrame:
         row |= {name: last[name].item() if name in last else np.nan for name in SHAPE}
         of_models = [(test, model) for model in dataset.model.values for test in TESTED]
         row |= {f"{test}, {model}": last[test].sel(model=model).item() for test, model in of_models}
-        windows = (case.isel(window=k) for k in range(case.sizes["window"]))
-        rows += [row | {name: fit[name].item() for name in FIT} for fit in windows]
+        rows += [row | {name: case[name][w].item() for name in FIT} for w in range(case.sizes["window"])]
     return DataFrame(rows)

@@ -50,7 +50,7 @@ def draw(dataset: Dataset, scene: str) -> Figure:
         error, on_front = total_error(setting, times), np.zeros(len(times), bool)
         for interval in front:
             on_front |= (interval.label == setting.label) & (times >= interval.start) & (times <= interval.end)
-        unresolved = error < _unresolved_bound(dataset.sel(scene=scene, setting=setting.label))
+        unresolved = error < _unresolved_bound(dataset.sel(scene=scene, setting=setting.label), "msd_bias")
         colour, bold = colours.get(setting.label, GREY), {"linewidth": 4.0, "solid_capstyle": "round"}
         lines = (~unresolved, {"alpha": 0.8}), (unresolved, {"linestyle": DOTTED}), (on_front, bold)
         for shown, looks in lines:
@@ -69,10 +69,10 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     return figure
 
 
-def _unresolved_bound(setting: Dataset) -> float:
-    """The 95 % upper bound of the size of the MSD's bias if that is not resolved from 0; 0 if it is."""
-    low, high = float(setting.msd_bias_low), float(setting.msd_bias_high)
-    return max(-low, high) if low < 0.0 < high else 0.0
+def _unresolved_bound(setting: Dataset, name: str) -> float:
+    """The 95 % upper bound of the size of a bias if that is not resolved from 0; 0 if it is."""
+    low, high = float(setting[f"{name}_low"]), float(setting[f"{name}_high"])
+    return max(-low, high) if low <= 0.0 <= high else 0.0
 
 
 def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float) -> None:
@@ -154,11 +154,11 @@ def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
 
 def _bias(setting: Dataset, name: str) -> str:
     """`+2.1 ± 1.0 %`, or `< 1.1 %` for a bias that is not resolved; a distance has no sign and no standard error."""
-    value, low, high = (float(setting[f"{name}{part}"]) for part in ("", "_low", "_high"))
+    value = float(setting[name])
     if np.isnan(value) or setting.setting == "exact":
         return "-"
-    if low <= 0.0 <= high:
-        return f"< {100 * max(-low, high):.1f} %"
+    if bound := _unresolved_bound(setting, name):
+        return f"< {100 * bound:.1f} %"
     if f"{name}_standard_error" not in setting:
         return f"{100 * value:.1f} %"
     error = float(setting[f"{name}_standard_error"])
