@@ -250,8 +250,8 @@ def drifts(case: Dataset) -> bool:
 
 def early_mark(fit: Dataset) -> str:
     """Return a ring for a fit whose window begins before the tracer's motion is diffusive; "" for others."""
-    window = (fit.window_start.item(), fit.window_end.item())
-    return " °" if window_caution(window, {"": fit.diffusive_from.item()}) else ""
+    start, end, diffusive = (fit[name].item() for name in ("window_start", "window_end", "diffusive_from"))
+    return " °" if window_caution((start, end), {"": diffusive}) else ""
 
 
 def fitted_diffusion(case: Dataset) -> str:

@@ -20,8 +20,7 @@ def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
         band(axes, part, NAME, **line)
         if has(part, "contact_density"):
             points(axes, [0.0], [part], "contact_density", fmt="o", color=line["color"], clip_on=False)
-        z = part.wall_distance.values
-        bulk = float(part[NAME][z > BULK * z[-1]].mean())
+        bulk = float(part[NAME].where(part.wall_distance > BULK * part.wall_distance[-1]).mean())
         axes.axhline(bulk, color=line["color"], linestyle=DOTTED, linewidth=1)
     axes.set_xlim(0, max(float(part.wall_distance[-1]) for part in parts))
     axes.set_ylim(bottom=0)

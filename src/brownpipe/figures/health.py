@@ -27,8 +27,7 @@ def draw(cases: list[Dataset]) -> Figure:
     labels = [textwrap.fill(_name(case), LABEL) for case in cases]
     figure, axes = grid(1, len(MEASURES), WIDTH, 1.3 + 0.44 * len(cases), sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
-        drawn = [np.maximum(_quantiles(case, name), LEFT_END) for case in cases]
-        boxes = [dict(zip(BOX, of_case, strict=True)) for of_case in drawn]
+        boxes = [dict(zip(BOX, np.maximum(_quantiles(case, name), LEFT_END), strict=True)) for case in cases]
         looks = {"showfliers": False, "widths": 0.4, "medianprops": {"color": DATA}}
         panel.bxp(boxes, range(len(cases)), orientation="horizontal", **looks)
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)

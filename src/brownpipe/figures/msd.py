@@ -28,8 +28,6 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
         slope = f": slope {estimate_of(fit, 'slope')}{early_mark(fit)}" if single else ""
         label = "_" if looks or k else f"least squares over {fit.window.item()}{slope}"
         axes.plot(t, _fitted(fit, t), color=style.FIT if single else style.INK, linewidth=1.2, label=label)
-        if single:
-            axes.axline(*zip(t, _fitted(fit, t), strict=True), color=style.FIT, linewidth=0.7)
     if single:
         _models(axes, cases[0], np.linspace(0, cases[0].time.values[-1], 201))
         axes.set_ylim(0, HEADROOM * style.highest(cases, "msd") or 1.0)

@@ -65,11 +65,9 @@ def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
         axes.plot(*place, "_", color=style.INK, markersize=12, linestyle="", label=hidden + label)
         if has(pair, "compressibility_rate") and pair.packing_fraction < DILUTE:  # equal disks
             r = np.linspace(place[0][0], float(pair.distance[-1]), 400)
-            g, label = (
-                theory.dilute_pair_distribution(r, r[0], float(pair.packing_fraction)),
-                "first order in the density",
-            )
-            axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=hidden + label)
+            g = theory.dilute_pair_distribution(r, r[0], float(pair.packing_fraction))
+            words = f"{hidden}first order in the density"
+            axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=words)
 
 
 def _pooled(pair: Dataset) -> Dataset:

@@ -1,6 +1,6 @@
 """Figure `scan`: MSD at the end, D, pressure and collision rate against a varied key, or the number of disks."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -56,15 +56,11 @@ def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str
         if np.isfinite(expected).any():
             named = "_" * ("Enskog" in axes.get_legend_handles_labels()[1])
             axes.plot(x, expected, color=looks["color"], linestyle=DASHED, linewidth=1, label=f"{named}Enskog")
-    _scale(axes, "x", [case[axis].item() for cases in series.values() for case in cases])
-    _scale(axes, "y", values)
-
-
-def _scale(axes: Axes, name: str, values: Sequence[float]) -> None:
-    """Make an axis logarithmic if the values on it are positive and span more than LOGARITHMIC."""
-    low, high = np.nanmin(values), np.nanmax(values)
-    if 0 < LOGARITHMIC * low < high:
-        log_axis(axes, name, low / MARGIN, high * MARGIN)
+    varied = [case[axis].item() for cases in series.values() for case in cases]
+    for direction, on_axis in (("x", varied), ("y", values)):
+        low, high = np.nanmin(on_axis), np.nanmax(on_axis)
+        if 0 < LOGARITHMIC * low < high:
+            log_axis(axes, direction, low / MARGIN, high * MARGIN)
 
 
 def table(cases: list[Dataset]) -> DataFrame:

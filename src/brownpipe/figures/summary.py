@@ -128,8 +128,8 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
             columns.append((end if one.variable == "msd" else heading, *(_cell(part, one) for part in parts)))
     if tests:
         columns += [(name, *map(_verdict, p[:, k], rejected[:, k])) for k, name in enumerate(TESTS)]
-    lines = [*_legend(dataset, cases, shown, tests)]
-    return Answer(len(names), columns, lines, [*missing_runs(cases)], [*drifting(cases)])
+    legend = [*_legend(dataset, cases, shown, tests)]
+    return Answer(len(names), columns, legend, [*missing_runs(cases)], [*drifting(cases)])
 
 
 def quantities(dataset: Dataset) -> list[Quantity]:

@@ -81,8 +81,8 @@ def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str]
     ends = [(np.log(error) - low) / (high - low) for error in errors.values()]
     for label, end, place in zip(errors, ends, apart(ends, least, 0.0, 1.0), strict=True):
         colour, weight = colours.get(label, INK), "bold" if label in colours else "normal"
-        leader = LEADER | {"color": colour}
-        axes.annotate(label, (1, end), (1.04, place), color=colour, weight=weight, arrowprops=leader, **LABELS)
+        looks: dict[str, Any] = {"color": colour, "weight": weight, "arrowprops": LEADER | {"color": colour}}
+        axes.annotate(label, (1, end), (1.04, place), **looks, **LABELS)
 
 
 def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:
@@ -102,8 +102,7 @@ def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: 
 
 def table(dataset: Dataset) -> DataFrame:
     """Return one row per scene and setting with all numbers of the dataset: cost, biases, health, the Pareto front."""
-    of_setting = [name for name in dataset.data_vars if dataset[name].dims == ("scene", "setting")]
-    numbers = [name for name in of_setting if dataset[name].dtype.kind in "fi"]
+    numbers = [name for name, of in dataset.items() if of.dims == ("scene", "setting") and of.dtype.kind in "fi"]
     rows = [(scene, setting.label) for scene in scenes_of(dataset) for setting in settings_of(dataset, scene)]
     frame = dataset[["particles", *numbers]].to_dataframe(["scene", "setting"]).loc[rows].reset_index()
     return frame[["scene", "particles", "setting", *numbers]]

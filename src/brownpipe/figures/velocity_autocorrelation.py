@@ -32,8 +32,7 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
         style.band(axes, curve, TRACER, **line)
     if len(cases) == 1 and not looks and has(cases[0], "vacf_initial_slope_expected"):
         rate = -float(cases[0].vacf_initial_slope_expected) / float(cases[0][TRACER][0])
-        last = float(cases[0].time[-1])
-        t = np.linspace(0, 1 / rate if rate * last > 1 else last, 200)
+        t = np.linspace(0, 1 / max(rate, 1 / float(cases[0].time[-1])), 200)
         label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
         axes.plot(t, 1 - rate * t, color=style.INK, linestyle=style.DOTTED, label=label)
     style.time_axis(axes, cases)
