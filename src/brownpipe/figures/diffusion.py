@@ -22,6 +22,7 @@ TABLE = (("time",), ROUTES)
 FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
 OTHERS = ("green_kubo", "enskog_diffusion")  # shown in equilibrium, up to REACH times the largest value from the MSD
 HEADROOM, REACH = 1.25, 2.0
+ENSKOG = "Enskog's theory"
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
@@ -32,13 +33,13 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     if len(cases) == 1 and not looks:
         _routes(axes, cases[0])
     else:
-        for k, (case, line) in enumerate(told_apart(cases, fitted_diffusion, looks)):
+        for case, line in told_apart(cases, fitted_diffusion, looks):
             name = next(name for name in FROM_MSD if has(case, name))
             band(axes, case.isel(time=case.time.values > 0), name, **line)
             _bar(axes, case, color=line["color"])
             if has(case, "enskog_diffusion"):
-                label = "_" if looks or k else "Enskog's theory"
-                axes.axhline(float(case.enskog_diffusion), color=line["color"], linestyle=DOTTED, label=label)
+                hidden = "_" * (bool(looks) or ENSKOG in axes.get_legend_handles_labels()[1])
+                axes.axhline(float(case.enskog_diffusion), color=line["color"], linestyle=DOTTED, label=hidden + ENSKOG)
         axes.set_ylim(bottom=min(0, axes.get_ylim()[0]))
     time_axis(axes, cases)
 
@@ -55,7 +56,7 @@ def _routes(axes: Axes, case: Dataset) -> None:
             band(axes, later, name, colour, linestyle=line, label=label + leaves)
     _bar(axes, case, color=INK, label=f"slope/4: {fitted_diffusion(case)}")
     if "enskog_diffusion" in shown:
-        label = f"Enskog's theory: D = {float(case.enskog_diffusion):.4g}"
+        label = f"{ENSKOG}: D = {float(case.enskog_diffusion):.4g}"
         label += ", above the panel" * bool(case.enskog_diffusion > end)
         axes.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=label)
     axes.set_ylim(min(0.0, *(float(case[name].min()) for name in shown)), end)

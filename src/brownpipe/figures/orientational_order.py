@@ -19,7 +19,6 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     axis = axis_of(cases, "packing_fraction" if len(densities) > 1 else "particles")
     series = series_of(cases, axis, *(["particles"] if axis == "packing_fraction" else []))
     for (label, of_series), mark in zip(series.items(), MARKS, strict=False):
-        places = [case[axis].item() for case in of_series]
-        points(axes, places, of_series, NAME, **mark | {"label": label} | looks)
+        points(axes, [case[axis].item() for case in of_series], of_series, NAME, **mark | {"label": label} | looks)
     axes.set_ylim(bottom=0)
     axes.set_xlabel(axis_label(cases[0], axis))
