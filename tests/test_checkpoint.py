@@ -23,7 +23,7 @@ from brownpipe.storage.files import read_checkpoint, write_checkpoint
 from brownpipe.storage.trajectories import write_trajectories
 from test_exact import swarm
 
-SEEDS = [3, 4, 9]
+SEEDS = [8, 9, 10]  # as texts 10 is the first
 W, P = "reflecting", "periodic"
 TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
 

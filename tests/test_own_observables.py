@@ -163,3 +163,24 @@ def test_cases_whose_arrays_differ_in_more_than_shape_are_not_joined(here):
     runs = [bp.simulate("sub/few.yaml", 3, particles=n, observables=[f]) for n, f in ((12, one), (13, other))]
     with pytest.raises(ValueError, match="mine: was measured by another function"):
         bp.analyse(runs)
+
+
+def test_runs_of_a_case_whose_arrays_differ_in_shape_are_not_joined(here):
+    def of_size(size):
+        def mine(scene, run):
+            return {"mine": ("x", np.ones(size))}
+
+        return mine
+
+    runs = [bp.simulate("sub/few.yaml", seeds, observables=[of_size(n)]) for seeds, n in (("0-2", 3), ("3-5", 1))]
+    with pytest.raises(ValueError, match="mine: must have one shape in all runs"):
+        bp.analyse(runs)
+
+
+def test_a_name_like_that_of_a_quantity_which_may_drift_is_ones_own(here):
+    def mine(scene, run):
+        return {"quarter_mine": ("x", [1.0, 2.0, 3.0]), "kinetic_energy_of_mine": 1.0}
+
+    scene = bp.read_scene("sub/few.yaml").replace(equilibrate={"time": 1.0, "tracer": "free"})
+    found = bp.analyse(bp.simulate(scene, 8, observables=[mine]))
+    assert found.quarter_mine.values.ravel().tolist() == [1.0, 2.0, 3.0]

@@ -183,7 +183,7 @@ def test_replaced_keys(entry, key, value):
 def test_replaced_keys_are_refused_in_words(entry, message):
     with pytest.raises(RequestError) as refusal:
         replaced(entry)
-    assert str(refusal.value).startswith(f"{CONFIG / 'small.yaml'}: {message}")
+    assert str(refusal.value).startswith(f"{CONFIG / 'small.yaml'} (replaced): {message}")
 
 
 def test_seeds_and_tolerance_replace_each_other(tmp_path):

@@ -312,7 +312,8 @@ def plot(
         drawn = draw(result, figure, plain(particles), _words("panel", panel).split(",") if panel else ())
     except (AttributeError, FigureError, KeyError, StopIteration) as error:
         if lacking := ", ".join(sorted(ALWAYS - result.variables.keys())):
-            raise FigureError(f"result: lacks {lacking}; plot what analyse returns, with all its variables") from error
+            why = f"{error}; " if isinstance(error, FigureError) else ""
+            raise FigureError(f"{why}result: lacks {lacking}; plot what analyse returns") from error
         raise
     drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]  # by which notebooks show an object
     return drawn

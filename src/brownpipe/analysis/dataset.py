@@ -66,8 +66,8 @@ def aggregate(
     vary, vary_together: keys in which the scenes differ, each a dimension in place of a scene for each combination of
         their values; together, keys beyond the first are coordinates along the dimension of the first.
 
-    Raises AnalysisError for files that do not belong together, for windows and times that coincide or that no run
-    reaches, and what `read_trajectories` raises for broken files.
+    Raises AnalysisError for files that do not belong together, for windows that coincide, or windows and times
+    that no run reaches, and what `read_trajectories` raises for broken files.
     """
     if (dr is None) != (rings is None):
         raise AnalysisError("rings: width and number must be given together")

@@ -27,6 +27,7 @@ FEWEST_RUNS = 8
 TOO_FEW = f"too few runs, samples or collisions to test for drifts: it takes {FEWEST_RUNS} runs of 4 sample intervals"
 POWER = 0.9
 LONGER = 2.0
+COUNTED = "kinetic_energy", "quarter_"  # first words of what is counted in the quarters of every run
 
 
 class Drift(NamedTuple):
@@ -115,7 +116,7 @@ def _percent(change: float, error: float) -> str:
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return what is counted in the quarters of every run."""
-    counted = {name: one for name, one in runs.observables.items() if name.startswith(("kinetic_energy", "quarter_"))}
+    counted = {name: one for name, one in runs.observables.items() if name.startswith(COUNTED) and name not in case.own}
     return Columns(kept=counted if is_tested(case.scene, case.engine) else {})
 
 
@@ -125,8 +126,7 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         return {}
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
     if quarters := quarters_of(case.scene, case.times, averages.kept):
-        names = ("quantity", "drift", "drift_standard_error", "drift_p_value")
-        values |= dict(zip(names, drift_of(quarters), strict=True))
+        values |= zip(("quantity", "drift", "drift_standard_error", "drift_p_value"), drift_of(quarters), strict=True)
     return values
 
 

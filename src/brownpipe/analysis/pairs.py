@@ -237,5 +237,5 @@ VARIABLES = {
     "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
     "contact_value": Mean(PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"),
     "contact_value_rate": Mean(PAIR, "1", "g(r) at contact, from the collision rate"),
-    "contact_density": Mean(SPECIES, "1/length^2", "number density at the walls, extrapolated from 0.2 diameters"),
+    "contact_density": Mean(SPECIES, "1/length^2", "density at the walls, extrapolated from up to 0.2 diameters"),
 }

@@ -145,7 +145,10 @@ def select(runs: Ensemble, rows: np.ndarray | slice) -> Ensemble:
 
 
 def joined(parts: Sequence[Ensemble]) -> Ensemble:
-    """Return ensembles of one scene and engine as one, seeds ascending."""
+    """Return ensembles of one scene and engine as one, seeds ascending.
+
+    Raises RequestError if arrays of the user's own differ.
+    """
     if len(parts) == 1:
         return parts[0]
     seeds, first, tracer = np.concatenate([runs.seeds for runs in parts]), parts[0], None
@@ -155,8 +158,11 @@ def joined(parts: Sequence[Ensemble]) -> Ensemble:
     every = Ensemble(seeds, first.times, tracer, {}, {}, {}, {}, {}, first.average)
     for runs, end in zip(parts, np.cumsum([len(runs.seeds) for runs in parts]), strict=True):
         write(every, slice(end - len(runs.seeds), end), runs.tracer, runs.observables)
-        for name in ("whole", "events", "stopped", "own"):
+        for name in ("whole", "events", "stopped"):
             getattr(every, name).update(getattr(runs, name))
+        for name, one in runs.own.items():
+            if every.own.setdefault(name, one) != one:
+                raise RequestError(f"{name}: must have one shape in all runs, not {one.shape} in some")
     return select(every, np.argsort(seeds, kind="stable"))
 
 

@@ -88,7 +88,7 @@ def of_run(
     collisions = pair_collisions + wall_collisions
     every_disk = "all" in record or measures.needs_every_disk(observables, average)
     disk_samples = len(scene.times) * (1 + scene.particles * every_disk)
-    working = BYTES_PER_DISK * scene.particles + BYTES_PER_SAMPLE * disk_samples
+    working = BYTES_PER_DISK * (1 if alone else scene.particles) + BYTES_PER_SAMPLE * disk_samples
     recorded, kept = _bytes_of_record(scene, record, observables, collisions)
     seconds = EACH_RUN * (1 + (scene.equilibrate.time > 0 and not alone))
     seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded

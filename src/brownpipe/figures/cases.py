@@ -206,7 +206,7 @@ def fits_of(case: Dataset) -> list[Dataset]:
 def text_of(case: Dataset, name: str) -> str:
     """Return the value of a label in words."""
     value = case[name].item()
-    return f"{value:.4g}" if isinstance(value, float) else f"{value}"
+    return f"{value:.6g}" if isinstance(value, float) else f"{value}"
 
 
 def in_words(case: Dataset, names: Iterable[str]) -> str:

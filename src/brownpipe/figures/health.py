@@ -25,11 +25,11 @@ QUANTILES = {"least": 0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one panel per measure, one box per case: all runs (whiskers), the central 90 % (box), the median (line)."""
     labels = [textwrap.fill(_name(case), LABEL) for case in cases]
-    figure, axes = grid(1, len(MEASURES), WIDTH, 1.3 + 0.44 * len(cases), sharex=True, sharey=True)
+    row = max(0.44, 0.44 + 0.16 * max(label.count("\n") - 1 for label in labels))  # its height [inch], by lines of text
+    figure, axes = grid(1, len(MEASURES), WIDTH, 1.3 + row * len(cases), sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         boxes = [dict(zip(BOX, np.maximum(_quantiles(case, name), LEFT_END), strict=True)) for case in cases]
-        looks = {"showfliers": False, "widths": 0.4, "medianprops": {"color": DATA}}
-        panel.bxp(boxes, range(len(cases)), orientation="horizontal", **looks)
+        panel.bxp(boxes, range(len(cases)), orientation="horizontal", showfliers=False, medianprops={"color": DATA})
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
         panel.set_title(f"expected below {bound:g}", color=FIT, loc="right", fontsize=10, fontweight="normal")
         panel.set(xscale="log", xlabel=label)

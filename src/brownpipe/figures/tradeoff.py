@@ -157,7 +157,7 @@ def _bias(setting: Dataset, name: str) -> str:
     if np.isnan(value) or setting.setting == "exact":
         return "-"
     if bound := _unresolved_bound(setting, name):
-        return f"< {100 * bound:.1f} %"
+        return f"< {100 * bound:.2g} %"
     if f"{name}_standard_error" not in setting:
         return f"{100 * value:.1f} %"
     error = float(setting[f"{name}_standard_error"])

@@ -111,7 +111,7 @@ DISTRIBUTION = Observable(
         "speed_counts": RunArray(("species", "speed_bin"), "1", "histogram of the speeds"),
     },
     axes={
-        "velocity_bin": Axis("sqrt(kT/mass)", f"velocity component, {BEYOND}, the first, too", lambda _: VELOCITIES),
+        "velocity_bin": Axis("sqrt(kT/mass)", f"velocity component, {BEYOND}, so does the first", lambda _: VELOCITIES),
         "speed_bin": Axis("sqrt(kT/mass)", f"speed, {BEYOND}", lambda _: SPEEDS),
     },
     seconds_per_disk_sample=2.8e-8,

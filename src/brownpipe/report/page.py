@@ -22,6 +22,7 @@ from brownpipe.figures.summary import answer
 from brownpipe.text import counted, printable
 
 CAPTIONS = Path(figures.__file__).parent
+NOTE = "harrison2020"  # the scenes of the note begin with this name
 MOST_ROWS = 400  # of a table of numbers
 DIGITS = 6  # of a number
 
@@ -60,7 +61,7 @@ def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record)
         answers=[("", _rows(found.columns))],
         warnings=[*found.drifting, *found.missing],
         legend=found.legend,
-        figures=[_figure(one, one.name) for one in drawings],
+        figures=[_figure(one, one.name, any(scene.startswith(NOTE) for scene in scenes)) for one in drawings],
         record=record,
     )
 
@@ -91,12 +92,14 @@ def caption_of(name: str) -> tuple[str, list[str]]:
     return title.strip().removesuffix("."), [" ".join(part.split()) for part in rest.split("\n\n")]
 
 
-def _figure(drawing: Drawing, caption: str) -> dict[str, Any]:
+def _figure(drawing: Drawing, caption: str, of_note: bool = False) -> dict[str, Any]:
     """Return a figure with the caption of this name and its numbers, of a long table the first MOST_ROWS rows.
 
+    of_note: with the paragraph on what the note found in its scene.
     The picture is an image of its own, so that ids in its SVG cannot collide with those of other figures.
     """
-    title, parts = caption_of(caption)
+    title, paragraphs = caption_of(caption)
+    parts = [part for part in paragraphs if of_note or not part.startswith("The note ")]
     shown = drawing.table.head(MOST_ROWS)
     image, rows = base64.b64encode(drawing.images["svg"]).decode(), shown.itertuples(index=False, name=None)
     of_table = {"numbers": [[*shown], *rows], "rows": len(drawing.table)}

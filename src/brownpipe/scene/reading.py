@@ -52,7 +52,7 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
         try:
             for word in parents:
                 part = part.setdefault(word, {}) if isinstance(part, dict) else {one["name"]: one for one in part}[word]
-            part[last] = round(value) if last == "count" and isinstance(value, float) else value
+            part[last] = round(value) if last == "count" and isinstance(value, float) and abs(value) < 2**53 else value
         except (LookupError, TypeError):
             allowed = "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name of a species"
             raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}") from None
@@ -74,7 +74,7 @@ def read_yaml(path: str | Path) -> Document:
         raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise RequestError(f"{path}: not text; if it is an HDF5 file: brownpipe inspect {shell_path(path)}") from None
-    except (ValueError, TypeError, RecursionError) as error:  # TypeError: a list or mapping as a key
+    except (ValueError, RecursionError) as error:
         raise RequestError(f"{path}: {error}") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -94,6 +94,8 @@ def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
     mapping: dict[str, object] = {}
     for key_node, item in node.value:
         key, line = key_node.value, key_node.start_mark.line + 1
+        if not isinstance(key, str):
+            raise ValueError(f"line {line}: a key must be a plain word")
         if key in mapping:
             raise ValueError(f"line {line}: duplicate key {key!r}; must be given once")
         lines[*path, key] = line
@@ -212,8 +214,9 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
     except ValidationError as error:
         path, problem = _place_and_problem(error, value)
     lines, places = getattr(value, "lines", {}), [tuple(path[:length]) for length in range(len(path), -1, -1)]
-    line = next((lines[place] for place in places if place in lines), 0)
-    file += f": line {line}" if line else ""
+    line = next((lines[place] for place in places if place in lines), None)
+    if file and line is not None:
+        file += f": line {line}" if line else " (replaced)"
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in (key, *path) if part != "")
     raise RequestError(": ".join(filter(None, (file, place.removeprefix("."), problem)))) from None
 
@@ -226,12 +229,13 @@ def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str 
     errors = [(_path(one, value), one) for one in error.errors(include_url=False)]
     path = max((path for path, _ in errors if path[: len(errors[0][0])] == errors[0][0]), key=len)
     here = [one for other, one in errors if other == path]
-    words = [(one["msg"].replace("Input should", "must"), one) for one in here]
+    words = [(re.sub(r"^\w+ should", "must", one["msg"]), one) for one in here]
     problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=msg, **one.get("ctx", {})) for msg, one in words]
     if here[0]["type"] == "refused" or problems[0].startswith("missing"):
         return path, problems[0]
     problem = " or ".join(dict.fromkeys(problems)).replace(" or must be ", " or ")
-    return path, f"{problem}, not {here[0]['input']!r:.80}"
+    found = here[0].get("ctx", {}).get("tag", here[0]["input"])
+    return path, f"{problem}, not {found!r:.80}"
 
 
 def _path(error: Any, value: Any) -> list[str | int]:

@@ -239,8 +239,9 @@ class Scene(Record):
         held = "pinned" if isinstance(self.disks, Mixture) and self.disks.tracer else "free"
         if self.placement and velocities is None:
             refuse("missing; must be given with species", "velocities")
-        if not self.placement and (given := {"velocities", "equilibrate"} & self.model_fields_set):
-            refuse("must not be given with an explicit list of disks, which says it all", min(given))
+        if not self.placement and (velocities is not None or start.time > 0):
+            given = "equilibrate" if velocities is None else "velocities"
+            refuse("must not be given with an explicit list of disks, which says it all", given)
         if start.tracer is None or start.time == 0:
             start._resolve(tracer=held)
         elif start.tracer == "pinned" != held:

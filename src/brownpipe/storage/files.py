@@ -96,7 +96,7 @@ def read_sealed(path: str | Path) -> bytes:
     """
     contents = Path(path).read_bytes()
     rest, seal, digest = contents.rpartition(SEAL)
-    if not seal:
+    if not seal or len(digest) != 65:
         kind = StorageError if HDF5.startswith(contents[: len(HDF5)]) else WrongFileError
         raise kind("is cut short or damaged, or not a file of brownpipe")
     if digest != f"{hashlib.sha256(rest).hexdigest()}\n".encode():

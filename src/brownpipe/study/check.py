@@ -17,7 +17,7 @@ from brownpipe.text import in_bytes, in_lines, in_time
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:
     """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
     mapping = read_yaml(path)
-    if "scenes" in mapping:
+    if "box" not in mapping and mapping.keys() & (Study.model_fields.keys() - Scene.model_fields.keys()):
         replaced = {} if particles is None else {"particles": particles}
         return in_lines([f"{path}: a valid study", *_study(read_study(path, replaced))])
     return in_lines([f"{path}: a valid scene", *_scene(parse_scene(mapping, path, particles))])

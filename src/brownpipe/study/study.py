@@ -86,7 +86,7 @@ Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
 Window = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ascending)]
-Windows = Annotated[tuple[Window, ...], Field(min_length=1)]
+Windows = Annotated[tuple[Window, ...], Field(min_length=1), AfterValidator(_differing)]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
 
 
@@ -102,7 +102,7 @@ class Rings(Record):
     """The rings of the displacement distribution; runs beyond the last one are counted too."""
 
     dr: Positive = key("their width [length]")
-    count: AtLeastOne = key("their number")
+    count: Annotated[AtLeastOne, Field(le=100_000)] = key("their number")
 
 
 class Study(Record):
@@ -302,7 +302,7 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     if "scenes" not in mapping and "box" in mapping:
         cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
         raise RequestError(f"{path}: is a scene, not a study; {cure}")
-    runs = dict.fromkeys(("seeds", "tolerance")) if overrides.keys() & {"seeds", "tolerance"} else {}
+    runs = dict.fromkeys(("seeds", "tolerance")) if overrides.get("seeds") or overrides.get("tolerance") else {}
     mapping = reading.with_values(mapping, {**runs, **overrides})
     name = reading.validated(Name, Path(path).stem, str(path), "name")
     for replaced, value in sorted(overrides.items()):  # so that the results stand in another folder

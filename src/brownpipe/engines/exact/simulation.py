@@ -127,8 +127,10 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
     finished = len(runs["seeds"])
     tracer = Track(**runs["tracer"]) if "tracer" in runs else None
     write(ensemble, slice(finished), tracer, runs.get("observables", {}))
-    ensemble.whole.update({int(seed): Track(**track) for seed, track in runs.get("whole", {}).items()})
-    ensemble.events.update({int(seed): Events(**log) for seed, log in runs.get("events", {}).items()})
+    for seed in ensemble.seeds[:finished].tolist():  # a file lists names as texts, 10 before 8
+        for name, kind in (("whole", Track), ("events", Events)):
+            if str(seed) in runs.get(name, {}):
+                getattr(ensemble, name)[seed] = kind(**runs[name][str(seed)])
     ensemble.stopped.update({int(seed): why.item().decode() for seed, why in runs.get("stopped", {}).items()})
     ensemble.own.update(own_arrays({"own_arrays": runs["own"].item()}))
     if state is None:

@@ -211,4 +211,4 @@ def _are_inside(w: Workspace) -> bool:
     """Whether, between walls, no disk has escaped: REACHES."""
     box, far = w.box, REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
     beyond = reaches_beyond(w.x, w.y, w.radius, box.x - far, box.right + far, box.y - far, box.top + far)
-    return box.periodic or not np.any(beyond)
+    return box.periodic or bool(np.all(np.isfinite(w.x + w.y + far) & ~beyond))
