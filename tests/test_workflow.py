@@ -273,7 +273,7 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
 def test_a_wrong_study_is_refused_in_one_line(tmp_path):
     printed = snakemake(write_study(tmp_path / "study"), "--dry-run", "--config", "sed=3", fails=True)
     (line,) = (line for line in printed.splitlines() if not line.startswith("Using "))
-    assert line.startswith("brownpipe: ") and "study.yaml: sed: unknown key; did you mean" in line
+    assert line.startswith("brownpipe: ") and "study.yaml (replaced): sed: unknown key; did you mean" in line
     assert not (tmp_path / "study" / "results").exists()
 
 
