@@ -140,11 +140,7 @@ STUDIES = [
     ),
 ]
 VARIED = [
-    (
-        "{disks.tracer.mass: [-1]}",
-        "vary",
-        "(replaced): disks.tracer.mass: must be greater than 0, not -1",
-    ),
+    ("{disks.tracer.mass: [-1]}", "vary", "(replaced): disks.tracer.mass: must be greater than 0, not -1"),
     ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or"),
     ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be less than or equal to 1"),
     ("{packing_fraction: [0.1]}", "vary", "packing_fraction: must be with one number of particles"),

@@ -23,6 +23,7 @@ from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.scene import Scene
+from brownpipe.scene.scene import HEXAGONAL_PACKING
 
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
 EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it
@@ -35,7 +36,6 @@ BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the eng
 BYTES_PER_SAMPLE = 120  # of a disk that is recorded, during its run: its samples, sorted by disk, intermediate arrays
 BYTES_PER_EVENT = 32  # of a collision in memory, and some two thirds of that in a file
 BYTES_PER_NUMBER = 8
-CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of equal disks
 SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
 FRICTION_TIMES = 5.0  # 1/gamma, in which a hot tracer's kinetic energy comes within e^-10 of that of its bath
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
@@ -191,7 +191,7 @@ def _crowding(scene: Scene) -> float:
     phi = scene.packing_fraction
     if phi <= DENSEST:
         return 1.0
-    gap = max(1 - math.sqrt(phi / CLOSE_PACKING), SMALLEST_GAP)  # relative to the distance
+    gap = max(1 - math.sqrt(phi / HEXAGONAL_PACKING), SMALLEST_GAP)  # relative to the distance
     return (1 / gap - 1) / (2 * phi) / theory.contact_value(DENSEST)
 
 

@@ -25,7 +25,7 @@ QUANTILES = {"least": 0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one panel per measure, one box per case: all runs (whiskers), the central 90 % (box), the median (line)."""
     labels = [textwrap.fill(_name(case), LABEL) for case in cases]
-    row = max(0.44, 0.44 + 0.16 * max(label.count("\n") - 1 for label in labels))  # its height [inch], by lines of text
+    row = 0.44 + 0.16 * max(0, *(label.count("\n") - 1 for label in labels))  # its height [inch], by lines of its label
     figure, axes = grid(1, len(MEASURES), WIDTH, 1.3 + row * len(cases), sharex=True, sharey=True)
     for panel, (name, (label, bound)) in zip(axes[0], MEASURES.items(), strict=True):
         boxes = [dict(zip(BOX, np.maximum(_quantiles(case, name), LEFT_END), strict=True)) for case in cases]

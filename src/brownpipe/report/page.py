@@ -53,6 +53,7 @@ def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record)
     found, cases = answer(dataset, record.get("figures") or ()), cases_of(dataset)
     scenes, counts = (dict.fromkeys(str(case[name].item()) for case in cases) for name in ("scene", "particles"))
     runs = counted(sum(int(case.runs) for case in cases), "run")
+    of_note = any(scene.startswith(NOTE) for scene in scenes)
     return filled(
         "page.html",
         title=record.get("title") or "Brownian motion of hard disks",
@@ -61,7 +62,7 @@ def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record)
         answers=[("", _rows(found.columns))],
         warnings=[*found.drifting, *found.missing],
         legend=found.legend,
-        figures=[_figure(one, one.name, any(scene.startswith(NOTE) for scene in scenes)) for one in drawings],
+        figures=[_figure(one, one.name, of_note) for one in drawings],
         record=record,
     )
 

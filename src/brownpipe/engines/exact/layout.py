@@ -12,6 +12,7 @@ from brownpipe.engines.exact.calendar import BUCKET_WORDS, MOST_DEFERRED, push_a
 from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.units import PATH_PER_BLOCK, Frame, common_radius, power_of_two, rms_speed
 from brownpipe.scene import Scene
+from brownpipe.scene.scene import HEXAGONAL_PACKING
 
 EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a power of two
 PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
@@ -20,7 +21,6 @@ SHORTER_AT_ONCE = 64.0  # factor at most by which buckets become shorter: disks 
 MOST_BUCKETS = 2.0**30  # of a block; to open as many empty ones takes some 8 s of CPU
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
-CLOSE_PACKING = math.pi / math.sqrt(12)  # packing fraction of a triangular lattice at contact
 FITS_CACHE = 10_000  # disks; from this number on, prefetching upcoming events is faster
 CANDIDATES_FIT_CACHE = 20_000  # disks; from this number on, prefetching candidates in cells and a shorter ring are, too
 LEAST_SLOTS, MOST_SLOTS = 8, 64  # of a cell, at the first try; four disks are copied at once
@@ -141,7 +141,7 @@ def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, bool | None]:
     if phi < LISTS_FROM or len(radius) == 0:
         return 0.0, None
     smallest, largest = radius.min(), radius.max()
-    gap = math.sqrt(CLOSE_PACKING / phi) - 1  # mean gap between the edges of neighbours, in contact distances
+    gap = math.sqrt(HEXAGONAL_PACKING / phi) - 1  # mean gap between the edges of neighbours, in contact distances
     half = 2 * radius.mean() * min(max(2 * gap, 0.02), 0.35)
     reach = largest + 2 * smallest  # contact distance of a small disk and its radius: to its far edge
     most = _smallest_disks_on(scene, smallest, (4 * half) ** 2 + 16 * half * reach + math.pi * reach**2)

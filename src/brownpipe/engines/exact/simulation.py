@@ -6,7 +6,6 @@ Each run is drawn from its seed (`initial_state`), equilibrated, run from collis
 
 import json
 from collections.abc import Collection, Sequence
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -122,7 +121,10 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
     groups: dict[str, Any] = {}
     for name, values in arrays.items():
         *path, last = name.split(".")
-        reduce(lambda group, word: group.setdefault(word, {}), path, groups)[last] = values
+        group = groups
+        for word in path:
+            group = group.setdefault(word, {})
+        group[last] = values
     runs, state, ensemble = groups["runs"], groups.get("run"), batch.ensemble
     finished = len(runs["seeds"])
     tracer = Track(**runs["tracer"]) if "tracer" in runs else None
