@@ -49,6 +49,7 @@ def frames(path):
     """The frames of an animation with its defaults, one a sample, from red, green and blue."""
     with Image.open(io.BytesIO(made(path, ".gif"))) as animation:
         assert (animation.n_frames, animation.info["duration"]) == (21, 40)
+        assert all(side % 2 == 0 for side in animation.size), "or H.264 refuses to make a video of it"
         return [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(animation)]
 
 

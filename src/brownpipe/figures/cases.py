@@ -106,6 +106,7 @@ def differing(cases: list[Dataset]) -> list[str]:
 
 
 def _labels(case: Dataset) -> list[str]:
+    """Return the names of the labels of a case or a part of it."""
     return [name for name in (*labels_of_cases(case), *SPECIES) if name in case and not case[name].dims]
 
 

@@ -157,9 +157,9 @@ def _bias(setting: Dataset, name: str) -> str:
     if np.isnan(value) or setting.setting == "exact":
         return "-"
     if bound := _unresolved_bound(setting, name):
-        return f"< {100 * bound:.2g} %"
+        return f"< {float(f'{100 * bound:.2g}'):g} %"  # 150 %, not 1.5e+02 %
     if f"{name}_standard_error" not in setting:
-        return f"{100 * value:.1f} %"
+        return f"{float(f'{100 * value:.2g}'):g} %"
     error = float(setting[f"{name}_standard_error"])
     return f"{'+' if value > 0 else ''}{plus_minus(100 * value, 100 * error)} %"
 
