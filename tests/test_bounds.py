@@ -21,7 +21,7 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.scene import parse_scene
 
 ASPECTS = (1, 7, 5000)
-COUNTS = (1, 2, 3, 7, 20, 50)
+COUNTS = (1, 2, 3, 7, 20, 36)
 SIDE = 1.0  # of the box, the shorter one
 EVENTS = 60  # collisions of a disk that flies alone, at most, in a run
 INTEGER = (int, np.integer)
@@ -123,11 +123,10 @@ def _check(engine, *names):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["exact", "timestep"])
-def test_every_index_lies_within_its_array(engine):
+def test_every_index_lies_within_its_array():
     folders = Path(__file__).parent, Path(exact.__file__).parents[3]
     plain = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(map(str, folders))}
-    code = f"import test_bounds; test_bounds.run_{engine}()"
+    code = "import test_bounds; test_bounds.run_exact(); test_bounds.run_timestep()"
     done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
 

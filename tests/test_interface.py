@@ -14,6 +14,7 @@ import yaml
 from PIL import Image
 
 import brownpipe as bp
+from brownpipe import progress
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import run as exact_run
@@ -267,8 +268,15 @@ def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
     stored[0].write_bytes(contents)
     with pytest.raises(StorageError, match=r"0-5.h5: .* was damaged"):
         bp.simulate(SCENE, 3, particles=20, quiet=True)
-    with pytest.raises(RunError, match=r"0-5.h5: .* was damaged"):
-        bp.run("study.yaml", config={"seeds": 6, "fit_windows": [[0.2, 1]]})
+
+
+def test_a_job_that_fails_is_an_error_with_its_message(tmp_path, monkeypatch):
+    """The processes themselves: tests/test_failures.py."""
+    monkeypatch.chdir(tmp_path)
+    Path("study.yaml").write_text(f"scenes: {SCENE}\nseeds: 6\n")
+    monkeypatch.setattr(progress, "relayed", lambda _: (1, "simulate: 3 s\nbrownpipe: 0-5.h5: was\ndamaged\n"))
+    with pytest.raises(RunError, match=r"^0-5\.h5: was damaged$"):
+        bp.run("study.yaml")
 
 
 @pytest.mark.parametrize("seeds", ["0-2", [2, 0, 1], range(3), range(2, -1, -1), np.arange(3), np.int64(3), {0, 1, 2}])

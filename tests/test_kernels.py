@@ -149,7 +149,8 @@ def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied)
         file.write("# edited\n")
     said, folder = follows(copied)
     assert said == "compiling" and folder != first
-    assert follows(copied, NUMBA_CPU_NAME="generic")[0] == "compiling"  # there is code, for another processor
+    words = follows(copied, "untested", NUMBA_CPU_NAME="generic")  # there is code, for another processor
+    assert words[0] == "kernels" and "compiling" in words  # the line of a version of Numba that was not tested
 
 
 @pytest.mark.slow
@@ -159,9 +160,7 @@ def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(copied,
     own = {"XDG_CACHE_HOME": str(tmp_path / "own"), "PYTHONDONTWRITEBYTECODE": "1"}
     said, folder = follows(copied, **own)
     assert said == "compiling" and folder.startswith(str(tmp_path / "own" / "brownpipe" / "kernels-"))
-    assert follows(copied, **own) == [folder]
     assert follows(copied, **own | {"XDG_CACHE_HOME": "/dev/null"}) == ["compiling", "machine", "None"]
-    assert "kernels" in follows(copied, "untested", **own)  # the line of a version of Numba that was not tested
 
 
 @pytest.fixture
