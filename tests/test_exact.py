@@ -50,12 +50,14 @@ def explicit(where, state, duration, **more):
     return parse_scene({"box": where, "disks": disks, "duration": duration} | more, "explicit.yaml")
 
 
-def one_mover(where, particles, radius, duration):
-    """All disks at rest but one."""
-    state = draw(make(where, [(particles, radius, 1.0)], duration), 0)
-    velocity = np.zeros((particles, 2))
+def one_mover(boundary):
+    """Seventy disks of radius 0.1 near the points of a lattice, all at rest but one."""
+    row, column = np.divmod(np.arange(70), 9)
+    lattice = np.stack([(column - 4) / 3, (row - 3.5) * 0.37], axis=1)
+    velocity = np.zeros((70, 2))
     velocity[1] = 1.3, 0.7
-    return explicit(where, state._replace(velocity=velocity), duration)
+    position = lattice + np.random.default_rng(0).uniform(-0.05, 0.05, (70, 2))
+    return explicit(box(3, 3, boundary), State(position, velocity, np.full(70, 0.1), np.ones(70)), 30.0)
 
 
 def crystal(side, gap, duration, **more):
@@ -150,8 +152,8 @@ SCENES = {
     "periodic-two-unlike": make(box(1.2, 1.2, P), [(1, 0.3, 1), (1, 0.1, 7)], 40.0),
     "walls-masses-1e6": make(box(3, 3, W), [(30, 0.1, 1), (30, 0.1, 1e-6)], 3e-3, velocities={"temperature": 1.0}),
     "periodic-radii": make(box(3, 3, P), [(25, 0.1, 1), (25, 0.14, 1), (15, 0.12, 1)], 0.8),
-    "walls-one-mover": one_mover(box(3, 3, W), 70, 0.1, 30.0),
-    "periodic-one-mover": one_mover(box(3, 3, P), 70, 0.1, 30.0),
+    "walls-one-mover": one_mover(W),
+    "periodic-one-mover": one_mover(P),
     "walls-swarm": swarm(0.02),
     # crowded, where the engine keeps neighbour lists
     "walls-crowded": crowded(box(3, 2, W), [(65, 0.14, 1)], 0.4),
