@@ -111,7 +111,8 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     options = json.loads(dataset.attrs.get("options", "{}"))
     given = {name for name, value in options.items() if value} | {f"figure {name}" for name in chosen}
     given |= {str(name) for name, values in dataset.data_vars.items() if values.notnull().any()}
-    known = [one for one in quantities(dataset) if [*columns_of(cases, one)]]
+    of_quantity = {one: [*columns_of(cases, one)] for one in quantities(dataset)}
+    known = [one for one, found in of_quantity.items() if found]
     shown = [one for one in known if given & {*one.asked_by}] or known
     p = np.array([at_last_distribution(case).p_value_joint.values[: len(TESTS)] for case in cases])
     p = p if given & {*OF_RINGS} else np.full_like(p, np.nan)
@@ -124,7 +125,7 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     columns = [(head, *(text_of(case, name) for case in cases)) for head, name in zip(headings, names, strict=True)]
     columns.append(("runs", *(str(int(case.runs)) for case in cases)))
     for one in shown:
-        for heading, parts in columns_of(cases, one):
+        for heading, parts in of_quantity[one]:
             columns.append((end if one.variable == "msd" else heading, *(_cell(part, one) for part in parts)))
     if tests:
         columns += [(name, *map(_verdict, p[:, k], rejected[:, k])) for k, name in enumerate(TESTS)]
@@ -162,8 +163,9 @@ def _at(case: Dataset, one: Quantity) -> Dataset | None:
     if not has(case, one.variable) or (one.variable == "green_kubo" and not has(case, one.theory)):
         return None
     values = case[one.variable]
-    part = case.sel(time=values.dropna("time").time[-1]) if "time" in values.dims else case
-    return part.isel(window=0) if has(part.isel(window=0), one.variable) else None
+    at_end = case.sel(time=values.dropna("time").time[-1]) if "time" in values.dims else case
+    part = at_end.isel(window=0)
+    return part if has(part, one.variable) else None
 
 
 def _cell(part: Dataset | None, one: Quantity) -> str:
