@@ -11,10 +11,10 @@ from brownpipe import theory
 from brownpipe.analysis import resampling
 from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.thermodynamics import mean_root, temperature
+from brownpipe.analysis.thermodynamics import temperature
 from brownpipe.analysis.variables import EACH, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.engines.friction import DENSEST
+from brownpipe.engines.friction import DENSEST, mean_root
 from brownpipe.observables import profile
 from brownpipe.observables.equilibrium import is_stationary
 from brownpipe.observables.pairs import bins, species_pairs
@@ -106,7 +106,7 @@ def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, dura
     A pair collides at the rate p(sigma) chi sqrt(kT/(2 pi mu)), p the density of its distance in an ideal gas: the flux
     through contact of a Maxwell-Boltzmann distribution of relative velocities (S. Chapman and T. G. Cowling, The
     Mathematical Theory of Non-Uniform Gases, ch. 5, in two dimensions). At the constant energy of a run the mean speed
-    is larger by 1/`thermodynamics.mean_root`.
+    is larger by 1/`friction.mean_root`.
     """
     (_, _, radius, mass, _), (a, b, number, contact) = species_table(scene), pairs_in(scene)
     if scene.box.periodic:

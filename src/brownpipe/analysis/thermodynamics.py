@@ -11,7 +11,7 @@ from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.engines.friction import DENSEST
+from brownpipe.engines.friction import DENSEST, mean_root, moving_disks, rate_at_temperature
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
@@ -21,28 +21,7 @@ def temperature(scene: Scene, energy: np.ndarray) -> np.ndarray:
 
     In a periodic box with zero total momentum, which is conserved, two degrees of freedom are missing: N - 1 disks.
     """
-    return energy / (_moving(scene) or np.nan)
-
-
-def _moving(scene: Scene) -> int:
-    """Half of the degrees of freedom of the velocities."""
-    return scene.particles - (scene.box.periodic and scene.velocities is not None and scene.velocities.zero_momentum)
-
-
-def rate_at_temperature(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
-    """Return collision rates (n,) of runs with kinetic temperatures `kt` (n,), scaled to the mean at the scene's.
-
-    If all velocities are multiplied by a factor, hard disks follow the same paths, faster by this factor: rates are
-    proportional to sqrt(kt). Over runs with velocities drawn at this temperature the mean of sqrt(kt/temperature) is
-    slightly below 1 (`mean_root`). With this factor the scaled rate has, in equilibrium, the canonical mean of the
-    rate, without the spread due to the temperatures of the runs.
-    """
-    return rate * np.sqrt(scene.velocities.temperature / kt) * mean_root(scene)
-
-
-def mean_root(scene: Scene) -> float:
-    """Return the mean of sqrt(kT_run/kT) over runs with velocities drawn at kT: `theory.mean_root_chi_square`."""
-    return theory.mean_root_chi_square(2 * _moving(scene))
+    return energy / (moving_disks(scene) or np.nan)
 
 
 def compressibility(scene: Scene, virial: np.ndarray, kt: np.ndarray, duration: float) -> np.ndarray:

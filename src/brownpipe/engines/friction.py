@@ -110,6 +110,27 @@ def window_caution(window: tuple[float, float], starts: Mapping[str, float]) -> 
     return f"the fit window {begins}{where}: D there is not yet that of diffusion"
 
 
+def moving_disks(scene: Scene) -> int:
+    """Return half of the degrees of freedom of the velocities: N, or N - 1 where the total momentum is kept at zero."""
+    return scene.particles - (scene.box.periodic and scene.velocities is not None and scene.velocities.zero_momentum)
+
+
+def rate_at_temperature(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
+    """Return collision rates (n,) of runs with kinetic temperatures `kt` (n,), scaled to the mean at the scene's.
+
+    If all velocities are multiplied by a factor, hard disks follow the same paths, faster by this factor: rates are
+    proportional to sqrt(kt). Over runs with velocities drawn at this temperature the mean of sqrt(kt/temperature) is
+    slightly below 1 (`mean_root`). With this factor the scaled rate has, in equilibrium, the canonical mean of the
+    rate, without the spread due to the temperatures of the runs.
+    """
+    return rate * np.sqrt(scene.velocities.temperature / kt) * mean_root(scene)
+
+
+def mean_root(scene: Scene) -> float:
+    """Return the mean of sqrt(kT_run/kT) over runs with velocities drawn at kT: `theory.mean_root_chi_square`."""
+    return theory.mean_root_chi_square(2 * moving_disks(scene))
+
+
 def drift_square_speed(scene: Scene) -> float:
     """Return the mean squared velocity [length^2/time^2] of the centre of mass of disks whose momentum is not zero."""
     relative = scene.mass / scene.mass.max()

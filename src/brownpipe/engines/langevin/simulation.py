@@ -21,7 +21,7 @@ import numpy as np
 from brownpipe import progress
 from brownpipe.engines.ensemble import Ensemble, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.friction import bath_of, followed, friction_rate
+from brownpipe.engines.friction import bath_of, followed, friction_rate, moving_disks, rate_at_temperature
 from brownpipe.engines.initial_state import draw_tracer, noise
 from brownpipe.engines.kernels import compile_all, entry_point
 from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
@@ -82,15 +82,15 @@ def rate_of(scene: Scene, friction: str) -> float:
 def _collision_rate(scene: Scene) -> float:
     """Return the tracer's collisions per time [1/time] in RATE_RUNS runs of the exact engine.
 
-    The rate of each run is scaled from the run's own temperature to the scene's: rates are proportional to sqrt(kT).
+    The rate of each run is scaled from the run's own temperature to the scene's.
     """
     with progress.unreported():
         runs = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"}))
     if failed := failures(runs):
         raise RunError(f"{scene.name}: of the runs that measure the friction {failed}; must be friction: enskog")
     reports = runs.observables
-    heat = reports["kinetic_energy"] / (scene.particles * scene.velocities.temperature)  # kT of a run / kT of the scene
-    return float(np.sum(reports["tracer_collisions"] / np.sqrt(heat)) / (RATE_RUNS * scene.duration))
+    kt = reports["kinetic_energy"] / moving_disks(scene)  # of each run
+    return float(rate_at_temperature(scene, reports["tracer_collisions"] / scene.duration, kt).mean())
 
 
 def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
