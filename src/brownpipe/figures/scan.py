@@ -1,7 +1,7 @@
 """Figure `scan`: MSD at the end, D, pressure and collision rate against a varied key, or the number of disks."""
 
 from collections.abc import Mapping
-from itertools import pairwise
+from itertools import cycle, pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -48,7 +48,7 @@ def draw(cases: list[Dataset]) -> Figure:
 def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str) -> None:
     """Draw a quantity of each series with 95 % intervals, and theory as a dashed line."""
     theory, values = PANELS[name][2], []
-    for (label, cases), looks in zip(series.items(), MARKS, strict=False):
+    for (label, cases), looks in zip(series.items(), cycle(MARKS), strict=False):
         x = [case[axis].item() for case in cases]
         points(axes, x, cases, name, label=label, **looks)
         values += [float(case[f"{name}{part}"]) for case in cases for part in PARTS if part != "_standard_error"]

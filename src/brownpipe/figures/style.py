@@ -106,13 +106,16 @@ def columns(
 
 def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
-    from matplotlib.textpath import TextPath
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
 
+    font = FontProperties(size=KEY_SIZE)
     pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
     for axes, title in zip(panels, titles, strict=True):
-        axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / len(title)))
+        axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / max(len(title), 1)))
         if labels := axes.get_legend_handles_labels()[1]:
-            width = max(TextPath((0, 0), text, size=KEY_SIZE).get_extents().width for text in labels) / 72
+            sizes = [text_to_path.get_text_width_height_descent(text, font, "$" in text) for text in labels]
+            width = max(width for width, _, _ in sizes) / 72
             place = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "borderaxespad": 0.2, "labelspacing": 0.35}
             axes.legend(**place, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
 

@@ -3,6 +3,8 @@
 Theory is Luding's equation of state for equal disks, and Enskog's for rates and mixtures (docs/theory.md).
 """
 
+from itertools import cycle
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -39,7 +41,7 @@ def draw(cases: list[Dataset]) -> Figure:
     figure, axes = grid(len(heights), len(names), WIDTH, height, sharex="col", height_ratios=heights)
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
-        for (label, of_series), looks in zip(_series(measured).items(), MARKS, strict=False):
+        for (label, of_series), looks in zip(_series(measured).items(), cycle(MARKS), strict=False):
             densities = [float(case.packing_fraction) for case in of_series]
             points(main, densities, of_series, name, label=label, **looks)
             for panel in low:

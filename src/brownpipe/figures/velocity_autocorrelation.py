@@ -30,7 +30,7 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     axes.axhline(0, color=style.GREY, linewidth=0.8)
     for curve, line in _curves(cases, looks):
         style.band(axes, curve, TRACER, **line)
-    if len(cases) == 1 and not looks and has(cases[0], "vacf_initial_slope_expected"):
+    if len(cases) == 1 and not looks and has(cases[0], "vacf_initial_slope_expected") and cases[0][TRACER][0] > 0:
         rate = -float(cases[0].vacf_initial_slope_expected) / float(cases[0][TRACER][0])
         t = np.linspace(0, 1 / max(rate, 1 / float(cases[0].time[-1])), 200)
         label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
