@@ -190,10 +190,12 @@ def test_inputs_and_folders_are_not_replaced(runs, said):
     Path("runs.h5").write_bytes(runs.read_bytes())
     os.link("runs.h5", "same.h5")
     Path("folder").mkdir()
+    Path("notes.h5").write_text("of the user")
     for argv in (
         ["simulate", "scene.yaml", "--output", "scene.yaml"],
         ["aggregate", "runs.h5", "--output", "same.h5"],
         ["simulate", "scene.yaml", "--output", "folder"],
+        ["simulate", "scene.yaml", "--output", "notes.h5"],
     ):
         status, _, err = said(*argv)
         assert status == WRONG_REQUEST and "choose another name for the output" in err

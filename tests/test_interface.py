@@ -2,8 +2,10 @@
 
 import io
 import math
+import multiprocessing
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 from pathlib import Path
 
@@ -236,8 +238,13 @@ def test_a_table_has_a_row_for_each_case_in_the_order_given(runs):
 
 @pytest.mark.slow
 def test_runs_on_several_cores_are_the_same(runs):
+    """Processes of the caller's own go on."""
+    own = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60,))
+    own.start()
     asked = {"record": ["all", "events"], "observables": ["square_displacement"]}
     assert bp.simulate(SCENE, 10, particles=20, cores=2, quiet=True, **asked).identical(runs)
+    assert own.is_alive()
+    own.kill()
 
 
 @pytest.mark.slow

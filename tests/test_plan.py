@@ -17,6 +17,7 @@ from brownpipe.observables.displacement import squared
 from brownpipe.study import plan, read_study
 from brownpipe.study.plan import MOST_PILOT_RUNS, Performance, offers
 from brownpipe.study.run_sets import files_of, run_sets
+from brownpipe.study.study import read_keys
 from ensembles import make_scene
 
 EXACT = Engine("exact")
@@ -158,7 +159,7 @@ def test_plan_replaces_no_scene(study_file, tmp_path, here, capsys):
     path, scene = study_file(seeds=5), tmp_path / "scenes" / "few.yaml"
     for name in (scene, tmp_path / "scenes" / ".." / "scenes" / "few.yaml"):
         assert cli.main(["plan", str(path), "--tolerance", "20%", "--write", str(name)]) == WRONG_REQUEST
-        assert "is an input; choose another name" in capsys.readouterr().err
+        assert "few.yaml: exists; choose another name" in capsys.readouterr().err
     assert scene.read_text() == SCENE
 
 
@@ -271,8 +272,11 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
 
 def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, here):
     path, engine = study_file(seeds=5, figures=["thermodynamics"]), requested("langevin", {"friction": "enskog"})
-    plan.write_study(read_study(path), path, "other.yaml", plan.Offer(engine, 20, 1.0), "planned")
+    keys = read_keys(path, {"particles": 9})
+    plan.write_study(read_study(path, {"particles": 9}), keys, "other.yaml", plan.Offer(engine, 20, 1.0), "planned")
     assert "msd" in read_study("other.yaml").figures
+    assert read_study("other.yaml").particles == (9,)
+    assert cli.main(["plan", str(path), "--tolerance", "9%", "--write", "other.yaml"]) == WRONG_REQUEST
 
 
 @pytest.mark.parametrize(

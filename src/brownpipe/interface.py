@@ -136,10 +136,7 @@ def simulate(
     for name in settings.keys() - {*SETTINGS}:
         hint = did_you_mean(name, [*signature(simulate).parameters, *SETTINGS])
         raise RequestError(f"{name}: unknown; {hint.strip() or 'see help(brownpipe.simulate)'}")
-    if not isinstance(scene, SceneRecord):
-        scene = scene_of_file(validated(Path, scene, key="scene"), plain(particles))
-    elif particles is not None:
-        raise RequestError("particles: must not be given with a scene, which has its number of disks")
+    scene = _scene(scene, particles)
     chosen = requested(engine, {key: plain(value) for key, value in settings.items()}, str)
     recorded = read_record(_words("record", record), "record")
     names = tuple(filter(None, _words("observables", observables).split(",")))
@@ -149,7 +146,7 @@ def simulate(
     cores = validated(AtLeastOne, plain(cores), key="cores")
     forecast_of_runs(chosen, scene, numbers, recorded, names, average)
     for caution in chosen.cautions(scene, names):
-        warnings.warn(caution, stacklevel=3)
+        warnings.warn(caution, stacklevel=2)
     make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average)
     with progress.shown("simulate", silent=quiet):
         parts = stored_runs(scene, chosen, runs_digest(scene, chosen, recorded, names, average), np.asarray(numbers))
@@ -174,13 +171,13 @@ def analyse(
 
     runs: what `simulate` or `open` returns, the path of a trajectory file, or several of these, of any scenes and
     engines.
-    fit_windows: (t0, t1) of the straight-line fits to the MSD [time]; by default from a tenth and from half of the
-    shortest run to its end.
+    fit_windows: (t0, t1) of the straight-line fits to the MSD [time]; by default two, from when the tracer's motion is
+    diffusive, and from twice that time, to the end of the shortest run.
     rings: {"dr": width [length], "count": number} of the displacement distribution, by default from the data.
     displacement_times: its times [time], by default the end of each run.
     quiet: no progress on stderr.
 
-    The variables have the dimensions scene, particles, engine, and time, seed, ring, ...; `result.msd.attrs` says what
+    The variables have the dimensions scene, particles, engine, and time, seed, r, ...; `result.msd.attrs` says what
     a variable means. Raises AnalysisError for runs that do not belong together, or for times outside them.
     """
     several = list(runs) if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord) else [runs]
@@ -197,6 +194,7 @@ def scan(
     scene: SceneRecord | str | Path,
     vary: Mapping[str, Sequence | Mapping],
     seeds: int | str | Collection[int] = 1,
+    particles: int | None = None,
     *,
     together: bool = False,
     fit_windows: Sequence[Sequence[float]] | None = None,
@@ -207,12 +205,13 @@ def scan(
 
     vary: values by key, such as {"disks.tracer.mass": [1, 10, 100], "packing_fraction": [0.1, 0.3]}, or
     {"from": 1, "to": 100, "count": 5, "spacing": "log"} in place of a list.
+    particles: total number of disks, for the path of a scene file.
     together: the first values of all keys, then the second ones, ..., instead of all combinations.
     fit_windows: as of `analyse`. options: as of `simulate`, with the same seeds for all values.
 
     Each key is a dimension: `result.diffusion_coefficient.sel(tracer_mass=10)`. Raises what `simulate` does.
     """
-    base = scene if isinstance(scene, SceneRecord) else read_scene(scene)
+    base = _scene(scene, particles)
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
     scenes = [scene_with(base.given, "scene", one, name=base.name) for one in combinations(values, together)]
@@ -268,8 +267,10 @@ def table(result: Dataset) -> "DataFrame":
     """Return the results of an analysis as a pandas table, with a row for each scene, number of disks and engine.
 
     Its columns are what was measured, each beside its standard error; fits are those in the first window. `attrs` has
-    their units.
+    their units. Raises RequestError for anything else than an analysis.
     """
+    if not _is_analysis(result):
+        raise RequestError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
     frame = summary_table(result.isel(window=[0])).dropna(axis="columns", how="all")
     left_out = (*SHAPE, "failed_runs", "time", "slope", "slope_standard_error")
     shown = frame[[name for name in frame if name in result.variables and name not in left_out]]
@@ -360,6 +361,15 @@ def _made(make: Callable[[list[int]], Ensemble], seeds: np.ndarray, cores: int) 
 
 
 # -- arguments ------------------------------------------------------------------------------------------------------
+
+
+def _scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
+    """Return a scene, or that of a file with so many disks, if a number is given."""
+    if not isinstance(scene, SceneRecord):
+        return scene_of_file(validated(Path, scene, key="scene"), plain(particles))
+    if particles is not None:
+        raise RequestError("particles: must not be given with a scene, which has its number of disks")
+    return scene
 
 
 def _words(name: str, value: Any) -> str:

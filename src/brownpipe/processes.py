@@ -69,14 +69,14 @@ def calculated(work: Callable[[Item], Result], items: Sequence[Item], unit: str,
     if min(cores, len(items)) < 2 or sys.platform != "linux":
         return [work(item) for item in progress.tracked(items, unit)]
     fork, results = multiprocessing.get_context("fork"), list[Result]()
-    pool = ProcessPoolExecutor(min(cores, len(items)), fork, _begin, (work, items))
+    pool, others = ProcessPoolExecutor(min(cores, len(items)), fork, _begin, (work, items)), {*fork.active_children()}
     try:
         with suppress(Exception):  # of the work, raised again below, with its causes; or a process was killed
             for result in pool.map(_do, range(len(items))):
                 results.append(result)
                 progress.report(unit, len(results), len(items))
     finally:
-        for process in multiprocessing.active_children():
+        for process in {*multiprocessing.active_children()} - others:
             process.kill()
         pool.shutdown(cancel_futures=True)
     return results + [work(item) for item in items[len(results) :]]

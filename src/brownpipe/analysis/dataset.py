@@ -59,8 +59,7 @@ def aggregate(
     Failed runs are counted and left out of every average. Values that a case lacks (a shorter duration, fewer seeds)
     are NaN.
 
-    windows: (start, end) of the straight-line fits [time], by default from a tenth and from half of the shortest
-        run to its end.
+    windows: (start, end) of the straight-line fits [time], by default those of `default_windows`.
     dr, rings: width [length] and number of the rings of the displacement distribution, by default from the data.
     displacement_times: its times [time], by default the end of each run.
     vary, vary_together: keys in which the scenes differ, each a dimension in place of a scene for each combination of

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, SEED, SPEED2, TIME, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.engines.friction import diffusive_from
+from brownpipe.engines.friction import are_inside, diffusive_from
 from brownpipe.observables.displacement import displacement, squared
 from brownpipe.scene import Scene
 
@@ -25,10 +25,8 @@ def line_weights(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     The line is fitted from the window's start to its end, both included to round-off. NaN where it is not defined: the
     times (T,) end before the window does, or fewer than three lie in it.
     """
-    start, end = window
-    slack = 1e-9 * max(abs(start), abs(end))
-    inside = (times >= start - slack) & (times <= end + slack) & (times[-1] >= end - slack)
-    if np.count_nonzero(inside) < 3:
+    inside = are_inside(times, window)
+    if np.count_nonzero(inside) < 3 or times[-1] < (1 - 1e-9) * window[1]:
         return np.full((2, len(times)), np.nan)
     middle = times[inside].mean()
     centred = np.where(inside, times - middle, 0.0)

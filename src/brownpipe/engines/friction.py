@@ -95,6 +95,13 @@ def default_windows(scenes: Sequence[Scene]) -> tuple[tuple[float, float], ...]:
     return (first, shortest), (second, shortest)
 
 
+def are_inside(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
+    """Return which of the times (T,) lie in a window of a straight-line fit, its ends included to round-off."""
+    start, end = window
+    slack = 1e-9 * max(abs(start), abs(end))
+    return (times >= start - slack) & (times <= end + slack)
+
+
 def window_caution(window: tuple[float, float], starts: Mapping[str, float]) -> str | None:
     """Return one line of caution if a window of a straight-line fit begins before motion is diffusive; otherwise None.
 

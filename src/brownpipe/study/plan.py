@@ -15,7 +15,7 @@ standard error se of the bias and the standard deviation `spread` over runs.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -211,9 +211,12 @@ def _percent(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
-def write_study(study: Study, study_file: str | Path, path: str | Path, offer: Offer, comment: str) -> None:
-    """Write a study below a line of comment, all or nothing: what another study runs, with the runs of an offer."""
-    mapping: dict[str, Any] = {key: value for key, value in read_yaml(study_file).items() if key not in NOT_INHERITED}
+def write_study(study: Study, keys: Mapping[str, Any], path: str | Path, offer: Offer, comment: str) -> None:
+    """Write a study below a line of comment, all or nothing: what another study runs, with the runs of an offer.
+
+    keys: those given for that study, as of `study.read_keys`.
+    """
+    mapping: dict[str, Any] = {key: value for key, value in keys.items() if key not in NOT_INHERITED}
     folder, first = Path(path).resolve().parent, study.seeds[0]
     mapping["scenes"] = [os.path.relpath(scene, folder) for scene in study.scenes]
     mapping["observables"] = [os.path.relpath(name, folder) if is_own(name) else name for name in study.observables]

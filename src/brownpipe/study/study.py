@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, StrictBool, Validat
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
 from brownpipe.engines.exact import EXACT
-from brownpipe.engines.friction import default_windows
+from brownpipe.engines.friction import are_inside, default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, OWN, SCAN, SPREADING, TRACKED
@@ -234,8 +234,7 @@ class Study(Record):
             for wrong, why in measures.problems(case, self.observables, self.average):
                 refuse(f"{case.name}, N = {case.particles}: {why}", wrong)
             for k, (t0, t1) in enumerate(self.fit_windows or ()):
-                inside = np.count_nonzero((case.times >= t0) & (case.times <= t1))
-                if t1 > case.duration or inside < 3:
+                if t1 > case.duration or np.count_nonzero(are_inside(case.times, (t0, t1))) < 3:
                     allowed = f"t0 < t1 <= {case.duration!r} and three samples or more of {case.name}"
                     refuse(f"must be [t0, t1] with {allowed}, not {[t0, t1]}", "fit_windows", k)
         self._resolve(fit_windows=self.fit_windows or default_windows(self.cases))
@@ -292,18 +291,27 @@ def _repetition(name: str, runs: int) -> str:
     return f"must be one seed, {why}; found {runs}"
 
 
-def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
-    """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
+def read_keys(path: str | Path, overrides: Mapping[str, Any]) -> reading.Document:
+    """Return the keys given in a study file, as far as `overrides` does not replace them.
 
-    `overrides` replaces top-level keys; seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError,
-    one line, for any mistake in the study, or in any of its scenes with any of its particle counts.
+    Seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError if it is no study.
     """
-    mapping, overrides = reading.read_yaml(path), overrides or {}
+    mapping = reading.read_yaml(path)
     if "scenes" not in mapping and "box" in mapping:
         cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
         raise RequestError(f"{path}: is a scene, not a study; {cure}")
     runs = dict.fromkeys(("seeds", "tolerance")) if overrides.get("seeds") or overrides.get("tolerance") else {}
-    mapping = reading.with_values(mapping, {**runs, **overrides})
+    return reading.with_values(mapping, {**runs, **overrides})
+
+
+def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
+    """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
+
+    `overrides` are as of `read_keys`. Raises RequestError, one line, for any mistake in the study, or in any of its
+    scenes with any of its particle counts.
+    """
+    overrides = overrides or {}
+    mapping = read_keys(path, overrides)
     name = reading.validated(Name, Path(path).stem, str(path), "name")
     for replaced, value in sorted(overrides.items()):  # so that the results stand in another folder
         word = value if isinstance(value, str) else json.dumps(value)

@@ -16,7 +16,7 @@ from brownpipe.storage.files import write_file
 from brownpipe.study import Study, read_study
 from brownpipe.study.check import describe_scene_or_study
 from brownpipe.study.plan import offers, performance_of, recommendation, spent_on, write_plan, write_study
-from brownpipe.study.study import Target, Tolerance, why_no_relative_error
+from brownpipe.study.study import Target, Tolerance, read_keys, why_no_relative_error
 from brownpipe.study.workflow import pipeline_folder, run_study
 from brownpipe.text import shell_path
 from brownpipe.verbs.options import add_config, add_particles, typed
@@ -100,7 +100,8 @@ def plan(arguments: Namespace) -> int:
 
     example: brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml
     """
-    study = read_study(arguments.study, dict(arguments.config))
+    config = dict(arguments.config)
+    study = read_study(arguments.study, config)
     if arguments.count is not None:
         with progress.shown("plan"):
             runs, pilots = write_plan(study, writable(arguments.count, arguments.study, suffixes=YAML))
@@ -114,14 +115,16 @@ def plan(arguments: Namespace) -> int:
         raise RequestError(f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan")
     if arguments.write is not None:
         validated(Name, Path(arguments.write).stem, key="--write")  # of the new study
-    inputs = (arguments.study, *map(str, study.scenes))
-    output = None if arguments.write is None else writable(arguments.write, *inputs, suffixes=YAML)
+        if Path(arguments.write).exists():
+            raise RequestError(f"--write: {arguments.write}: exists; choose another name")
+    output = None if arguments.write is None else writable(arguments.write, suffixes=YAML)
     with progress.shown("plan"):
         found, pilots = performance_of(study, target, tolerance)
     show(*recommendation(found, pilots, target, tolerance).split("\n"))
     best = next(iter(offers(found)), None)
     if output is not None and best is not None:
-        write_study(study, arguments.study, output, best, f"brownpipe plan {shlex.join(arguments.argv[1:])}")
+        comment = f"brownpipe plan {shlex.join(arguments.argv[1:])}"
+        write_study(study, read_keys(arguments.study, config), output, best, comment)
         show(f"{output}: a study with this engine and number of runs")
     show(spent_on(pilots))
     return FAILED if best is None else DONE
