@@ -162,6 +162,12 @@ def test_any_damage_is_found_and_nothing_else(study, faults):
 @pytest.mark.slow
 def test_what_is_wrong_is_said(study, capsys):
     _, first, second = sealed()
+    made_from = next((RESULTS / "aggregate").glob("made_from_*.txt"))
+    for damaged, contents in ((RESULTS / "figures/provenance.json", "{"), (made_from, "runs/no seeds\n")):
+        before = damaged.read_text()
+        damaged.write_text(contents)
+        assert verify_results(RESULTS)[1] == [str(damaged)]
+        damaged.write_text(before)
     assert main(["verify", DATASET, first]) == DONE
     assert capsys.readouterr().out.splitlines() == [f"{DATASET}: intact", f"{first}: intact"]
     flip(Path(first), random.Random(1))

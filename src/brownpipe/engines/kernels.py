@@ -101,6 +101,7 @@ def _folder() -> Path | None:
         with suppress(OSError):
             folder = place.absolute() / name
             folder.mkdir(parents=True, exist_ok=True)
+            os.utime(folder)  # the newest from now on
             with _locked(folder):
                 for old in sorted(place.glob("kernels-*"), key=os.path.getmtime)[:-NEWEST]:
                     shutil.rmtree(old, ignore_errors=True)

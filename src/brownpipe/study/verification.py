@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brownpipe.errors import StorageError, WrongFileError
+from brownpipe.errors import RequestError, StorageError, WrongFileError
 from brownpipe.figures.origin import RECORD
 from brownpipe.progress import tracked
 from brownpipe.scene.seeds import brief_seed_text, read_seeds
@@ -23,22 +23,28 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     can be verified. Nothing is written.
     """
     folder = Path(folder)
-    runs = {line for path in folder.glob("*/made_from_*.txt") for line in path.read_text().splitlines()}
+    runs, damaged, missing, stored = set[tuple[str, str]](), list[Path](), list[str](), list[Path]()
+    for path in folder.glob("*/made_from_*.txt"):
+        try:
+            runs |= {_folder_and_seeds(line) for line in path.read_text().splitlines()}
+        except (ValueError, RequestError):
+            damaged.append(path)
     files = sorted(path for path in folder.rglob("*") if path.suffix in (".h5", ".nc"))
-    if not files and not runs:
+    if not (files or runs or damaged):
         raise WrongFileError(f"{folder}: has no results of a study; must be results/STUDY, or files")
-    missing, stored = list[str](), list[Path]()
     for record in folder.glob(f"*/{RECORD}"):
-        figures = [record.parent / name for name in json.loads(record.read_text())["files"]]
+        try:
+            figures = [record.parent / name for name in json.loads(record.read_text())["files"]]
+        except (ValueError, LookupError):
+            figures = []
+            damaged.append(record)
         missing += [str(path) for path in figures if not path.is_file()]
-    for line in sorted(runs):
-        where, text = line.rsplit(" ", 1)
+    for where, text in sorted(runs):
         place, seeds = Path(os.path.relpath(folder.absolute().parents[1] / where)), np.asarray(read_seeds(text))
         batches = stored_batches(place, seeds)
         stored += [place / f"{first}-{last}.h5" for first, last in batches]
         if len(left := without(seeds, batches)):
             missing.append(f"{where}: seeds {brief_seed_text(left)}")
-    damaged = []
     files += stored
     for file in tracked(files, "files"):
         try:
@@ -46,3 +52,10 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
         except StorageError:
             damaged.append(file)
     return [str(file) for file in files if file not in damaged], [*map(str, damaged)], missing
+
+
+def _folder_and_seeds(line: str) -> tuple[str, str]:
+    """Return the two parts of a line of `made_from_*.txt`; raise ValueError or RequestError for any other line."""
+    where, seeds = line.rsplit(" ", 1)
+    read_seeds(seeds)
+    return where, seeds
