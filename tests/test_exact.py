@@ -312,7 +312,7 @@ def audit(scene, state, whole, events, seen):
 
 
 def box_sides(scene):
-    """What `packing.overlap` wants to know."""
+    """What `scene.overlap` wants to know."""
     return (scene.box.x, scene.box.y) if scene.box.periodic else None
 
 

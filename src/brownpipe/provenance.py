@@ -15,8 +15,8 @@ SUFFIXES = (".py", ".css", ".html", ".js", ".mplstyle", ".rst")  # of source fil
 PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "scipy")  # that compute and write runs
 ANALYSIS_PACKAGES = ("h5netcdf", "matplotlib", "pandas", "xarray")  # and datasets and figures
 
-# Source files that determine the output of a step, besides its input and options; `tests/test_digests.py` compares them
-# with what is imported. Those of the engine that runs are added; the others use parts of the exact one.
+# Source files that determine the output of a step, besides its input and options; `tests/test_architecture.py` compares
+# them with what is imported. Those of the engine that runs are added; the others use parts of the exact one.
 RUNS = ("theory.py", "scene/*", "observables/*", "engines/*", "storage/*")
 STEPS = {
     "simulate": (*RUNS, "engines/exact/*"),

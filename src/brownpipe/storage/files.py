@@ -116,7 +116,7 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
         raise WrongFileError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
     except MALFORMED as error:
         again = f"if brownpipe wrote it, delete it and run the study, or brownpipe {verb}, again"
-        raise StorageError(f"{path}: is not as this version of brownpipe writes it: {error}; {again}") from error
+        raise StorageError(f"{path}: is damaged, or of another version of brownpipe: {error}; {again}") from error
 
 
 # -- HDF5 --------------------------------------------------------------------------------------------------------------
