@@ -74,9 +74,9 @@ def dataset(tmp_path_factory):
 def test_every_variable_is_there(dataset):
     """And says its unit; the bath's autocorrelation and the pressure on walls are in the second scene alone.
 
-    `stopped` is only in datasets with a run that could not go on.
+    `stopped` is only in datasets with a run that could not go on, `drift_diffusion` in those with a drift.
     """
-    assert set(dataset.data_vars) == set(analysis.dataset.ALL_VARIABLES) - {"stopped"}
+    assert set(dataset.data_vars) == set(analysis.dataset.ALL_VARIABLES) - {"stopped", "drift_diffusion"}
     assert all({"units", "long_name"} <= set(dataset[name].attrs) for name in dataset.data_vars)
     assert all("long_name" in dataset[name].attrs for name in dataset.coords)
     assert dataset.species.values.tolist() == ["gas", "tracer"]
@@ -243,7 +243,11 @@ def test_expected_slope_is_enskogs_friction():
     assert velocity.expected_slope(case, found) == pytest.approx(expected / (1 - share))
     assert velocity.expected_slope(case._replace(average="origins"), found) == pytest.approx(expected / (1 - share))
     walls = case_of(gas("reflecting", tracer={"radius": 1.0, "mass": 3.0}))
+    assert np.isnan(velocity.expected_slope(walls, found))  # which turn the velocity, too
+    apart = gas("reflecting", tracer={"radius": 1.0, "mass": 3.0, "position": [4.0, 4.0]})
+    walls = case_of(apart.replace(equilibrate={"time": 1.0, "tracer": "pinned"}))
     assert velocity.expected_slope(walls, found) == pytest.approx(expected)
+    assert np.isnan(velocity.expected_slope(walls._replace(average="origins"), found))
 
 
 @pytest.mark.slow

@@ -442,6 +442,11 @@ def test_a_correlation_at_rest_has_no_initial_slope(hot):
     draw_figure(hot.assign(velocity_autocorrelation=0 * hot.velocity_autocorrelation), "velocity_autocorrelation")
 
 
+def test_the_answer_says_what_a_drift_of_all_disks_adds_to_d(hot):
+    assert "the total momentum is not zero" not in summary(hot)
+    assert "adds 0.5 to D by the end of a run" in summary(hot.assign(drift_diffusion=0 * hot.runs + 0.5))
+
+
 def test_at_most_six_cases_share_a_panel(dataset):
     def groups(data, keys=()):
         return [len(group) for group in cases.panels_of(cases.cases_of(data), keys)]

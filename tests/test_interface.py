@@ -355,7 +355,7 @@ def test_a_figure_is_that_of_the_command_line(result, tmp_path):
         bp.plot(result, "mds")
     with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):
         bp.plot(result, "velocity_autocorrelation")
-    with pytest.raises(FigureError, match="result: has no dimension scene, or nothing along it; plot"):
+    with pytest.raises(FigureError, match="result: has no dimension scene, or nothing along it; take"):
         bp.plot(result.squeeze())
     with pytest.raises(FigureError, match="result: has no dimension scene"):
         bp.plot(result.isel(scene=[]))

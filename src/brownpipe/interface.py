@@ -24,7 +24,7 @@ from brownpipe.analysis.dataset import ALWAYS, refuse_taken
 from brownpipe.analysis.resampling import resample
 from brownpipe.engines import DEFINITIONS, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures, joined, select
-from brownpipe.errors import FigureError, RequestError, RunError
+from brownpipe.errors import BrownpipeError, FigureError, RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
@@ -269,8 +269,7 @@ def table(result: Dataset) -> "DataFrame":
     Its columns are what was measured, each beside its standard error; fits are those in the first window. `attrs` has
     their units. Raises RequestError for anything else than an analysis.
     """
-    if not _is_analysis(result):
-        raise RequestError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
+    _refuse_part(result, RequestError)
     frame = summary_table(result.isel(window=[0])).dropna(axis="columns", how="all")
     left_out = (*SHAPE, "failed_runs", "time", "slope", "slope_standard_error")
     shown = frame[[name for name in frame if name in result.variables and name not in left_out]]
@@ -300,11 +299,7 @@ def plot(
     Notebooks show a figure by themselves. Raises FigureError if the dataset has no data for it.
     """
     validated(Literal[tuple(FIGURES)], figure, key="figure")
-    if not _is_analysis(result):
-        raise FigureError("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
-    for dim in ("scene", "particles", "engine", *({"window"} & {*result.coords})):
-        if not result.sizes.get(dim):
-            raise FigureError(f"result: has no dimension {dim}, or nothing along it; plot it before squeeze or sel")
+    _refuse_part(result, FigureError)
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
     try:
@@ -377,6 +372,15 @@ def _words(name: str, value: Any) -> str:
     if not isinstance(value, Iterable):
         raise RequestError(f"{name}: must be a name or a list of names, not {value!r}")
     return ",".join(map(named, value.split(",") if isinstance(value, str) else value))
+
+
+def _refuse_part(result: Any, kind: type[BrownpipeError]) -> None:
+    """Raise an error of this kind unless the result is an analysis with the dimensions of its cases."""
+    if not _is_analysis(result):
+        raise kind("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
+    for dim in ("scene", "particles", "engine", *({"window"} & {*result.coords})):
+        if not result.sizes.get(dim):
+            raise kind(f"result: has no dimension {dim}, or nothing along it; take it before squeeze or sel")
 
 
 def _is_analysis(data: object) -> bool:

@@ -160,7 +160,7 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     """Return g(r), contact values, and the density at the walls; in the totals numbers of pairs."""
     seen = runs.observables
     means = _by_rate(case, runs)
-    if "density_profile" in seen:
+    if "density_profile" in seen and not case.scene.box.periodic:
         means |= _extrapolated("contact_density", seen["density_profile"], wall_weights(case.scene))
     if "pair_counts" not in seen:
         return Columns(means)

@@ -11,7 +11,7 @@ from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.engines.friction import DENSEST, mean_root, moving_disks, rate_at_temperature
+from brownpipe.engines.friction import DENSEST, drift_diffusion, mean_root, moving_disks, rate_at_temperature
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
@@ -100,8 +100,10 @@ def columns(case: Case, runs: Ensemble) -> Columns:
 
 
 def results(case: Case, averages: Averages) -> dict[str, float]:
-    """Return Enskog's theory."""
-    return enskog(case.scene, case.engine.definition.moves_all_disks)
+    """Return Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
+    whole = case.engine.definition.moves_all_disks
+    added = {"drift_diffusion": drift_diffusion(case.scene)} if whole else {}
+    return enskog(case.scene, whole) | {name: value for name, value in added.items() if value > 0}
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"
@@ -123,5 +125,6 @@ VARIABLES = {
     "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
     "enskog_contact_value": Variable(EACH, "1", "theoretical contact value of tracer and main species of its bath"),
     "enskog_compressibility": Variable(EACH, "1", "compressibility factor from Enskog's contact values"),
-    "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient by Enskog's theory, at the scene's total momentum"),
+    "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient by Enskog's theory, without drift of all disks"),
+    "drift_diffusion": Variable(EACH, RATE, "what the drift of the centre of mass adds to D by the end of a run"),
 }

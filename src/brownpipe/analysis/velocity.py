@@ -92,17 +92,18 @@ def expected_slope(case: Case, averages: Averages) -> float:
     collision changes the tracer's velocity by 2 mu/m times the relative velocity along the line of centres, whose mean
     square in a collision is 2 kT/mu. 2 kT/m is the measured <v^2> or, with zero total momentum, M/(M - m) times that, M
     the mass of all disks: <v^2> lacks the motion of the centre of mass, relative velocities do not. NaN if the partners
-    differ in mass, or without a rate.
+    differ in mass, without a rate, and where the tracer may be at a wall, which turns its velocity, too.
     """
     scene = case.scene
     partners = np.unique(scene.mass[1:])
-    if partners.size != 1 or "tracer_collisions" not in averages.places:
+    begins_apart = scene.listed or (scene.species[0].position and scene.equilibrate.tracer == "pinned")
+    at_walls = not scene.box.periodic and (case.average == "origins" or not begins_apart)
+    if partners.size != 1 or at_walls or "tracer_collisions" not in averages.places:
         return np.nan
     rate = averages.mean("tracer_collisions") / case.times[-1]
     share = 2 * theory.reduced_mass(scene.mass[0], partners[0]) / scene.mass[0]
     balanced = scene.velocities is not None and scene.velocities.zero_momentum
-    at_rest = balanced and (scene.box.periodic or case.average != "origins")  # walls change the total momentum
-    square_speed = averages.mean("velocity_autocorrelation")[0] / (1 - at_rest * scene.mass[0] / scene.mass.sum())
+    square_speed = averages.mean("velocity_autocorrelation")[0] / (1 - balanced * scene.mass[0] / scene.mass.sum())
     return -share * rate * square_speed
 
 

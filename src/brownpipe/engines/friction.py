@@ -14,7 +14,8 @@ from brownpipe.scene import Scene, Species
 
 DECAY_TIMES = 3.0  # 1/gamma of the tracer, after which its displacements are taken for diffusive
 ROUNDED = 0.95  # of that time: a window may begin so much earlier
-DENSEST = 0.7  # packing fraction above which disks freeze and the contact values, those of the fluid, do not hold
+# Packing fraction above which disks freeze and the contact values, those of the fluid, do not hold; 0.7 with round-off.
+DENSEST = 0.7 * (1 + 1e-12)
 
 
 class Bath(NamedTuple):
@@ -138,13 +139,20 @@ def mean_root(scene: Scene) -> float:
     return theory.mean_root_chi_square(2 * moving_disks(scene))
 
 
-def drift_square_speed(scene: Scene) -> float:
-    """Return the mean squared velocity [length^2/time^2] of the centre of mass of disks whose momentum is not zero."""
-    relative = scene.mass / scene.mass.max()
+def drift_diffusion(scene: Scene) -> float:
+    """Return what the drift of the centre of mass adds to D by the end of a run, <V^2> t/2 [length^2/time].
+
+    NaN unless species are in a periodic box and their total momentum is not zero.
+    """
     velocities = scene.velocities
+    if not scene.box.periodic or velocities is None or velocities.zero_momentum or not scene.particles:
+        return math.nan
+    relative = scene.mass / scene.mass.max()
     if velocities.temperature is not None:
-        return float(2 * velocities.temperature / scene.mass.max() / relative.sum())
-    return float(2 * velocities.standard_deviation**2 * (relative**2).sum() / relative.sum() ** 2)
+        square_speed = 2 * velocities.temperature / scene.mass.max() / relative.sum()
+    else:
+        square_speed = 2 * velocities.standard_deviation**2 * (relative**2).sum() / relative.sum() ** 2
+    return float(square_speed * scene.duration / 2)
 
 
 def friction_rate(scene: Scene, friction: str, measured: float | None = None) -> float:

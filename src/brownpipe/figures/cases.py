@@ -267,12 +267,12 @@ def estimate_of(case: Dataset, name: str) -> str:
 
 
 def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
-    """Return `0.974 ± 0.022`: the value rounded to the two leading digits of its standard error.
+    """Return `0.974 ± 0.022`: the value rounded to the two leading digits of its standard error, but to integers.
 
-    Without a positive error return the value alone, and `-` if it is not finite.
+    Without an error beyond round-off return the value alone, and `-` if it is not finite.
     """
     value, error = float(value), float(error)
-    if not np.isfinite(error) or error <= 0.0:
+    if not np.isfinite(error) or error <= 1e-12 * abs(value):
         return f"{value:.4g}" if np.isfinite(value) else "-"
     decimals = max(0, 1 - int(np.floor(np.log10(error))))
     return f"{value:.{decimals}f} ± {error:.{decimals}f}"

@@ -30,7 +30,7 @@ def draw(cases: list[Dataset]) -> Figure:
     D is that of the first fit window; the table has all.
     """
     axis = axis_of(cases)
-    series = series_of([case.isel(time=-1, window=0) for case in cases], axis)
+    series = series_of([case.isel(time=-1, window=0) for case in cases], axis, drift=True)
     names = [name for name in PANELS if any(has(case, name) for case in cases)]
     figure, axes = grid(-(-len(names) // 2), 2, WIDTH, 3.6 + 0.38 * max(0, len(series) - 1))
     for panel in axes.flat[len(names) :]:

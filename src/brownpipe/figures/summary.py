@@ -201,6 +201,10 @@ def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], t
     window = dataset.window_start.values[0], dataset.window_end.values[0]
     if DISPLACED[-1] in shown and (caution := window_caution(window, starts)):
         yield from textwrap.wrap(f"° {caution}.", LINE)
+    for case in cases:
+        if has(case, "drift_diffusion"):
+            added = f"the drift of all disks adds {case.drift_diffusion:.2g} to D by the end of a run"
+            yield f"{title_of(case)}: the total momentum is not zero; {added}."
     yield from _tests_of_equilibrium(cases)
     if tests:
         last = [at_last_distribution(case) for case in cases if has(case, "msd")]
@@ -266,7 +270,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
     measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):
         row = {name: case[name].item() for name in (*labels_of_cases(case), "runs", "failed_runs")}
-        row["time"] = case.duration.item()
+        row |= {"time": case.duration.item(), "drifts": drifts(case)}
         for one, heading, parts in measured:
             for end in ("", "_standard_error"):
                 value = parts[k][one.variable + end].item() if parts[k] is not None else np.nan

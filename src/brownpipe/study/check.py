@@ -65,7 +65,7 @@ def _momentum(scene: Scene) -> str | None:
     if scene.velocities.zero_momentum:
         factor = friction.bath_share(scene) ** 2
         return f"zero in total: D is {factor:.3g} = (1 - m/M)^2 times that without recoil of the bath"
-    growth = friction.drift_square_speed(scene) * scene.duration / 2
+    growth = friction.drift_diffusion(scene)
     mass, temperature = friction.followed(scene).mass, friction.bath_of(scene).temperature
     expected = temperature / mass * diffusive_from(scene) / DECAY_TIMES
     return f"not zero: the centre of mass drifts, which adds {growth:.2g} to a D of {expected:.2g} by the end of a run"
