@@ -89,6 +89,7 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (SPECIES, "0.1\n", "0.1\nsamples: {per_decade: 2}\n", 12, "samples", "not be given with sample_interval"),
     (SPECIES, "0.1\n", "0.1\nequilibrate: {tracer: free}\n", 12, "equilibrate.time", "missing"),
     (LISTED, "radius: 0.1", "radius: 0.95", 3, "disks", "disk 0 at [0.0, 0.0] and disk 1 at [1.0, 0.0] overlap"),
+    (LISTED, LISTED.partition("disks:")[2], " {}\n", 3, "disks", "must have a tracer or species, or be a list of"),
     (LISTED, "disks:\n", "disks:\n- 3\n", 4, "disks[0]", "keys position, velocity, radius, mass, not 3"),
     (LISTED, "duration: 1", "duration: 1\nparticles: 3", 3, "particles", "must be 2, the number of disks in"),
     (LISTED, "duration: 1", "duration: 1\nvelocities: {temperature: 1}", 3, "velocities", "explicit list of disks"),

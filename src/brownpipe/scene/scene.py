@@ -197,6 +197,8 @@ class Scene(Record):
         if isinstance(self.disks, Mixture):
             groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
             groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
+            if not groups:
+                refuse("must have a tracer or species, or be a list of disks", "disks")
             names, counts = [one.name for one in self.disks.species], [one.count for one in self.disks.species]
             if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
                 allowed = "names of their own, none tracer, and one rest at most"
