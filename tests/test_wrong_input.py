@@ -144,7 +144,7 @@ VARIED = [
     ("{disks.tracer.mass: [-1]}", "vary", "(replaced): disks.tracer.mass: must be greater than 0, not -1"),
     ("{disks.species.b.mass: [1]}", "vary", "must be a key like disks.tracer.mass, or"),
     ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be less than or equal to 1"),
-    ("{packing_fraction: [0.1]}", "vary", "packing_fraction: must be with one number of particles"),
+    ("{packing_fraction: [null]}", "vary", "packing_fraction: must be a valid number, not None"),
     ("{duration: [1, 1.0000000000001]}", "vary", "must be values that differ"),
     ("{duration: {from: 1, to: 3}}", "vary.duration.count", "missing"),
     ("{duration: {from: 0, to: 3, count: 3, spacing: log}}", "vary.duration.from", "different from 0"),

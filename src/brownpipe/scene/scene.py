@@ -7,12 +7,13 @@ box and do not overlap, and species cover no more of it than hexagonal packing d
 import hashlib
 import json
 import math
+from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, StrictBool, model_validator
+from pydantic import AfterValidator, Field, StrictBool, ValidationInfo, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
@@ -25,6 +26,7 @@ SAME = 1e-6  # in steps: a sample time this close to the duration is the duratio
 LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
 LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
 SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
+ANY_BOX = "any box"  # context of the check of a scene
 HEXAGONAL_PACKING = math.pi / math.sqrt(12)  # its packing fraction; no placement of species is denser
 
 # With the values of varied keys (`variation`): `fluid,tracer_mass=10`.
@@ -168,13 +170,20 @@ class Scene(Record):
         packing_fraction: float  # phi = sum(pi R^2)/A
 
     @model_validator(mode="after")
-    def _check(self) -> "Scene":
+    def _check(self, info: ValidationInfo) -> "Scene":
+        """Resolve what follows from the keys, and refuse what contradicts them.
+
+        With the context ANY_BOX the disks need not fit into the box, which is still to be scaled.
+        """
         self._resolve(given=self.model_dump(exclude_unset=True))
         self._resolve_times()
-        self._resolve_disks()
-        self._resolve_each_disk()
+        groups = self._resolve_disks()
+        self._resolve_numbers(groups.values())
         self._resolve_start()
-        self._check_packing()
+        if info.context != ANY_BOX:
+            for path, group in groups.items():
+                self._check_disk(group, *path)
+            self._check_packing()
         return self
 
     def _resolve_times(self) -> None:
@@ -191,47 +200,40 @@ class Scene(Record):
             self.samples._resolve(first=first)
         self._resolve(sample_interval=interval)
 
-    def _resolve_disks(self) -> None:
-        """Resolve the number of disks and the `rest`; refuse disks that do not fit into the box."""
-        groups: dict[tuple, Any] = {}  # species or disks, by their paths of keys
-        if isinstance(self.disks, Mixture):
-            groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
-            groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
-            if not groups:
-                refuse("must have a tracer or species, or be a list of disks", "disks")
-            names, counts = [one.name for one in self.disks.species], [one.count for one in self.disks.species]
-            if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
-                allowed = "names of their own, none tracer, and one rest at most"
-                refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
-            self._resolve(listed=(), species=tuple(groups.values()), placement=self.disks.placement)
-        else:
-            groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
+    def _resolve_disks(self) -> dict[tuple, Any]:
+        """Resolve the species, tracer included, or the listed disks. Return them by their paths of keys."""
+        if not isinstance(self.disks, Mixture):
             self._resolve(listed=self.disks, species=(), placement="")
-        numbers = [group.count for group in groups.values() if group.count != "rest"]
-        known, has_rest = sum(numbers), len(numbers) < len(groups)
+            return {("disks", k): disk for k, disk in enumerate(self.disks)}
+        groups: dict[tuple, Any] = {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
+        groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
+        if not groups:
+            refuse("must have a tracer or species, or be a list of disks", "disks")
+        names, counts = [one.name for one in self.disks.species], [one.count for one in self.disks.species]
+        if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
+            allowed = "names of their own, none tracer, and one rest at most"
+            refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
+        self._resolve(listed=(), species=tuple(groups.values()), placement=self.disks.placement)
+        return groups
+
+    def _resolve_numbers(self, groups: Collection[Any]) -> None:
+        """Resolve the number of disks, their radii and masses; refuse masses too different for one run."""
+        counts = [group.count for group in groups]
+        known, has_rest = sum(count for count in counts if count != "rest"), "rest" in counts
         if self.particles is None and has_rest:
             refuse("missing; must be given with `count: rest`", "particles")
         total = known if self.particles is None else self.particles
         if total < known or (total > known and not has_rest):
             least = "at least " if has_rest else ""
             refuse(f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles")
-        self._resolve(particles=total)
-        for path, group in groups.items():
-            self._check_disk(group, *path)
-            if group.count == "rest":
-                group._resolve(count=total - known)
-
-    def _resolve_each_disk(self) -> None:
-        """Resolve radius and mass of each disk and the packing fraction; refuse masses too different for one run."""
-        groups = self.listed or self.species
-        counts = np.array([group.count for group in groups], int)
-        for field in ("radius", "mass"):
-            of_each_disk = np.repeat(np.array([getattr(group, field) for group in groups], float), counts)
-            of_each_disk.flags.writeable = False
-            self._resolve(**{field: of_each_disk})
-        shares = (self.radius / self.box.width) * (self.radius / self.box.height)
-        self._resolve(packing_fraction=float(math.pi * np.sum(shares)))
-        light, heavy = self.mass.min(initial=math.inf), self.mass.max(initial=0.0)
+        for group in groups:
+            group._resolve(count=total - known if group.count == "rest" else group.count)
+        alike = np.array([(group.radius, group.mass) for group in groups]).reshape(-1, 2)
+        radius, mass = np.repeat(alike.T, np.array([group.count for group in groups], int), axis=1)
+        radius.flags.writeable = mass.flags.writeable = False
+        packing_fraction = math.pi * float(np.sum((radius / self.box.width) * (radius / self.box.height)))
+        self._resolve(particles=total, radius=radius, mass=mass, packing_fraction=packing_fraction)
+        light, heavy = mass.min(initial=math.inf), mass.max(initial=0.0)
         if heavy / LARGEST_MASS_RATIO > light:
             refuse(f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and {heavy:g}", "disks")
 
@@ -250,7 +252,7 @@ class Scene(Record):
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
         if velocities and (velocities.standard_deviation is None) == (velocities.temperature is None):
             refuse("must have either standard_deviation or temperature", "velocities")
-        if velocities is not None and velocities.zero_momentum is None:
+        if velocities and velocities.zero_momentum is None:
             drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
             velocities._resolve(zero_momentum=drifts)
 
