@@ -5,7 +5,7 @@ It names the file, its line, the key, the allowed values and the value found.
 
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from pathlib import Path
@@ -48,10 +48,8 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     document.lines = {at: line for at, line in getattr(mapping, "lines", {}).items() if at[:1] not in new} | new
     for path, value in values.items():
         *parents, last = path.split(".")
-        part: Any = document
         try:
-            for word in parents:
-                part = part.setdefault(word, {}) if isinstance(part, dict) else {one["name"]: one for one in part}[word]
+            part = part_of(document, parents)
             part[last] = round(value) if last == "count" and isinstance(value, float) and abs(value) < 2**53 else value
         except (LookupError, TypeError):
             allowed = "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name of a species"
@@ -59,17 +57,27 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     return document
 
 
+def part_of(whole: Any, words: Iterable[str]) -> Any:
+    """Return the part at a path of keys, and of names of items of a list; a mapping that is lacking is added, empty.
+
+    Raises LookupError or TypeError for other paths.
+    """
+    for word in words:
+        whole = whole.setdefault(word, {}) if isinstance(whole, dict) else {one["name"]: one for one in whole}[word]
+    return whole
+
+
 def read_yaml(path: str | Path) -> Document:
     """Return the mapping in a YAML file, of dicts with str keys, lists, str, int, float, bool and None.
 
     Raises RequestError if the file cannot be read or is not such YAML.
     """
-    document, lines = Document(), dict[tuple[str | int, ...], int]()
+    lines: dict[tuple[str | int, ...], int] = {}
     try:
         node = yaml.compose(Path(path).read_text("utf-8-sig"), LOADER)
         if not isinstance(node, yaml.MappingNode):
             raise ValueError(f"{'' if node else 'empty; '}must be a mapping of keys to values")
-        document.update(_value(node, (), lines))
+        document = Document(_value(node, (), lines))
     except OSError as error:
         raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -222,18 +230,17 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
 
 
 def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str | int], str]:
-    """Return the path of the first refused value, and what is wrong with it.
+    """Return the path of a refused value, and what is wrong with it: of several the first of the innermost.
 
-    A value that may be of several types has an error for each of them: those of the innermost value count.
+    A value that may be of several types has an error for each of them.
     """
     errors = [(_path(one, value), one) for one in error.errors(include_url=False)]
-    path = max((path for path, _ in errors if path[: len(errors[0][0])] == errors[0][0]), key=len)
+    path = max((path for path, _ in errors), key=len)
     here = [one for other, one in errors if other == path]
-    words = [(re.sub(r"^\w+ should", "must", one["msg"]), one) for one in here]
-    problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=msg, **one.get("ctx", {})) for msg, one in words]
-    if here[0]["type"] == "refused" or problems[0].startswith("missing"):
+    problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=one["msg"], **one.get("ctx", {})) for one in here]
+    if here[0]["type"] in ("refused", "missing"):
         return path, problems[0]
-    problem = " or ".join(dict.fromkeys(problems)).replace(" or must be ", " or ")
+    problem = re.sub(r"\w+ should", "must", " or ".join(dict.fromkeys(problems))).replace(" or must be ", " or ")
     found = here[0].get("ctx", {}).get("tag", here[0]["input"])
     return path, f"{problem}, not {found!r:.80}"
 
@@ -249,7 +256,7 @@ def _path(error: Any, value: Any) -> list[str | int]:
     return [*path, *missing, *error.get("ctx", {}).get("path", ())]
 
 
-def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:
+def did_you_mean(word: str, options: Sequence[str]) -> str:
     """Return a question about the most similar option, "" if none is similar."""
     near = [SYNONYMS.get(word.lower(), ""), *difflib.get_close_matches(word.lower(), options, n=1)]
     return next((f"did you mean {name}? " for name in near if name in options), "")

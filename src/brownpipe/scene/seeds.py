@@ -57,9 +57,6 @@ def brief_seed_text(seeds: Sequence[int] | np.ndarray) -> str:
 
 def ranges(seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     """Return first and last seed (included) of each range of consecutive seeds; the seeds ascend."""
-    if isinstance(seeds, range) and seeds.step == 1:
-        return [(seeds[0], seeds[-1])] if seeds else []
     seeds = np.asarray(seeds, np.int64)
-    gaps = np.flatnonzero(np.diff(seeds) != 1)
-    first, last = np.insert(seeds[gaps + 1], 0, seeds[:1]), np.append(seeds[gaps], seeds[-1:])
-    return list(zip(first.tolist(), last.tolist(), strict=True))
+    parts = np.split(seeds, np.flatnonzero(np.diff(seeds) != 1) + 1)
+    return [(int(part[0]), int(part[-1])) for part in parts if len(part)]

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from brownpipe.errors import RequestError
-from brownpipe.scene.reading import As, Number, Positive, Record, key, refuse, validated, with_values
+from brownpipe.scene.reading import As, Number, Positive, Record, key, part_of, refuse, validated, with_values
 from brownpipe.scene.scene import ANY_BOX, Scene, parse_scene
 
 PACKING_FRACTION = "packing_fraction"
@@ -91,11 +91,8 @@ def short_name(path: str) -> str:
 
 def value_of(scene: Scene, path: str) -> Any:
     """Return the value of a varied key in a scene: a number, or a text."""
-    if path == PACKING_FRACTION:
-        return float(_word(scene.packing_fraction))
-    found: Any = scene.as_mapping()
-    for word in path.split("."):
-        found = found[word] if isinstance(found, dict) else next(item for item in found if item["name"] == word)
+    is_key = path != PACKING_FRACTION
+    found = part_of(scene.as_mapping(), path.split(".")) if is_key else scene.packing_fraction
     return type(found)(float(_word(found))) if is_number(found) else _word(found)
 
 
