@@ -19,7 +19,6 @@ from pydantic_core import PydanticCustomError, ValidationError
 from brownpipe.errors import RequestError
 from brownpipe.text import shell_path
 
-MOST_DISKS = 10_000_000
 SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -102,10 +101,8 @@ def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
     mapping: dict[str, object] = {}
     for key_node, item in node.value:
         key, line = key_node.value, key_node.start_mark.line + 1
-        if not isinstance(key, str):
-            raise ValueError(f"line {line}: a key must be a plain word")
-        if key in mapping:
-            raise ValueError(f"line {line}: duplicate key {key!r}; must be given once")
+        if not isinstance(key, str) or key in mapping:
+            raise ValueError(f"line {line}: key {key!r:.80}: must be a plain word, and given once")
         lines[*path, key] = line
         mapping[key] = _value(item, (*path, key), lines)
     return mapping
@@ -134,7 +131,7 @@ Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0), NO_MINUS_ZERO]
 Pair = tuple[Number, Number]
 AtLeastOne = Annotated[int, Field(strict=True, ge=1)]
-Count = Annotated[int, Field(strict=True, ge=0, le=MOST_DISKS)]
+Count = Annotated[int, Field(strict=True, ge=0, le=10_000_000)]
 Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
 
 
@@ -167,9 +164,7 @@ def key(meaning: str, default: Any = ..., **more: Any) -> Any:
 
 def alone(name: str, schema: Any) -> BeforeValidator:
     """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
-    return BeforeValidator(
-        lambda value: value if isinstance(value, Mapping) else {name: value}, json_schema_input_type=schema
-    )
+    return BeforeValidator(lambda one: one if isinstance(one, Mapping) else {name: one}, json_schema_input_type=schema)
 
 
 def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
@@ -203,7 +198,6 @@ PROBLEMS = {  # by pydantic's names of errors, with the context that comes with 
     "tuple_type": "must be a list",
     "too_short": "must be a list of at least {min_length}",
     "too_long": "must be a list of at most {max_length}",
-    "dict_type": "must be a mapping",
 }
 
 
@@ -238,11 +232,9 @@ def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str 
     path = max((path for path, _ in errors), key=len)
     here = [one for other, one in errors if other == path]
     problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=one["msg"], **one.get("ctx", {})) for one in here]
-    if here[0]["type"] in ("refused", "missing"):
-        return path, problems[0]
     problem = re.sub(r"\w+ should", "must", " or ".join(dict.fromkeys(problems))).replace(" or must be ", " or ")
     found = here[0].get("ctx", {}).get("tag", here[0]["input"])
-    return path, f"{problem}, not {found!r:.80}"
+    return path, problem if here[0]["type"] in ("refused", "missing") else f"{problem}, not {found!r:.80}"
 
 
 def _path(error: Any, value: Any) -> list[str | int]:

@@ -10,7 +10,6 @@ from pydantic import Field, PlainValidator
 from brownpipe.scene.reading import refuse, validated
 
 MOST_SEEDS = 10_000_000
-LARGEST_SEED = 10**18 - 1
 LONGEST_TEXT = 60  # characters of a brief list of seeds
 RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 
@@ -39,7 +38,7 @@ def _seeds(value: Any) -> Sequence[int]:
 
 
 _Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]
-Seed = Annotated[int, Field(strict=True, ge=0, le=LARGEST_SEED)]
+Seed = Annotated[int, Field(strict=True, ge=0, le=10**18 - 1)]
 _Range = Annotated[str, Field(pattern=rf"^\s*{RANGE.pattern}\s*(,\s*{RANGE.pattern}\s*)*$")]
 Seeds = Annotated[Any, PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[Seed | _Range])]
 

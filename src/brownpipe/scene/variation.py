@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field
 
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import As, Number, Positive, Record, key, part_of, refuse, validated, with_values
-from brownpipe.scene.scene import ANY_BOX, Scene, parse_scene
+from brownpipe.scene.scene import Scene, parse_scene
 
 PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
@@ -74,7 +74,7 @@ def scene_with(
     mapping = with_values(mapping, keys, where)
     if PACKING_FRACTION in values:
         wanted = validated(Annotated[Positive, Field(le=1)], phi, where, PACKING_FRACTION)
-        scene = validated(Scene, mapping, where, context=ANY_BOX)
+        scene = validated(Scene, mapping, where, context="box to be scaled")
         if scene.listed or scene.packing_fraction == 0:
             raise RequestError(f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none")
         factor = math.sqrt(scene.packing_fraction / wanted)
