@@ -269,7 +269,7 @@ def test_grown_disks_reach_the_pressure_of_the_fluid():
 
 @pytest.mark.slow
 @given(
-    st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(1e-3, 0.24)), min_size=0, max_size=12), st.booleans()
+    st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(1e-3, 0.24)), min_size=1, max_size=12), st.booleans()
 )
 @settings(max_examples=300, deadline=None)
 def test_finds_an_overlap_where_all_pairs_do(disks, periodic):

@@ -2,6 +2,7 @@
 
 import json
 import math
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -92,16 +93,20 @@ def test_a_key_without_numbers_is_no_axis_of_a_figure(folder):
     assert "scan" in read_study("study.yaml").figures
 
 
-@pytest.mark.slow
-def test_the_dataset_of_a_study_is_that_of_python_and_each_part_that_of_its_scene(folder):
-    study = read_study("study.yaml")
+def dataset_of(study):
+    """The dataset of all runs of a study with seeds 0 to 5."""
     for runs in run_sets(study):
         words = commands(study)[runs.key].replace("'", "").split()
         runs.folder.mkdir(parents=True)
         assert main(["simulate", *words, "--seeds", "0-5", "--output", str(runs.folder / "0-5.h5")]) == 0
     assert main(["aggregate", "--study", "study.yaml", "--output", "study.nc"]) == 0
     assert main(["inspect", "study.nc", "--allow-failed", "0"]) == 0
-    dataset = xarray.open_dataset("study.nc")
+    return xarray.open_dataset("study.nc")
+
+
+@pytest.mark.slow
+def test_the_dataset_of_a_study_is_that_of_python_and_each_part_that_of_its_scene(folder):
+    dataset = dataset_of(read_study("study.yaml"))
     assert dict(dataset.sizes).items() >= {"scene": 1, "tracer_mass": 3, "packing_fraction": 2}.items()
     assert dataset.tracer_mass.attrs == {"units": "mass", "long_name": MASS}
     same = bp.scan("fluid.yaml", VARY, seeds=6, quiet=True)
@@ -110,6 +115,24 @@ def test_the_dataset_of_a_study_is_that_of_python_and_each_part_that_of_its_scen
     part = dataset.sel(tracer_mass=10, packing_fraction=0.2)
     for name in ("msd", "diffusion_coefficient", "diffusion_coefficient_low", "collision_rate", "runs"):
         assert np.array_equal(part[name].squeeze(), single[name].squeeze(), equal_nan=True), name
+
+
+@pytest.mark.slow
+def test_packing_fractions_of_several_numbers_of_disks_have_boxes_of_their_own(folder):
+    """A finite-size study at given densities, from a scene in whose own box 100 disks would not fit."""
+    Path("fluid.yaml").write_text(yaml.safe_dump(FLUID).replace("count: 15", "count: rest"))
+    write_study(vary={PHI: [0.1, 0.2]}, particles=[16, 100])
+    study = read_study("study.yaml")
+    dataset = dataset_of(study)
+    assert dict(dataset.sizes).items() >= {"scene": 1, "packing_fraction": 2, "particles": 2}.items()
+    scenes = {one["scene_digest"]: one["scene"] for one in json.loads(dataset.made_from)}
+    for phi, count in product([0.1, 0.2], [16, 100]):
+        (case,) = (case for case in study.cases if (case.name, case.particles) == (f"fluid,{PHI}={phi}", count))
+        assert case.box.area == pytest.approx(count * math.pi * 0.5**2 / phi)
+        assert scenes[case.digest] == json.loads(case.text)
+        single, part = bp.analyse(bp.simulate(case, 6, quiet=True)), dataset.sel(packing_fraction=phi, particles=count)
+        for name in ("msd", "collision_rate", "compressibility", "runs"):
+            assert np.array_equal(part[name].squeeze(), single[name].squeeze(), equal_nan=True), name
 
 
 def test_keys_together_share_a_dimension():

@@ -4,7 +4,6 @@ Only `verbs` and `progress` write to the screen otherwise.
 """
 
 import argparse
-import difflib
 import gc
 import os
 import re
@@ -104,11 +103,12 @@ class _Parser(argparse.ArgumentParser):
 
 def _with_hint(message: str, options: Sequence[str]) -> str:
     """Return a message of argparse with what was probably meant; `options` are those of the verb."""
+    from brownpipe.scene.reading import did_you_mean  # takes 0.2 s
+
     if found := re.fullmatch(r"unrecognized arguments: (\S+).*", message):
-        near = difflib.get_close_matches(found[1], options, n=1) if found[1].startswith("-") else []
-        hint = "" if found[1].startswith("-") else f"; {JOINED}"
-        return f"{message}; did you mean {near[0]}?" if near else message + hint
+        hint = did_you_mean(found[1], options) if found[1].startswith("-") else JOINED
+        return f"{message}; {hint}".rstrip("; ")
     if found := re.search(r"(invalid choice: '([^']+)') \(choose from (.*)\)", message):
-        near = difflib.get_close_matches(found[2].lower(), re.findall(r"\w+", found[3]), n=1)
-        return message.replace(found[1], f"{found[1]}; did you mean {near[0]}?") if near else message
+        hint = did_you_mean(found[2], re.findall(r"\w+", found[3]))
+        return message.replace(found[1], f"{found[1]}; {hint}".rstrip("; "))
     return message

@@ -15,6 +15,7 @@ from brownpipe.engines.ensemble import Ensemble, joined, select
 from brownpipe.errors import AnalysisError
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
+from brownpipe.scene.variation import PACKING_FRACTION
 from brownpipe.storage.store import StoredFile, read_stored
 from brownpipe.storage.trajectories import Trajectories, read_trajectories
 
@@ -98,12 +99,14 @@ def _kind(contents: Trajectories) -> list[tuple[str, object]]:
 
 
 def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
-    """Refuse scenes of one name that differ in anything but their particle counts."""
+    """Refuse scenes of one name that differ in anything but their particle counts, and boxes scaled for these."""
     known: dict[str, dict] = {}
     for scene in scenes:
         uncounted = scene.as_mapping()
         for counted in (uncounted, *uncounted["disks"]["species"]) if scene.species else ():
             counted.update(particles=0, count=0)
+        if f"{PACKING_FRACTION}=" in scene.name:
+            uncounted.update(box=scene.box.boundary, disks=[(one.name, one.radius, one.mass) for one in scene.species])
         if known.setdefault(scene.name, uncounted) != uncounted:
             raise AnalysisError(f"two different scenes are called {scene.name!r}; give one of them another name")
 

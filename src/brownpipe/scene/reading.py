@@ -5,7 +5,7 @@ It names the file, its line, the key, the allowed values and the value found.
 
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from pathlib import Path
@@ -19,7 +19,6 @@ from pydantic_core import PydanticCustomError, ValidationError
 from brownpipe.errors import RequestError
 from brownpipe.text import shell_path
 
-MOST_DISKS = 10_000_000
 SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -48,10 +47,8 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     document.lines = {at: line for at, line in getattr(mapping, "lines", {}).items() if at[:1] not in new} | new
     for path, value in values.items():
         *parents, last = path.split(".")
-        part: Any = document
         try:
-            for word in parents:
-                part = part.setdefault(word, {}) if isinstance(part, dict) else {one["name"]: one for one in part}[word]
+            part = part_of(document, parents)
             part[last] = round(value) if last == "count" and isinstance(value, float) and abs(value) < 2**53 else value
         except (LookupError, TypeError):
             allowed = "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name of a species"
@@ -59,17 +56,27 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     return document
 
 
+def part_of(whole: Any, words: Iterable[str]) -> Any:
+    """Return the part at a path of keys, and of names of items of a list; a mapping that is lacking is added, empty.
+
+    Raises LookupError or TypeError for other paths.
+    """
+    for word in words:
+        whole = whole.setdefault(word, {}) if isinstance(whole, dict) else {one["name"]: one for one in whole}[word]
+    return whole
+
+
 def read_yaml(path: str | Path) -> Document:
     """Return the mapping in a YAML file, of dicts with str keys, lists, str, int, float, bool and None.
 
     Raises RequestError if the file cannot be read or is not such YAML.
     """
-    document, lines = Document(), dict[tuple[str | int, ...], int]()
+    lines: dict[tuple[str | int, ...], int] = {}
     try:
         node = yaml.compose(Path(path).read_text("utf-8-sig"), LOADER)
         if not isinstance(node, yaml.MappingNode):
             raise ValueError(f"{'' if node else 'empty; '}must be a mapping of keys to values")
-        document.update(_value(node, (), lines))
+        document = Document(_value(node, (), lines))
     except OSError as error:
         raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -94,10 +101,8 @@ def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
     mapping: dict[str, object] = {}
     for key_node, item in node.value:
         key, line = key_node.value, key_node.start_mark.line + 1
-        if not isinstance(key, str):
-            raise ValueError(f"line {line}: a key must be a plain word")
-        if key in mapping:
-            raise ValueError(f"line {line}: duplicate key {key!r}; must be given once")
+        if not isinstance(key, str) or key in mapping:
+            raise ValueError(f"line {line}: key {key!r:.80}: must be a plain word, and given once")
         lines[*path, key] = line
         mapping[key] = _value(item, (*path, key), lines)
     return mapping
@@ -126,7 +131,7 @@ Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0), NO_MINUS_ZERO]
 Pair = tuple[Number, Number]
 AtLeastOne = Annotated[int, Field(strict=True, ge=1)]
-Count = Annotated[int, Field(strict=True, ge=0, le=MOST_DISKS)]
+Count = Annotated[int, Field(strict=True, ge=0, le=10_000_000)]
 Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
 
 
@@ -159,9 +164,7 @@ def key(meaning: str, default: Any = ..., **more: Any) -> Any:
 
 def alone(name: str, schema: Any) -> BeforeValidator:
     """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
-    return BeforeValidator(
-        lambda value: value if isinstance(value, Mapping) else {name: value}, json_schema_input_type=schema
-    )
+    return BeforeValidator(lambda one: one if isinstance(one, Mapping) else {name: one}, json_schema_input_type=schema)
 
 
 def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
@@ -195,7 +198,6 @@ PROBLEMS = {  # by pydantic's names of errors, with the context that comes with 
     "tuple_type": "must be a list",
     "too_short": "must be a list of at least {min_length}",
     "too_long": "must be a list of at most {max_length}",
-    "dict_type": "must be a mapping",
 }
 
 
@@ -222,20 +224,17 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
 
 
 def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str | int], str]:
-    """Return the path of the first refused value, and what is wrong with it.
+    """Return the path of a refused value, and what is wrong with it: of several the first of the innermost.
 
-    A value that may be of several types has an error for each of them: those of the innermost value count.
+    A value that may be of several types has an error for each of them.
     """
     errors = [(_path(one, value), one) for one in error.errors(include_url=False)]
-    path = max((path for path, _ in errors if path[: len(errors[0][0])] == errors[0][0]), key=len)
+    path = max((path for path, _ in errors), key=len)
     here = [one for other, one in errors if other == path]
-    words = [(re.sub(r"^\w+ should", "must", one["msg"]), one) for one in here]
-    problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=msg, **one.get("ctx", {})) for msg, one in words]
-    if here[0]["type"] == "refused" or problems[0].startswith("missing"):
-        return path, problems[0]
-    problem = " or ".join(dict.fromkeys(problems)).replace(" or must be ", " or ")
+    problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=one["msg"], **one.get("ctx", {})) for one in here]
+    problem = re.sub(r"\w+ should", "must", " or ".join(dict.fromkeys(problems))).replace(" or must be ", " or ")
     found = here[0].get("ctx", {}).get("tag", here[0]["input"])
-    return path, f"{problem}, not {found!r:.80}"
+    return path, problem if here[0]["type"] in ("refused", "missing") else f"{problem}, not {found!r:.80}"
 
 
 def _path(error: Any, value: Any) -> list[str | int]:
@@ -249,7 +248,7 @@ def _path(error: Any, value: Any) -> list[str | int]:
     return [*path, *missing, *error.get("ctx", {}).get("path", ())]
 
 
-def did_you_mean(word: str, options: list[str] | tuple[str, ...]) -> str:
+def did_you_mean(word: str, options: Sequence[str]) -> str:
     """Return a question about the most similar option, "" if none is similar."""
     near = [SYNONYMS.get(word.lower(), ""), *difflib.get_close_matches(word.lower(), options, n=1)]
     return next((f"did you mean {name}? " for name in near if name in options), "")

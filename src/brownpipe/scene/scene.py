@@ -7,12 +7,13 @@ box and do not overlap, and species cover no more of it than hexagonal packing d
 import hashlib
 import json
 import math
+from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, StrictBool, model_validator
+from pydantic import AfterValidator, Field, StrictBool, ValidationInfo, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
@@ -168,20 +169,26 @@ class Scene(Record):
         packing_fraction: float  # phi = sum(pi R^2)/A
 
     @model_validator(mode="after")
-    def _check(self) -> "Scene":
+    def _check(self, info: ValidationInfo) -> "Scene":
+        """Resolve what follows from the keys, and refuse what contradicts them.
+
+        With a context, that the box is still to be scaled, the disks need not fit into it.
+        """
         self._resolve(given=self.model_dump(exclude_unset=True))
         self._resolve_times()
-        self._resolve_disks()
-        self._resolve_each_disk()
+        groups = self._resolve_disks()
+        self._resolve_numbers(groups.values())
         self._resolve_start()
-        self._check_packing()
+        if info.context is None:
+            for path, group in groups.items():
+                self._check_disk(group, *path)
+            self._check_packing()
         return self
 
     def _resolve_times(self) -> None:
         interval = self.sample_interval or self.duration
         if not interval <= self.duration <= MOST_SAMPLES * interval:
-            allowed = f"{self.duration / MOST_SAMPLES:g} ({MOST_SAMPLES} samples) to the duration, {self.duration!r}"
-            refuse(f"must be {allowed}, not {interval!r}", "sample_interval")
+            refuse(f"must be {1 / MOST_SAMPLES:g} to 1 times the duration, not {interval!r}", "sample_interval")
         if self.samples is not None:
             if self.sample_interval is not None:
                 refuse("must not be given with sample_interval; give one of the two", "samples")
@@ -191,45 +198,40 @@ class Scene(Record):
             self.samples._resolve(first=first)
         self._resolve(sample_interval=interval)
 
-    def _resolve_disks(self) -> None:
-        """Resolve the number of disks and the `rest`; refuse disks that do not fit into the box."""
-        groups: dict[tuple, Any] = {}  # species or disks, by their paths of keys
-        if isinstance(self.disks, Mixture):
-            groups |= {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
-            groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
-            names, counts = [one.name for one in self.disks.species], [one.count for one in self.disks.species]
-            if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
-                allowed = "names of their own, none tracer, and one rest at most"
-                refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
-            self._resolve(listed=(), species=tuple(groups.values()), placement=self.disks.placement)
-        else:
-            groups |= {("disks", k): disk for k, disk in enumerate(self.disks)}
+    def _resolve_disks(self) -> dict[tuple, Any]:
+        """Resolve the species, tracer included, or the listed disks. Return them by their paths of keys."""
+        if not isinstance(self.disks, Mixture):
             self._resolve(listed=self.disks, species=(), placement="")
-        numbers = [group.count for group in groups.values() if group.count != "rest"]
-        known, has_rest = sum(numbers), len(numbers) < len(groups)
-        if self.particles is None and has_rest:
+            return {("disks", k): disk for k, disk in enumerate(self.disks)}
+        groups: dict[tuple, Any] = {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
+        groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
+        if not groups:
+            refuse("must have a tracer or species, or be a list of disks", "disks")
+        names, counts = [one.name for one in self.disks.species], [one.count for one in self.disks.species]
+        if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
+            allowed = "names of their own, none tracer, and one rest at most"
+            refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
+        self._resolve(listed=(), species=tuple(groups.values()), placement=self.disks.placement)
+        return groups
+
+    def _resolve_numbers(self, groups: Collection[Any]) -> None:
+        """Resolve the number of disks, their radii and masses; refuse masses too different for one run."""
+        rest = [group for group in groups if group.count == "rest"]
+        known = sum(group.count for group in groups if group.count != "rest")
+        if self.particles is None and rest:
             refuse("missing; must be given with `count: rest`", "particles")
         total = known if self.particles is None else self.particles
-        if total < known or (total > known and not has_rest):
-            least = "at least " if has_rest else ""
+        if total < known or (total > known and not rest):
+            least = "at least " if rest else ""
             refuse(f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles")
-        self._resolve(particles=total)
-        for path, group in groups.items():
-            self._check_disk(group, *path)
-            if group.count == "rest":
-                group._resolve(count=total - known)
-
-    def _resolve_each_disk(self) -> None:
-        """Resolve radius and mass of each disk and the packing fraction; refuse masses too different for one run."""
-        groups = self.listed or self.species
-        counts = np.array([group.count for group in groups], int)
-        for field in ("radius", "mass"):
-            of_each_disk = np.repeat(np.array([getattr(group, field) for group in groups], float), counts)
-            of_each_disk.flags.writeable = False
-            self._resolve(**{field: of_each_disk})
-        shares = (self.radius / self.box.width) * (self.radius / self.box.height)
-        self._resolve(packing_fraction=float(math.pi * np.sum(shares)))
-        light, heavy = self.mass.min(initial=math.inf), self.mass.max(initial=0.0)
+        for species in rest:
+            species._resolve(count=total - known)
+        alike = np.array([(group.radius, group.mass) for group in groups]).reshape(-1, 2)
+        radius, mass = np.repeat(alike.T, np.array([group.count for group in groups], int), axis=1)
+        radius.flags.writeable = mass.flags.writeable = False
+        packing_fraction = math.pi * float(np.sum((radius / self.box.width) * (radius / self.box.height)))
+        self._resolve(particles=total, radius=radius, mass=mass, packing_fraction=packing_fraction)
+        light, heavy = mass.min(initial=math.inf), mass.max(initial=0.0)
         if heavy / LARGEST_MASS_RATIO > light:
             refuse(f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and {heavy:g}", "disks")
 
@@ -237,25 +239,25 @@ class Scene(Record):
         """Resolve the motion of the tracer before t = 0 and the total momentum."""
         start, velocities = self.equilibrate, self.velocities
         held = "pinned" if isinstance(self.disks, Mixture) and self.disks.tracer else "free"
-        if self.placement and velocities is None:
-            refuse("missing; must be given with species", "velocities")
-        if not self.placement and (velocities is not None or start.time > 0):
-            given = "equilibrate" if velocities is None else "velocities"
-            refuse("must not be given with an explicit list of disks, which says it all", given)
+        if bool(self.placement) == (velocities is None):
+            refuse("must be given with species, and not with an explicit list of disks", "velocities")
+        if start.time > 0 and not self.placement:
+            refuse("must not be given with an explicit list of disks", "equilibrate")
         if start.tracer is None or start.time == 0:
             start._resolve(tracer=held)
         elif start.tracer == "pinned" != held:
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
         if velocities and (velocities.standard_deviation is None) == (velocities.temperature is None):
             refuse("must have either standard_deviation or temperature", "velocities")
-        if velocities is not None and velocities.zero_momentum is None:
-            drifts = self.box.periodic and self.particles != 1  # as a whole; a single disk would stand still
-            velocities._resolve(zero_momentum=drifts)
+        if velocities and velocities.zero_momentum is None:
+            # Periodic disks drift as a whole; a single one would stand still.
+            velocities._resolve(zero_momentum=self.box.periodic and self.particles != 1)
 
     def _check_packing(self) -> None:
         """Refuse listed disks that overlap and species that cannot fit; those accepted may still be hard to place."""
         box = (self.box.x, self.box.y) if self.box.periodic else None
-        if self.listed and (pair := overlap(np.array([disk.position for disk in self.listed]), self.radius, box)):
+        position = np.array([disk.position for disk in self.listed])
+        if len(position) > 1 and (pair := overlap(position, self.radius, box)):
             at = " and ".join(f"disk {k} at {list(self.listed[k].position)}" for k in pair[:2])
             refuse(f"{at} overlap: the gap between their edges is {pair[2]:.6g}; must be >= 0", "disks")
         if self.species and self.packing_fraction > HEXAGONAL_PACKING * (1 + 1e-9):
@@ -268,10 +270,9 @@ class Scene(Record):
         In a periodic box of less than four radii a disk could touch two images of one neighbour.
         """
         box, radius = self.box, disk.radius
-        most = min(box.width, box.height) / (4 if box.periodic else 2)
-        if not SMALLEST_RADIUS * max(box.width, box.height) <= radius <= most:
-            share = "a quarter of the shorter side of a periodic" if box.periodic else "half the shorter side of the"
-            allowed = f"at most {share} box, {most!r}, and at least {SMALLEST_RADIUS:g} of the longer side"
+        sides, part = (box.width, box.height), 4 if box.periodic else 2
+        if not SMALLEST_RADIUS * max(sides) <= radius <= min(sides) / part:
+            allowed = f"{SMALLEST_RADIUS * max(sides):g} to {min(sides) / part!r} in this {box.boundary} box"
             refuse(f"must be {allowed}, not {radius!r}", *path, "radius")
         margin = 0.0 if box.periodic else radius
         for axis, value, (low, high) in zip("xy", disk.position or (), (box.x, box.y), strict=False):
@@ -307,12 +308,12 @@ class Scene(Record):
         """
         duration, interval, samples = self.duration, self.sample_interval, self.samples
         if samples is None:
-            times = np.arange(math.ceil(duration / interval - SAME) + 1) * interval
-            times[-1] = duration
+            times = np.arange(math.ceil(duration / interval - SAME)) * interval
         else:
             decades = math.log10(duration) - math.log10(samples.first)
             steps = range(math.ceil(samples.per_decade * decades - SAME))
-            times = np.array([0.0, *(samples.first * 10 ** (k / samples.per_decade) for k in steps), duration])
+            times = np.array([0.0, *(samples.first * 10 ** (k / samples.per_decade) for k in steps)])
+        times = np.append(times, duration)
         times.flags.writeable = False
         return times
 
@@ -365,18 +366,14 @@ def parse_scene(mapping: Any, where: str, particles: int | None = None, name: st
     return scene
 
 
-def overlap(
-    position: np.ndarray, radius: np.ndarray, box: tuple[Pair, Pair] | None = None
-) -> tuple[int, int, float] | None:
+def overlap(position: np.ndarray, radius: np.ndarray, box: tuple | None = None) -> tuple[int, int, float] | None:
     """Return the two disks that overlap most and the (negative) gap between their edges, None if no two overlap.
 
-    position: (N, 2), radius: (N,) [length]. box: (low, high) of x and of y if it is periodic, at least twice the
+    position: (N, 2), radius: (N,) [length], N > 0. box: (low, high) of x and of y if it is periodic, at least twice the
     largest diameter, else None. Overlaps within round-off do not count.
 
     A disk of radius R that overlaps another one, no larger, is nearer to it than 2 R: a k-d tree finds both.
     """
-    if len(radius) < 2:
-        return None
     from scipy.spatial import KDTree  # takes 0.2 s
 
     margin = 2 * radius.max()  # of a box around all disks, in which none is near an image of another

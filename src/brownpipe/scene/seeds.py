@@ -10,7 +10,6 @@ from pydantic import Field, PlainValidator
 from brownpipe.scene.reading import refuse, validated
 
 MOST_SEEDS = 10_000_000
-LARGEST_SEED = 10**18 - 1
 LONGEST_TEXT = 60  # characters of a brief list of seeds
 RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 
@@ -39,7 +38,7 @@ def _seeds(value: Any) -> Sequence[int]:
 
 
 _Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]
-Seed = Annotated[int, Field(strict=True, ge=0, le=LARGEST_SEED)]
+Seed = Annotated[int, Field(strict=True, ge=0, le=10**18 - 1)]
 _Range = Annotated[str, Field(pattern=rf"^\s*{RANGE.pattern}\s*(,\s*{RANGE.pattern}\s*)*$")]
 Seeds = Annotated[Any, PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[Seed | _Range])]
 
@@ -57,9 +56,6 @@ def brief_seed_text(seeds: Sequence[int] | np.ndarray) -> str:
 
 def ranges(seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     """Return first and last seed (included) of each range of consecutive seeds; the seeds ascend."""
-    if isinstance(seeds, range) and seeds.step == 1:
-        return [(seeds[0], seeds[-1])] if seeds else []
     seeds = np.asarray(seeds, np.int64)
-    gaps = np.flatnonzero(np.diff(seeds) != 1)
-    first, last = np.insert(seeds[gaps + 1], 0, seeds[:1]), np.append(seeds[gaps], seeds[-1:])
-    return list(zip(first.tolist(), last.tolist(), strict=True))
+    parts = np.split(seeds, np.flatnonzero(np.diff(seeds) != 1) + 1)
+    return [(int(part[0]), int(part[-1])) for part in parts if len(part)]

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from brownpipe.errors import RequestError
-from brownpipe.scene.reading import As, Number, Positive, Record, key, refuse, validated, with_values
+from brownpipe.scene.reading import As, Number, Positive, Record, key, part_of, refuse, validated, with_values
 from brownpipe.scene.scene import Scene, parse_scene
 
 PACKING_FRACTION = "packing_fraction"
@@ -67,19 +67,21 @@ def scene_with(
 
     Raises RequestError for anything wrong.
     """
-    keys = {path: value for path, value in values.items() if path != PACKING_FRACTION}
     words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
     name = ",".join([name or Path(where).stem, *words])
-    scene = parse_scene(with_values(mapping, keys, where), where, particles, name)
-    if PACKING_FRACTION not in values:
-        return scene
-    wanted = validated(Annotated[Positive, Field(le=1)], values[PACKING_FRACTION], where, PACKING_FRACTION)
-    if scene.listed or scene.packing_fraction == 0:
-        raise RequestError(f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none")
-    factor = math.sqrt(scene.packing_fraction / wanted)
-    lengths = {"box.x": scene.box.x, "box.y": scene.box.y, "disks.tracer.position": scene.species[0].position}
-    scaled = {path: [factor * end for end in ends] for path, ends in lengths.items() if ends}
-    return parse_scene(with_values(scene.given, scaled), where, name=name)
+    keys = dict(values) if particles is None else {**values, "particles": particles}
+    phi = keys.pop(PACKING_FRACTION, None)
+    mapping = with_values(mapping, keys, where)
+    if PACKING_FRACTION in values:
+        wanted = validated(Annotated[Positive, Field(le=1)], phi, where, PACKING_FRACTION)
+        scene = validated(Scene, mapping, where, context="box to be scaled")
+        if scene.listed or scene.packing_fraction == 0:
+            raise RequestError(f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none")
+        factor = math.sqrt(scene.packing_fraction / wanted)
+        lengths = {"box.x": scene.box.x, "box.y": scene.box.y, "disks.tracer.position": scene.species[0].position}
+        scaled = {path: [factor * end for end in ends] for path, ends in lengths.items() if ends}
+        mapping = with_values(mapping, scaled, where)
+    return parse_scene(mapping, where, name=name)
 
 
 def short_name(path: str) -> str:
@@ -89,11 +91,8 @@ def short_name(path: str) -> str:
 
 def value_of(scene: Scene, path: str) -> Any:
     """Return the value of a varied key in a scene: a number, or a text."""
-    if path == PACKING_FRACTION:
-        return float(_word(scene.packing_fraction))
-    found: Any = scene.as_mapping()
-    for word in path.split("."):
-        found = found[word] if isinstance(found, dict) else next(item for item in found if item["name"] == word)
+    is_key = path != PACKING_FRACTION
+    found = part_of(scene.as_mapping(), path.split(".")) if is_key else scene.packing_fraction
     return type(found)(float(_word(found))) if is_number(found) else _word(found)
 
 

@@ -25,7 +25,7 @@ from brownpipe.provenance import digest_of
 from brownpipe.scene import Scene, reading
 from brownpipe.scene.reading import As, AtLeastOne, Count, Name, NotNegative, Positive, Record, key, refuse
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
-from brownpipe.scene.variation import PACKING_FRACTION, Vary, combinations, is_number, scene_with
+from brownpipe.scene.variation import Vary, combinations, is_number, scene_with
 from brownpipe.text import shell_path
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
@@ -165,8 +165,6 @@ class Study(Record):
                     varied[of_counts[0].name] = path, values
             except RequestError as error:
                 refuse(str(error).removeprefix("vary: "), *(("vary",) if self.vary else ("scenes", k)))
-        if PACKING_FRACTION in self.vary and len(self.particles or ()) > 1:  # each number would have a box of its own
-            refuse(f"{PACKING_FRACTION}: must be with one number of particles, for which it sets the box", "vary")
         self._resolve(scenes=tuple(paths.values()), cases=tuple(cases), varied=varied)
 
     def _read_engines(self) -> None:
