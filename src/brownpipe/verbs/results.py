@@ -10,8 +10,8 @@ from brownpipe import tradeoff as comparison
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.scene.reading import AtLeastOne, Positive
-from brownpipe.storage.datasets import write_dataset
-from brownpipe.storage.files import write_file
+from brownpipe.storage.datasets import read_dataset, write_dataset
+from brownpipe.storage.files import seal_of, write_file
 from brownpipe.study import Study, read_study
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import files_of, listed_runs
@@ -98,15 +98,18 @@ def figures(arguments: Namespace) -> None:
 
     example: brownpipe figures small.nc --output figures
     """
-    from brownpipe.report.products import read, write  # takes 0.5 s
+    from brownpipe.figures.origin import record_of
+    from brownpipe.report.products import write  # takes 0.5 s
 
     output = folder(arguments.output)
-    given = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
-    dataset, record = read(arguments.dataset, given)
+    options = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
+    given = {name: value for name, value in options.items() if value is not None}
+    dataset = read_dataset(arguments.dataset)
     if arguments.planned not in (None, dataset.attrs.get("planned")):
         raise RequestError(f"{arguments.dataset}: is not of this study as it is; delete it and run the study again")
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
+        record = record_of(dataset, seal_of(arguments.dataset), given)
         written = write(dataset, output, record, page=page, cores=arguments.cores)
     show(f"{output}: {counted(len(written), 'file')}" + (f", all on one page: {page}" if page else ""))
 
