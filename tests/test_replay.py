@@ -150,8 +150,8 @@ def test_refusals(tmp_path, capsys, runs):
         ("whole.h5",): f"holds no collisions of all disks; {again} --record all,events",
         ("events.h5",): f"holds no collisions of all disks; {again} --record all,events",
         ("both.h5", "--seed", "6"): "holds no run of seed 6",
-        ("both.h5", "--frames", "3"): "--frames: must not be given for a page",
-        ("both.h5", "--fps", "3"): "--fps: must not be given for a page",
+        ("both.h5", "--frames", "3"): "--frames, --fps: must not be given for a page",
+        ("both.h5", "--fps", "3"): "--frames, --fps: must not be given for a page",
     }
     for (name, *options), message in asked.items():
         output = str(tmp_path / "run.html")

@@ -166,9 +166,8 @@ def _page(trajectories: Trajectories, arguments: Namespace, _: str) -> tuple[byt
     """Return the page that replays a run, and what it shows."""
     from brownpipe.report.replay import replay_page
 
-    for option in ("frames", "fps"):
-        if getattr(arguments, option) is not None:
-            raise RequestError(f"--{option}: must not be given for a page, which has every collision instead of frames")
+    if arguments.frames or arguments.fps:
+        raise RequestError("--frames, --fps: must not be given for a page, which has every collision instead of frames")
     return replay_page(trajectories, arguments.file, arguments.seed)
 
 

@@ -3,7 +3,7 @@
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from brownpipe import analysis, progress
 from brownpipe import tradeoff as comparison
@@ -15,9 +15,13 @@ from brownpipe.storage.files import seal_of, write_file
 from brownpipe.study import Study, read_study
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import files_of, listed_runs
+from brownpipe.study.study import Window
 from brownpipe.text import counted, shell_path
-from brownpipe.verbs.options import add_config, add_particles, several, typed, window
+from brownpipe.verbs.options import add_config, add_particles, several, typed
 from brownpipe.verbs.output import NETCDF, PAGE, folder, show, writable
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 
 def add_aggregate(add: Callable) -> None:
@@ -27,7 +31,7 @@ def add_aggregate(add: Callable) -> None:
     add("--study", metavar="STUDY", help=instead)
     _add_runs_of_study(add)
     windows = "where lines are fitted to the MSD (default: two that begin when motion is diffusive)"
-    add("--fit-windows", type=several(window), metavar="T0:T1", help=windows)
+    add("--fit-windows", type=several(typed(Window, ":")), metavar="T0:T1", help=windows)
     width = "of the displacement distribution, with --rings (default: from the data)"
     add("--ring-width", type=typed(Positive), metavar="DR", help=width)
     times = "of the displacement distribution (default: the end of each run)"
@@ -48,7 +52,7 @@ def aggregate(arguments: Namespace) -> None:
     files, windows, times = arguments.files, arguments.fit_windows, arguments.displacement_times
     width, count, study = arguments.ring_width, arguments.rings, None
     if arguments.study is not None:
-        study = _study_of(arguments)
+        study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
         files, times = files_of(study), study.displacement_times
         windows = study.fit_windows if "fit_windows" in study.model_fields_set else None
         width, count = (study.rings.dr, study.rings.count) if study.rings else (None, None)
@@ -58,9 +62,7 @@ def aggregate(arguments: Namespace) -> None:
         dataset = analysis.aggregate(
             files, windows, width, count, times or (), *(([*study.vary], study.vary_together) if study else ())
         )
-    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
-    if study is not None:
-        _list_runs(study, arguments)
+    _write(output, dataset, study, arguments)
     show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
 
 
@@ -120,7 +122,7 @@ def add_tradeoff(add: Callable) -> None:
     _add_runs_of_study(add)
     add("--output", metavar="DATASET.nc", help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)")
     fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
-    add("--fit-window", type=window, metavar="T0:T1", help=fitted)
+    add("--fit-window", type=typed(Window, ":"), metavar="T0:T1", help=fitted)
 
 
 def tradeoff(arguments: Namespace) -> None:
@@ -132,7 +134,7 @@ def tradeoff(arguments: Namespace) -> None:
 
     example: brownpipe tradeoff config/tradeoff.yaml
     """
-    study = _study_of(arguments)
+    study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
     expected = files_of(study)
     inputs = arguments.files or [file.path for file in expected]
     missing = [path for path in inputs if not Path(path).exists()]
@@ -143,13 +145,12 @@ def tradeoff(arguments: Namespace) -> None:
     output = writable(arguments.output or default, arguments.study, *inputs, suffixes=NETCDF)
     with progress.shown("tradeoff"):
         dataset = comparison.measure(arguments.files or expected, dict(study.instead_of), arguments.fit_window)
-    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
-    _list_runs(study, arguments)
+    _write(output, dataset, study, arguments)
     show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")
 
 
 def _add_runs_of_study(add: Callable) -> None:
-    """Add the options of `_study_of` and `_list_runs`, besides the study itself."""
+    """Add the options of a verb that makes a dataset of the runs of a study, besides the study itself."""
     add_config(add)
     plan = "the file that says how many runs the tolerance of the study needs; nothing for a study with seeds"
     add("--plan", nargs="?", metavar="PLAN.yaml", help=plan)
@@ -157,12 +158,8 @@ def _add_runs_of_study(add: Callable) -> None:
     add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
 
 
-def _study_of(arguments: Namespace) -> Study:
-    """Return the study that the options say, with its number of runs."""
-    return settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
-
-
-def _list_runs(study: Study, arguments: Namespace) -> None:
-    """Write the list of runs of a study, if that is asked for."""
-    if arguments.list_runs is not None:
+def _write(output: str, dataset: "Dataset", study: Study | None, arguments: Namespace) -> None:
+    """Write a dataset and, if that is asked for, the list of the runs of its study."""
+    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
+    if study is not None and arguments.list_runs is not None:
         write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())

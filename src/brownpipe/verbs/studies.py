@@ -112,15 +112,14 @@ def plan(arguments: Namespace) -> int:
         raise RequestError("--tolerance: missing; must be given, as the study has none")
     if reason := why_no_relative_error(study.cases):
         raise RequestError(f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan")
-    if arguments.write is not None:
-        validated(Name, Path(arguments.write).stem, key="--write")  # of the new study
-    inputs = (arguments.study, *map(str, study.scenes))
-    output = None if arguments.write is None else writable(arguments.write, *inputs, suffixes=YAML)
+    if output := arguments.write:
+        validated(Name, Path(output).stem, key="--write")  # of the new study
+        output = writable(output, arguments.study, *map(str, study.scenes), suffixes=YAML)
     with progress.shown("plan"):
         found, pilots = performance_of(study, target, tolerance)
     show(*recommendation(found, pilots, target, tolerance).split("\n"))
     best = next(iter(offers(found)), None)
-    if output is not None and best is not None:
+    if output and best is not None:
         write_study(study, arguments.study, output, best, f"brownpipe plan {shlex.join(arguments.argv[1:])}")
         show(f"{output}: a study with this engine and number of runs")
     show(spent_on(pilots))
