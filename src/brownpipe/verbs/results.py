@@ -118,7 +118,6 @@ def figures(arguments: Namespace) -> None:
 
 def add_tradeoff(add: Callable) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
-    add("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
     _add_runs_of_study(add)
     add("--output", metavar="DATASET.nc", help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)")
     fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
@@ -128,23 +127,22 @@ def add_tradeoff(add: Callable) -> None:
 def tradeoff(arguments: Namespace) -> None:
     """Measure the cost-accuracy trade-off: bias and CPU time of every engine of a study, relative to its exact runs.
 
-    Compares the trajectory files of the study, or those given by --files, and runs each engine for some seconds to
-    measure its cost. A file of the study that holds other runs than the study asks for is refused by name.
+    Compares the trajectory files of the study, and runs each engine for some seconds to measure its cost. A file that
+    holds other runs than the study asks for is refused by name.
     `brownpipe figures` draws the figures and tables of the dataset.
 
     example: brownpipe tradeoff config/tradeoff.yaml
     """
     study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
     expected = files_of(study)
-    inputs = arguments.files or [file.path for file in expected]
-    missing = [path for path in inputs if not Path(path).exists()]
-    if missing and not arguments.files:
+    inputs = [str(file.path) for file in expected]
+    if missing := [path for path in inputs if not Path(path).exists()]:
         first = f"brownpipe run {shell_path(arguments.study)} ({missing[0]} is missing)"
         raise RequestError(f"{arguments.study}: has no results yet; run it first: {first}")
     default = f"results/{study.name}/tradeoff/{study.name}.nc"
     output = writable(arguments.output or default, arguments.study, *inputs, suffixes=NETCDF)
     with progress.shown("tradeoff"):
-        dataset = comparison.measure(arguments.files or expected, dict(study.instead_of), arguments.fit_window)
+        dataset = comparison.measure(expected, dict(study.instead_of), arguments.fit_window)
     _write(output, dataset, study, arguments)
     show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")
 
