@@ -13,13 +13,13 @@ SPECIES = ("tracer", "bath")
 PAIRS = ("tracer-tracer", "tracer-bath", "bath-bath")
 CONTACT = (0.6, 0.4, 0.2)  # distances
 EACH = ("scene", "particles", "engine")
-OPTIONS = {"figures": None, "particles": None, "panel": ["scene"], "title": None, "note": None}
-RECORD = OPTIONS | {"made_by": {}, "dataset": {"sha256": "0" * 64}}
+RECORD = {"panel": ["scene"], "made_by": {}, "dataset": {"sha256": "0" * 64}}
 
 
 def render(dataset, folder, names=None, particles=None):
     """Write the products of a dataset, of the figures only `names` if given, into a folder; return the paths."""
-    return write(dataset, folder, RECORD | {"figures": names, "particles": particles})
+    options = {"figures": names, "particles": particles}
+    return write(dataset, folder, RECORD | {name: value for name, value in options.items() if value is not None})
 
 
 def with_measures(dataset):

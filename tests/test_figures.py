@@ -248,7 +248,7 @@ def test_residuals_of_velocities_that_follow_the_model_are_standard_normal(corre
         shown += residuals[np.isfinite(residuals)].tolist()
     assert len(shown) > 3000
     assert abs(np.mean(shown)) < 4 / np.sqrt(len(shown))
-    outside = np.mean(np.abs(shown) > style.LIKELY)
+    outside = np.mean(np.abs(shown) > 2)
     assert outside == pytest.approx(0.0455, abs=4 * np.sqrt(0.0455 / len(shown)))
 
 

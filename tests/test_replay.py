@@ -72,27 +72,27 @@ def page_of(run):
 def data_of(page):
     """The data of a page's first replay."""
     (text,) = re.findall(r'<script type="application/json" class="brownpipe-replay-data">(.*?)</script>', page)
-    data = json.loads(text)
-    return data | {name: np.array(data[name]) for name in ("pair", "position", "velocity", "time", "impulse")}
+    return json.loads(text)
 
 
 def flown(data, times):
     """Positions (T, N, 2) inside the box at each of the times, all disks moved from one collision to the next."""
     mass = np.array(data["mass"])
-    position, velocity = data["position"].reshape(-1, 2).copy(), data["velocity"].reshape(-1, 2).copy()
-    pairs, impulses = data["pair"].reshape(-1, 2), data["impulse"].reshape(-1, 2)
+    position, velocity = np.array(data["position"]), np.array(data["velocity"])
+    collisions = [*zip(*(data["collisions"][name] for name in ("time", "a", "b", "impulse")), strict=True)]
     now, done, frames = 0.0, 0, []
     for time in times:
-        while done < len(pairs) and data["time"][done] <= time:
-            position, now = position + velocity * (data["time"][done] - now), data["time"][done]
-            a, b = pairs[done]
-            velocity[a] += impulses[done] / mass[a]
+        while done < len(collisions) and collisions[done][0] <= time:
+            then, a, b, impulse = collisions[done]
+            position, now = position + velocity * (then - now), then
+            velocity[a] += np.array(impulse) / mass[a]
             if b >= 0:
-                velocity[b] -= impulses[done] / mass[b]
+                velocity[b] -= np.array(impulse) / mass[b]
             done += 1
         frames.append(position + velocity * (time - now))
-    low, size = np.array(data["box"][:2]), np.array(data["box"][2:])
-    return np.mod(np.array(frames) - low, size) + low if data["periodic"] else np.array(frames)
+    low, high = np.array([data["box"]["x"], data["box"]["y"]]).T
+    is_periodic = data["box"]["boundary"] == "periodic"
+    return np.mod(np.array(frames) - low, high - low) + low if is_periodic else np.array(frames)
 
 
 def farthest(scene, positions, recorded):
@@ -117,7 +117,7 @@ def test_a_replay_with_too_many_collisions_ends_earlier_and_says_so(runs, monkey
     monkeypatch.setattr(replay, "MOST_COLLISIONS", 20)
     page = section_of(runs["walls"])
     data, shown = data_of(page), ensemble.times <= events.time[20]
-    assert len(data["time"]) == 20 and data["end"] == events.time[20] < scene.duration
+    assert len(data["collisions"]["time"]) == 20 and data["end"] == events.time[20] < scene.duration
     assert f"(the first 20 of {len(events.time)} collisions, until t = {data['end']:.3g})" in page
     error = farthest(scene, flown(data, ensemble.times[shown]), ensemble.whole[SEED].position[shown])
     assert error <= 1e-9 * scene.radius.min()
@@ -129,7 +129,7 @@ def test_a_page_of_the_note_is_small_and_says_what_it_was_made_from(tmp_path, mo
     assert main(["movie", "run.h5", "--output", "run.html"]) == DONE
     page = (tmp_path / "run.html").read_bytes()
     assert len(page) < 100_000
-    count = len(data_of(page.decode())["time"])
+    count = len(data_of(page.decode())["collisions"]["time"])
     assert count > 500 and re.fullmatch(rf"run.html: {count} collisions, \d+ kB\n", capsys.readouterr().out)
     record = read_record("run.html")
     assert record["movie"]["seed"] == SEED
@@ -150,8 +150,8 @@ def test_refusals(tmp_path, capsys, runs):
         ("whole.h5",): f"holds no collisions of all disks; {again} --record all,events",
         ("events.h5",): f"holds no collisions of all disks; {again} --record all,events",
         ("both.h5", "--seed", "6"): "holds no run of seed 6",
-        ("both.h5", "--frames", "3"): "--frames: must not be given for a page",
-        ("both.h5", "--fps", "3"): "--fps: must not be given for a page",
+        ("both.h5", "--frames", "3"): "--frames, --fps: must not be given for a page",
+        ("both.h5", "--fps", "3"): "--frames, --fps: must not be given for a page",
     }
     for (name, *options), message in asked.items():
         output = str(tmp_path / "run.html")
@@ -242,7 +242,7 @@ def test_the_picture_follows_the_tracer_along_a_channel(chromium, tmp_path, runs
     path.write_text(page_of(runs["channel"]))
     chromium.show(path)
     canvas = "document.querySelector('canvas').getBoundingClientRect()"
-    assert chromium.value(f"{canvas}.width / {canvas}.height") == pytest.approx(replay.ELONGATION, rel=0.1)
+    assert chromium.value(f"{canvas}.width / {canvas}.height") == pytest.approx(6, rel=0.1)
     in_view = []
     for k in (0, -1):
         time, position = (values[k] for values in (ensemble.times, ensemble.whole[SEED].position))

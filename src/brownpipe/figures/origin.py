@@ -39,11 +39,12 @@ Record = dict[str, Any]
 def record_of(dataset: Dataset, digest: str, options: Mapping[str, Any]) -> Record:
     """Return the record of the figures of a dataset.
 
-    digest: the seal of the dataset's file. options: of `brownpipe figures`, with None where they are not given.
+    digest: the seal of the dataset's file. options: of `brownpipe figures`, as far as they are given: `figures`,
+    `particles` and `panel` (`render`), `title` and `note`.
     """
     stated = {str(name): value for name, value in dataset.attrs.items() if name not in DESCRIBING}
     return {
-        **{name: [*value] if isinstance(value, tuple) else value for name, value in options.items()},
+        **options,
         "made_by": made_by("figures"),
         "dataset": {"sha256": digest}
         | {name: json.loads(value) if name in IN_JSON else str(value) for name, value in stated.items()},

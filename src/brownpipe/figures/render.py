@@ -12,7 +12,6 @@ from brownpipe.figures.style import columns, drawing, heads, image_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from types import ModuleType
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -36,14 +35,10 @@ def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel
 
     shown: the cases of each figure (`cases_shown`). panel: labels, as of `cases.panels_of`.
     """
-    module, cases = _module(name), shown[name]
+    module, cases = import_module(f"brownpipe.figures.{name}"), shown[name]
     with drawing():
         table = module.table(cases) if hasattr(module, "table") else frame_of(cases, *module.TABLE)
         return drawing_of(name, _figure(name, cases, panel), table, metadata)
-
-
-def _module(name: str) -> ModuleType:
-    return import_module(f"brownpipe.figures.{name}")
 
 
 def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
@@ -51,7 +46,7 @@ def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
 
     A figure that shows every particle count has one panel. Further rows of panels are drawn by `below`.
     """
-    module = _module(name)
+    module = import_module(f"brownpipe.figures.{name}")
     if not hasattr(module, "curves"):
         return module.draw(cases)
     _, _, variables, every_count, part = FIGURES[name]
@@ -83,7 +78,7 @@ def draw_into(axes: Axes, dataset: Dataset, name: str, particles: int | None = N
 
     looks: of its lines, as of `axes.plot`, such as color and label. Raises FigureError for a figure of several panels.
     """
-    module, (_, _, variables, _, part) = _module(name), FIGURES[name]
+    module, (_, _, variables, _, part) = import_module(f"brownpipe.figures.{name}"), FIGURES[name]
     if not hasattr(module, "curves"):
         raise FigureError(f"ax: must not be given for {name}, which has several panels")
     cases = cases_shown(dataset, particles, [name])[name]

@@ -9,7 +9,6 @@ import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import cycle
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,25 +28,20 @@ GREY = "#6B6B6B"
 INK = "#222222"
 DASHED = (0, (5, 2.5))
 DOTTED = (0, (1, 1.2))
-DASH_DOT = (0, (4, 1.5, 1, 1.5))
 # Colour, line and marker of the first, second, ... species, fit window or scene
 SERIES = (
-    *((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, DASH_DOT, "^"), ("#8A4F7D", DOTTED, "D")),
+    *((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, (0, (4, 1.5, 1, 1.5)), "^"), ("#8A4F7D", DOTTED, "D")),
     *(("#E69F00", (0, (9, 2)), "v"), ("#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P")),
 )
 # Of the points of the first, second, ... series: every pair of colour and marker
 MARKS = [{"color": SERIES[k % 6][0], "fmt": SERIES[(k + k // 6) % 6][2]} for k in range(36)]
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
-MOST_TICKS = 7  # labels of a logarithmic axis of many decades
-SHORT = 0.4  # decades below which a logarithmic axis has the labels of a linear one
-# Digits of the labels of a logarithmic axis of fewer decades than that: two labels at least
-LABELLED = {0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
+# Digits of the labels of a logarithmic axis of fewer decades than that, two labels at least; (): those of a linear one
+LABELLED = {0.4: (), 0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
 TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 KEY_SIZE = 8.8  # of the words of a legend [point]
 KEY = 3.5  # width of these words that fits above a panel [inch]; longer ones are set smaller
-FILL = 0.22  # opacity of a band
-LIKELY = 2.0  # half-height of the grey band of likely residuals, in standard errors
 
 
 def drawing() -> AbstractContextManager:
@@ -57,7 +51,7 @@ def drawing() -> AbstractContextManager:
     """
     from matplotlib import style
 
-    return style.context(["default", Path(__file__).with_suffix(".mplstyle")])
+    return style.context(["default", "brownpipe.figures.style"])
 
 
 def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None = None) -> bytes:
@@ -81,9 +75,7 @@ def grid(rows: int, columns: int, width: float, height: float, **options: Any) -
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def columns(
-    labels: Sequence[str], count: int, heights: Sequence[float], sharey: bool = True
-) -> tuple[Figure, np.ndarray]:
+def columns(labels: Sequence[str], count: int, heights: Sequence[float], sharey: bool) -> tuple[Figure, np.ndarray]:
     """Return a figure of `count` stacks of panels, at most MOST_COLUMNS side by side, and its axes (panels, count).
 
     `labels` name the vertical axes of a stack's panels, `heights` [inch] are those of the panels. With `sharey` the
@@ -144,7 +136,7 @@ def band(axes: Axes, case: Dataset, name: str, color: Any, **line: Any) -> None:
     """Draw a variable over its one dimension, with its 95 % band if it has one; `line` as for `axes.plot`."""
     x = case[case[name].dims[0]].values
     if f"{name}_low" in case:
-        axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=color, alpha=FILL, linewidth=0)
+        axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=color, alpha=0.22, linewidth=0)
     axes.plot(x, case[name], color=color, **line)
 
 
@@ -161,8 +153,8 @@ def highest(cases: Sequence[Dataset], name: str) -> float:
 
 
 def residual_panel(axes: Axes) -> None:
-    """Prepare a panel for residuals in standard errors: a line at zero, and the band of likely ones in grey."""
-    axes.axhspan(-LIKELY, LIKELY, color="#EFEFEF", linewidth=0)
+    """Prepare a panel for residuals in standard errors: a line at zero, and in grey those of up to two."""
+    axes.axhspan(-2, 2, color="#EFEFEF", linewidth=0)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
 
@@ -202,7 +194,7 @@ def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
     axis = getattr(axes, f"{name}axis")
     decades = np.log10(high / low)
     labelled = next(digits for fewer, digits in LABELLED.items() if decades < fewer)
-    axis.set_major_locator(MaxNLocator(2) if decades < SHORT else LogLocator(subs=labelled, numticks=MOST_TICKS))
+    axis.set_major_locator(LogLocator(subs=labelled, numticks=7) if labelled else MaxNLocator(2))
     plain = low >= 1e-4 and high <= 1e4
     axis.set_major_formatter("{x:.4g}" if plain else LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
     axis.set_minor_locator(LogLocator(subs=range(1, 10), numticks=99))

@@ -32,7 +32,7 @@ SHOWN = {
 
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one column per case: components and then speeds, each as densities above and their residuals below."""
-    figure, axes = columns(LABELS * len(SHOWN), len(cases), HEIGHTS * len(SHOWN))
+    figure, axes = columns(LABELS * len(SHOWN), len(cases), HEIGHTS * len(SHOWN), sharey=True)
     for k, (name, (_, _, words, label)) in enumerate(SHOWN.items()):
         for case, (main, low) in zip(cases, axes[2 * k : 2 * k + 2].T, strict=True):
             _density(main, low, case, name)

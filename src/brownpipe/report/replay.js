@@ -7,9 +7,11 @@
 
   // --- the run
 
-  const {position: start, velocity: launch, time: eventTime, pair, impulse} = run;  // x, y of disk after disk
+  const {time: eventTime, a, b, impulse} = run.collisions;  // b: the other disk, or a wall: -1 left, -2 right, ...
   const {radius, mass, shade} = run, disks = radius.length;
-  const [left, bottom, width, height] = run.box;
+  const start = run.position.flat(), launch = run.velocity.flat();  // x, y of disk after disk
+  const [left, right] = run.box.x, [bottom, top] = run.box.y, width = right - left, height = top - bottom;
+  const periodic = run.box.boundary === "periodic";
   const kinetic = (i, u, v) => 0.5 * mass[i] * (u * u + v * v);
   const total = mass.reduce((sum, _, i) => sum + kinetic(i, launch[2 * i], launch[2 * i + 1]), 0);  // conserved
 
@@ -18,12 +20,11 @@
     const x = start.slice(), v = launch.slice(), since = new Float64Array(disks);
     let done = 0;
     for (; done < eventTime.length && eventTime[done] <= time; done++) {
-      for (const side of [0, 1]) {
-        const i = pair[2 * done + side], sign = side ? -1 : 1;
+      for (const [i, sign] of [[a[done], 1], [b[done], -1]]) {
         if (i < 0) continue;  // a wall
         for (const axis of [0, 1]) {
           x[2 * i + axis] += v[2 * i + axis] * (eventTime[done] - since[i]);
-          v[2 * i + axis] += sign * impulse[2 * done + axis] / mass[i];
+          v[2 * i + axis] += sign * impulse[done][axis] / mass[i];
         }
         since[i] = eventTime[done];
       }
@@ -33,14 +34,14 @@
     return {x, v, done};
   }
 
-  const wrapped = (x, low, size) => (run.periodic ? x - size * Math.floor((x - low) / size) : x);
+  const wrapped = (x, low, size) => (periodic ? x - size * Math.floor((x - low) / size) : x);
   const inBox = (x) => Array.from({length: disks}, (_, i) =>
     [wrapped(x[2 * i], left, width), wrapped(x[2 * i + 1], bottom, height)]);
 
   // The tracer's path: its unwrapped position and velocity after each of its collisions.
   const path = [{t: 0, x: start[0], y: start[1], u: launch[0], v: launch[1]}];
   fly(run.end, (n, x, v) => {
-    if (pair[2 * n] === 0 || pair[2 * n + 1] === 0) path.push({t: eventTime[n], x: x[0], y: x[1], u: v[0], v: v[1]});
+    if (a[n] === 0 || b[n] === 0) path.push({t: eventTime[n], x: x[0], y: x[1], u: v[0], v: v[1]});
   });
   const legsUntil = (time) => path.filter((leg) => leg.t <= time);
   function squareAt(time) {
@@ -63,7 +64,8 @@
   }
 
   // The part of the box that is shown: all of it or, of a very long box, a window that follows the tracer.
-  const limited = (side) => Math.min(side, run.elongation * Math.min(width, height));
+  const elongation = 6;  // longer side of the picture over the shorter one at most
+  const limited = (side) => Math.min(side, elongation * Math.min(width, height));
   const seen = {left, bottom, width: limited(width), height: limited(height)};
   function follow([x, y]) {
     seen.left = Math.min(Math.max(x - seen.width / 2, left), left + width - seen.width);
@@ -80,7 +82,7 @@
 
   // Call draw(x, y) at a disk's place and, in a periodic box, at its images that reach into the box.
   function atImages(i, [x, y], draw) {
-    const shifts = (at, low, size) => !run.periodic ? [0] :
+    const shifts = (at, low, size) => !periodic ? [0] :
       [0, at - radius[i] < low ? size : 0, at + radius[i] > low + size ? -size : 0].filter((s, k) => s || !k);
     for (const a of shifts(x, left, width)) for (const b of shifts(y, bottom, height)) draw(x + a, y + b);
   }
@@ -88,7 +90,7 @@
   // Draw the tracer's path so far. In a periodic box each leg is drawn in every image that it crosses, up to the last 8.
   function drawPath(pen, end) {
     const points = legsUntil(now).concat(end);
-    const cell = (x, low, size) => (run.periodic ? Math.floor((x - low) / size) : 0);
+    const cell = (x, low, size) => (periodic ? Math.floor((x - low) / size) : 0);
     const cells = (from, to) =>
       Array.from({length: Math.min(8, Math.abs(to - from)) + 1}, (_, k) => to - k * Math.sign(to - from));
     pen.beginPath();
@@ -135,8 +137,8 @@
     drawFlashes(pen, state.done, places);
     pen.restore();
     pen.strokeStyle = colour("ink");
-    pen.lineWidth = run.periodic ? 1.5 : 2 * margin - 2;
-    pen.setLineDash(run.periodic ? [6, 4] : []);
+    pen.lineWidth = periodic ? 1.5 : 2 * margin - 2;
+    pen.setLineDash(periodic ? [6, 4] : []);
     pen.strokeRect(...whole);
   }
 
@@ -147,7 +149,7 @@
     pen.lineWidth = 2.5;
     for (let n = done - 1; n >= 0 && now - eventTime[n] < lasting; n--) {
       pen.globalAlpha = 1 - (now - eventTime[n]) / lasting;
-      for (const i of [pair[2 * n], pair[2 * n + 1]]) {
+      for (const i of [a[n], b[n]]) {
         if (i >= 0) atImages(i, places[i], (x, y) => { circle(pen, x, y, i); pen.stroke(); });
       }
     }

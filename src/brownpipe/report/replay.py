@@ -4,26 +4,20 @@ Disks move straight from one collision to the next, so that the state at t = 0 a
 position at every time. The page gets these numbers, and `replay.js` computes the positions.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from brownpipe.errors import RequestError
 from brownpipe.figures.movie import legend_entries, shades_of
 from brownpipe.figures.origin import movie_record
 from brownpipe.report.page import filled
-from brownpipe.storage.trajectories import chosen_seed, runs_record
+from brownpipe.storage.trajectories import Trajectories, chosen_seed, runs_record
 from brownpipe.text import counted
-
-if TYPE_CHECKING:
-    from brownpipe.storage.trajectories import Trajectories
 
 MOST_COLLISIONS = 5000  # of a replay: some 350 kB
 RECORD = "all,events"  # what `--record` must be given
-ELONGATION = 6.0  # longer side of the picture over the shorter one at most; of longer boxes a part is shown
 
 
-def replay_page(trajectories: "Trajectories", path: str, seed: int | None = None) -> tuple[bytes, str]:
+def replay_page(trajectories: Trajectories, path: str, seed: int | None = None) -> tuple[bytes, str]:
     """Return a web page with the replay of a run, and in words how many of its collisions it has.
 
     It ends where MOST_COLLISIONS are reached. `path` is the file of the trajectories, for messages; the run is that of
@@ -33,12 +27,10 @@ def replay_page(trajectories: "Trajectories", path: str, seed: int | None = None
     """
     scene, seed = trajectories.scene, _seed_of(trajectories, path, seed)
     track, events = trajectories.ensemble.whole[seed], trajectories.ensemble.events[seed]
-    count, end, extent = len(events.time), scene.duration, counted(len(events.time), "collision")
-    if count > MOST_COLLISIONS:
-        count, end = MOST_COLLISIONS, float(events.time[MOST_COLLISIONS])
-        extent = f"the first {count:,} of {extent}, until t = {end:.3g}"
-    shades = shades_of(scene)
-    pair = np.stack([events.a, events.b], axis=1)  # a disk and its partner, or a wall: -1 left, -2 right, ...
+    shades, end, extent = shades_of(scene), scene.duration, counted(len(events.time), "collision")
+    if len(events.time) > MOST_COLLISIONS:
+        end = float(events.time[MOST_COLLISIONS])
+        extent = f"the first {MOST_COLLISIONS:,} of {extent}, until t = {end:.3g}"
     page = filled(
         "replay.html",
         title=f"{scene.name}, N = {scene.particles}, seed {seed}",
@@ -46,24 +38,20 @@ def replay_page(trajectories: "Trajectories", path: str, seed: int | None = None
         legend=legend_entries(scene, shades),
         record=movie_record(trajectories, RECORD, seed),
         data={
-            "box": [*scene.box.origin, scene.box.width, scene.box.height],
-            "periodic": scene.box.periodic,
-            "elongation": ELONGATION,
+            "box": scene.box.model_dump(),
             "end": end,
             "radius": scene.radius.tolist(),
             "mass": scene.mass.tolist(),
             "shade": shades.tolist(),
-            "position": track.position[0].ravel().tolist(),
-            "velocity": track.velocity[0].ravel().tolist(),
-            "time": events.time[:count].tolist(),
-            "pair": pair[:count].ravel().tolist(),
-            "impulse": events.impulse[:count].ravel().tolist(),  # given to the first of the pair
+            "position": track.position[0].tolist(),
+            "velocity": track.velocity[0].tolist(),
+            "collisions": {name: values[:MOST_COLLISIONS].tolist() for name, values in events._asdict().items()},
         },
     )
     return page, extent
 
 
-def _seed_of(trajectories: "Trajectories", path: str, seed: int | None) -> int:
+def _seed_of(trajectories: Trajectories, path: str, seed: int | None) -> int:
     """Return the seed of the run to replay. Raises RequestError as `replay_page` does."""
     scene, _, ensemble = trajectories[:3]
     ended = len(ensemble.seeds) > len(ensemble.stopped)

@@ -36,10 +36,10 @@ def write_file(path: str | Path, contents: bytes) -> None:
 
     Raises StorageError if the disk is full or the folder cannot be written to; the part is removed.
     """
-    write_files({path: contents})
+    write_files({Path(path): contents})
 
 
-def write_files(files: Mapping[str | Path, bytes]) -> None:
+def write_files(files: Mapping[Path, bytes]) -> None:
     """Write files that belong together, as `write_file`; none is replaced before all of them are written."""
     with ExitStack() as parts:
         for path, contents in files.items():

@@ -9,7 +9,6 @@ from brownpipe.errors import DONE, FAILED, RequestError, StorageError
 from brownpipe.inspection import reproduction
 from brownpipe.inspection.reports import PRODUCTS, failed_runs
 from brownpipe.scene.reading import AtLeastOne, Count, Positive
-from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.datasets import read_contents
 from brownpipe.storage.export import FORMATS
 from brownpipe.storage.export import export as exported
@@ -166,9 +165,8 @@ def _page(trajectories: Trajectories, arguments: Namespace, _: str) -> tuple[byt
     """Return the page that replays a run, and what it shows."""
     from brownpipe.report.replay import replay_page
 
-    for option in ("frames", "fps"):
-        if getattr(arguments, option) is not None:
-            raise RequestError(f"--{option}: must not be given for a page, which has every collision instead of frames")
+    if arguments.frames or arguments.fps:
+        raise RequestError("--frames, --fps: must not be given for a page, which has every collision instead of frames")
     return replay_page(trajectories, arguments.file, arguments.seed)
 
 
@@ -193,7 +191,4 @@ def export(arguments: Namespace) -> None:
     tracks, remarks = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
     for remark in remarks:
         say(f"{output}: {remark}", DONE)
-    samples, disks = next(iter(tracks.values())).position.shape[:2]
-    runs = f"{'seed' if len(tracks) == 1 else 'seeds'} {seed_text(sorted(tracks))}"
-    size = in_bytes(Path(output).stat().st_size)
-    show(f"{output}: {runs}: {counted(samples, 'sample')} of {counted(disks, 'disk')}, {size}")
+    show(f"{output}: {counted(len(tracks), 'run')}, {in_bytes(Path(output).stat().st_size)}")

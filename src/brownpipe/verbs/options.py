@@ -15,12 +15,15 @@ from brownpipe.scene.seeds import Seed
 Value = TypeVar("Value")
 
 
-def typed(kind: Any) -> Callable[[str], Any]:
-    """Return the reader of a value of this type, which is read and refused as in a scene or study file."""
+def typed(kind: Any, separator: str = "") -> Callable[[str], Any]:
+    """Return the reader of a value of this type, which is read and refused as in a scene or study file.
+
+    separator: between the values of a list of this type.
+    """
 
     def read(text: str) -> Any:
         try:
-            return validated(kind, scalar(text))
+            return validated(kind, [*map(scalar, text.split(separator))] if separator else scalar(text))
         except RequestError as error:
             raise ArgumentTypeError(str(error)) from None
 
@@ -30,17 +33,6 @@ def typed(kind: Any) -> Callable[[str], Any]:
 def several(read: Callable[[str], Value]) -> Callable[[str], list[Value]]:
     """Return the reader of values that are separated by commas, from that of one value."""
     return lambda text: [read(part.strip()) for part in text.split(",")]
-
-
-def window(text: str) -> tuple[float, float]:
-    """Return the start and end [time] of T0:T1."""
-    try:
-        start, end = map(float, text.split(":"))
-    except ValueError:
-        start = end = float("nan")
-    if not 0 <= start < end < float("inf"):
-        raise ArgumentTypeError(f"must be T0:T1 with 0 <= T0 < T1, like 0.1:1, not {text!r}")
-    return start, end
 
 
 def key_value(text: str) -> tuple[str, object]:

@@ -73,8 +73,6 @@ def suffix(path: str) -> str:
 
 def folder(path: str) -> str:
     """Return the path of an output folder; raise RequestError for a path that is meant as a file."""
-    if suffix(path) in FILES and not Path(path).is_dir():
-        raise RequestError(f"{path}: the output must be a folder, not a name that ends in {suffix(path)}")
-    if Path(path).exists() and not Path(path).is_dir():
-        raise RequestError(f"{path}: is a file; choose the name of a folder")
+    if not Path(path).is_dir() and (Path(path).exists() or suffix(path) in FILES):
+        raise RequestError(f"{path}: the output must be a folder, not a file")
     return path

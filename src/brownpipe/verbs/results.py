@@ -3,21 +3,25 @@
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from brownpipe import analysis, progress
 from brownpipe import tradeoff as comparison
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.scene.reading import AtLeastOne, Positive
-from brownpipe.storage.datasets import write_dataset
-from brownpipe.storage.files import write_file
+from brownpipe.storage.datasets import read_dataset, write_dataset
+from brownpipe.storage.files import seal_of, write_file
 from brownpipe.study import Study, read_study
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import files_of, listed_runs
+from brownpipe.study.study import Window
 from brownpipe.text import counted, shell_path
-from brownpipe.verbs.options import add_config, add_particles, several, typed, window
+from brownpipe.verbs.options import add_config, add_particles, several, typed
 from brownpipe.verbs.output import NETCDF, PAGE, folder, show, writable
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 
 def add_aggregate(add: Callable) -> None:
@@ -27,7 +31,7 @@ def add_aggregate(add: Callable) -> None:
     add("--study", metavar="STUDY", help=instead)
     _add_runs_of_study(add)
     windows = "where lines are fitted to the MSD (default: two that begin when motion is diffusive)"
-    add("--fit-windows", type=several(window), metavar="T0:T1", help=windows)
+    add("--fit-windows", type=several(typed(Window, ":")), metavar="T0:T1", help=windows)
     width = "of the displacement distribution, with --rings (default: from the data)"
     add("--ring-width", type=typed(Positive), metavar="DR", help=width)
     times = "of the displacement distribution (default: the end of each run)"
@@ -48,7 +52,7 @@ def aggregate(arguments: Namespace) -> None:
     files, windows, times = arguments.files, arguments.fit_windows, arguments.displacement_times
     width, count, study = arguments.ring_width, arguments.rings, None
     if arguments.study is not None:
-        study = _study_of(arguments)
+        study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
         files, times = files_of(study), study.displacement_times
         windows = study.fit_windows if "fit_windows" in study.model_fields_set else None
         width, count = (study.rings.dr, study.rings.count) if study.rings else (None, None)
@@ -58,9 +62,7 @@ def aggregate(arguments: Namespace) -> None:
         dataset = analysis.aggregate(
             files, windows, width, count, times or (), *(([*study.vary], study.vary_together) if study else ())
         )
-    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
-    if study is not None:
-        _list_runs(study, arguments)
+    _write(output, dataset, study, arguments)
     show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
 
 
@@ -98,55 +100,55 @@ def figures(arguments: Namespace) -> None:
 
     example: brownpipe figures small.nc --output figures
     """
-    from brownpipe.report.products import read, write  # takes 0.5 s
+    from brownpipe.figures.origin import record_of
+    from brownpipe.report.products import write  # takes 0.5 s
 
     output = folder(arguments.output)
-    given = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
-    dataset, record = read(arguments.dataset, given)
+    options = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
+    given = {name: value for name, value in options.items() if value is not None}
+    dataset = read_dataset(arguments.dataset)
     if arguments.planned not in (None, dataset.attrs.get("planned")):
         raise RequestError(f"{arguments.dataset}: is not of this study as it is; delete it and run the study again")
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
+        record = record_of(dataset, seal_of(arguments.dataset), given)
         written = write(dataset, output, record, page=page, cores=arguments.cores)
     show(f"{output}: {counted(len(written), 'file')}" + (f", all on one page: {page}" if page else ""))
 
 
 def add_tradeoff(add: Callable) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
-    add("--files", nargs="+", metavar="FILE.h5", help="trajectory files (default: those of the study)")
     _add_runs_of_study(add)
     add("--output", metavar="DATASET.nc", help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)")
     fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
-    add("--fit-window", type=window, metavar="T0:T1", help=fitted)
+    add("--fit-window", type=typed(Window, ":"), metavar="T0:T1", help=fitted)
 
 
 def tradeoff(arguments: Namespace) -> None:
     """Measure the cost-accuracy trade-off: bias and CPU time of every engine of a study, relative to its exact runs.
 
-    Compares the trajectory files of the study, or those given by --files, and runs each engine for some seconds to
-    measure its cost. A file of the study that holds other runs than the study asks for is refused by name.
+    Compares the trajectory files of the study, and runs each engine for some seconds to measure its cost. A file that
+    holds other runs than the study asks for is refused by name.
     `brownpipe figures` draws the figures and tables of the dataset.
 
     example: brownpipe tradeoff config/tradeoff.yaml
     """
-    study = _study_of(arguments)
+    study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
     expected = files_of(study)
-    inputs = arguments.files or [file.path for file in expected]
-    missing = [path for path in inputs if not Path(path).exists()]
-    if missing and not arguments.files:
+    inputs = [str(file.path) for file in expected]
+    if missing := [path for path in inputs if not Path(path).exists()]:
         first = f"brownpipe run {shell_path(arguments.study)} ({missing[0]} is missing)"
         raise RequestError(f"{arguments.study}: has no results yet; run it first: {first}")
     default = f"results/{study.name}/tradeoff/{study.name}.nc"
     output = writable(arguments.output or default, arguments.study, *inputs, suffixes=NETCDF)
     with progress.shown("tradeoff"):
-        dataset = comparison.measure(arguments.files or expected, dict(study.instead_of), arguments.fit_window)
-    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
-    _list_runs(study, arguments)
+        dataset = comparison.measure(expected, dict(study.instead_of), arguments.fit_window)
+    _write(output, dataset, study, arguments)
     show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")
 
 
 def _add_runs_of_study(add: Callable) -> None:
-    """Add the options of `_study_of` and `_list_runs`, besides the study itself."""
+    """Add the options of a verb that makes a dataset of the runs of a study, besides the study itself."""
     add_config(add)
     plan = "the file that says how many runs the tolerance of the study needs; nothing for a study with seeds"
     add("--plan", nargs="?", metavar="PLAN.yaml", help=plan)
@@ -154,12 +156,8 @@ def _add_runs_of_study(add: Callable) -> None:
     add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
 
 
-def _study_of(arguments: Namespace) -> Study:
-    """Return the study that the options say, with its number of runs."""
-    return settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
-
-
-def _list_runs(study: Study, arguments: Namespace) -> None:
-    """Write the list of runs of a study, if that is asked for."""
-    if arguments.list_runs is not None:
+def _write(output: str, dataset: "Dataset", study: Study | None, arguments: Namespace) -> None:
+    """Write a dataset and, if that is asked for, the list of the runs of its study."""
+    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
+    if study is not None and arguments.list_runs is not None:
         write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())

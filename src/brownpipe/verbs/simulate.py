@@ -34,9 +34,8 @@ def add_simulate(add: Callable) -> None:
     replaced = "another value of a key of the scene, like disks.tracer.mass=10 or packing_fraction=0.3; may be repeated"
     add("--value", dest="values", action="append", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
     add("--seeds", default="0", help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)")
-    first, *others = DEFINITIONS.values()
-    names = [f"{first.name} (default): {first.summary}", *(f"{other.name}: {other.summary}" for other in others)]
-    add("--engine", default=first.name, metavar="NAME", help="; ".join(names))
+    names = "; ".join(f"{definition.name}: {definition.summary}" for definition in DEFINITIONS.values())
+    add("--engine", default="exact", metavar="NAME", help=f"{names} (default: exact)")
     for definition in DEFINITIONS.values():
         for key, kind in get_type_hints(definition.settings, include_extras=True).items():
             what = f"of {definition.name}: {settings_of(definition.name).model_fields[key].description}"
@@ -112,13 +111,11 @@ def _made(output: str, ensemble: Ensemble, seconds: float) -> str:
 
 def engine_of(arguments: Namespace) -> Engine:
     """Return the requested engine with its settings. Raises RequestError for checkpoints of an engine without them."""
-    keys = [key for definition in DEFINITIONS.values() for key in definition.settings._fields]
-    settings = {key: getattr(arguments, key) for key in keys}
+    settings = {key: getattr(arguments, key) for one in DEFINITIONS.values() for key in one.settings._fields}
     engine = requested(arguments.engine, {key: value for key, value in settings.items() if value is not None})
     if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
-        keepers = " or ".join(definition.name for definition in DEFINITIONS.values() if definition.keeps_checkpoints)
-        wrong = f"--checkpoint-every {arguments.checkpoint_every:g}: the {engine.name} engine keeps no checkpoints"
-        raise RequestError(f"{wrong}; must go with {keepers}")
+        keepers = " or ".join(one.name for one in DEFINITIONS.values() if one.keeps_checkpoints)
+        raise RequestError(f"--checkpoint-every: must go with {keepers}; {engine.name} keeps no checkpoints")
     return engine
 
 

@@ -113,16 +113,16 @@ def plan(arguments: Namespace) -> int:
         raise RequestError("--tolerance: missing; must be given, as the study has none")
     if reason := why_no_relative_error(study.cases):
         raise RequestError(f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan")
-    if arguments.write is not None:
-        validated(Name, Path(arguments.write).stem, key="--write")  # of the new study
-        if Path(arguments.write).exists():
-            raise RequestError(f"--write: {arguments.write}: exists; choose another name")
-    output = None if arguments.write is None else writable(arguments.write, suffixes=YAML)
+    if output := arguments.write:
+        validated(Name, Path(output).stem, key="--write")  # of the new study
+        if Path(output).exists():
+            raise RequestError(f"--write: {output}: exists; choose another name")
+        output = writable(output, suffixes=YAML)
     with progress.shown("plan"):
         found, pilots = performance_of(study, target, tolerance)
     show(*recommendation(found, pilots, target, tolerance).split("\n"))
     best = next(iter(offers(found)), None)
-    if output is not None and best is not None:
+    if output and best is not None:
         comment = f"brownpipe plan {shlex.join(arguments.argv[1:])}"
         write_study(study, read_keys(arguments.study, config), output, best, comment)
         show(f"{output}: a study with this engine and number of runs")
