@@ -97,7 +97,7 @@ def test_nobody_reads_on():
 
 RUN_IT = f"{STUDY}: is a study, not a scene; run it with brownpipe run {STUDY}"
 SIMULATE_IT = f"{SCENE}: is a scene, not a study; run it with brownpipe simulate {SCENE}, or list it in a study"
-NO_RESULTS = "is cut short or damaged, or not a file of brownpipe"
+NO_RESULTS = "is damaged, cut short or edited, or no file of brownpipe"
 COMMAS = "several values of an option are joined by commas"
 
 

@@ -17,7 +17,7 @@ import pytest
 from brownpipe.cli import main
 from brownpipe.errors import DONE
 from brownpipe.processes import held
-from brownpipe.storage.files import read_sealed
+from brownpipe.storage.files import verified
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import files_of
 from test_workflow import SCENE, command, environment, snakemake
@@ -74,7 +74,7 @@ def test_a_signal_at_a_random_moment_ends_a_simulation(tmp_path, faults):
     left = {path.name for path in tmp_path.glob("*.*") if path.suffix in (".h5", ".part", ".checkpoint")}
     assert left == {"scene.h5"} if process.returncode == 0 else left <= {"scene.h5"}, (left, process.returncode)
     for file in left:
-        read_sealed(tmp_path / file)
+        verified(tmp_path / file)
 
 
 @pytest.fixture(scope="module")

@@ -108,7 +108,7 @@ def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, 
     with pytest.raises(RequestError, match=f"a tolerance of 0.04 needs {runs} runs; at most 100"):
         counted(study)
     Path("counted.yaml").write_bytes(text.replace(b"runs: ", b"runs: 1"))
-    with pytest.raises(StorageError, match="was damaged or edited"):
+    with pytest.raises(StorageError, match="damaged, cut short or edited"):
         plan.settled(study, "counted.yaml")
     with pytest.raises(RequestError, match="--plan: missing"):
         plan.settled(study, None)

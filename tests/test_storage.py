@@ -152,11 +152,11 @@ def test_other_files_are_refused(tmp_path):
     path = tmp_path / "runs.h5"
     assert "No such file" in refusal(read_trajectories, path)
     path.write_text("no HDF5 at all")
-    assert "not a file of brownpipe" in refusal(read_trajectories, path)
+    assert "no file of brownpipe" in refusal(read_trajectories, path)
     with h5py.File(path, "w") as file:
         file["x"] = 1
-    assert "not a file of brownpipe" in refusal(read_trajectories, path)
-    assert "not a file of brownpipe" in refusal(read_dataset, path)
+    assert "no file of brownpipe" in refusal(read_trajectories, path)
+    assert "no file of brownpipe" in refusal(read_dataset, path)
     write_dataset(path, make_dataset())
     assert "not a trajectory file" in refusal(read_trajectories, path)
     write_trajectories(path, make_scene(), Engine("exact"), make_ensemble(make_scene()))

@@ -17,10 +17,9 @@ from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.scene.variation import PACKING_FRACTION
 from brownpipe.storage.store import StoredFile, read_stored
-from brownpipe.storage.trajectories import Trajectories, read_trajectories
+from brownpipe.storage.trajectories import Trajectories, open_runs, read_trajectories
 
 Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with what it is to hold, or runs in memory
-LOADED = 2  # files kept in memory; enough to read each batch of consecutive seeds only once
 
 
 class RunFile(NamedTuple):
@@ -88,7 +87,13 @@ def _group(files: Sequence[RunFile]) -> Group:
     if files[0].contents.scene.listed and len(seeds) > 1:
         alike = "its disks are listed one by one: all its runs are the same; give one seed"
         raise AnalysisError(f"{files[-1].path}: {alike}")
-    return Group(tuple(files), seeds)
+    group = Group(tuple(files), seeds)
+    expected = group.pattern.contents.ensemble.observables.keys()
+    for file in (file for file in files if file.contents.measured is not None):
+        if unlike := ", ".join(sorted(file.contents.ensemble.observables.keys() ^ expected)):
+            wrong = f"has other observables than {group.pattern.path} ({unlike}); make one of the two again"
+            raise AnalysisError(f"{file.path}: {wrong}")
+    return group
 
 
 def _kind(contents: Trajectories) -> list[tuple[str, object]]:
@@ -115,27 +120,17 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
     """Yield the runs of a group in blocks of seeds between multiples of SEEDS_PER_BLOCK, ascending.
 
     The blocks do not depend on how the runs are distributed over files; those of files have no whole runs and no
-    collisions. Raises AnalysisError for a file that lacks observables that another has, and what
-    `read_trajectories` raises.
+    collisions.
     """
-    read = lru_cache(maxsize=LOADED)(lambda path: read_trajectories(path).ensemble._replace(whole={}, events={}))
-
-    def load(file: RunFile) -> Ensemble:
-        return file.contents.ensemble if file.is_in_memory else read(file.path)
-
+    opened = lru_cache(maxsize=2)(open_runs)  # enough to open each batch of consecutive seeds only once
     files = sorted(group.files, key=lambda file: file.seeds.min())
-    blocks = [np.unique(file.seeds // SEEDS_PER_BLOCK) for file in files]
-    expected = load(group.pattern).observables.keys()
     for block in tracked(np.unique(group.seeds // SEEDS_PER_BLOCK), "blocks of runs"):
         parts = []
-        for file in (file for file, own in zip(files, blocks, strict=True) if block in own):
-            runs = load(file)
-            unlike = ", ".join(sorted(runs.observables.keys() ^ expected))
-            if unlike and len(runs.stopped) < len(runs.seeds):  # otherwise nothing was measured
-                wrong = f"has other observables than {group.pattern.path} ({unlike}); make one of the two again"
-                raise AnalysisError(f"{file.path}: {wrong}")
-            is_of_block = runs.seeds // SEEDS_PER_BLOCK == block
-            parts.append(select(runs, is_of_block & np.isin(runs.seeds, file.seeds)))
+        for file in files:
+            if len(seeds := file.seeds[file.seeds // SEEDS_PER_BLOCK == block]):
+                runs = file.contents.ensemble if file.is_in_memory else opened(file.path)
+                rows = np.flatnonzero(np.isin(runs.seeds, seeds))
+                parts.append(select(select(runs, slice(rows[0], rows[-1] + 1)), rows - rows[0]))
         yield joined(parts)
 
 

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from brownpipe.provenance import PACKAGE, made_with
-from brownpipe.storage.files import DATASET, TRAJECTORIES, reading, sealed, write_file
+from brownpipe.storage.files import DATASET, TRAJECTORIES, reading, write_sealed
 from brownpipe.storage.trajectories import SMALL, Trajectories, runs_record, trajectories_in
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
     # Coordinates first: h5netcdf connects each variable anew to those that come after it, a third of the CPU time.
     ordered = dataset.drop_vars(dataset.data_vars).assign(dataset.data_vars)
     image = ordered.drop_encoding().to_netcdf(engine="h5netcdf", encoding=encoding)
-    write_file(path, sealed(bytes(image)))
+    write_sealed(path, image)
 
 
 def read_dataset(path: str | Path) -> "xarray.Dataset":

@@ -11,6 +11,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
 
 import h5py
@@ -78,9 +79,10 @@ def sync(path: Path) -> None:
         os.close(handle)
 
 
-def sealed(contents: bytes) -> bytes:
-    """Return the contents with their seal behind them."""
-    return contents + SEAL + f"{hashlib.sha256(contents).hexdigest()}\n".encode()
+def write_sealed(path: str | Path, contents: bytes | memoryview) -> None:
+    """Write a file as `write_file`, with its seal behind the contents."""
+    with replacing(path) as part, part.open("wb") as file:
+        file.writelines([contents, SEAL + f"{hashlib.sha256(contents).hexdigest()}\n".encode()])
 
 
 def seal_of(path: str | Path) -> str:
@@ -88,20 +90,22 @@ def seal_of(path: str | Path) -> str:
     return Path(path).read_bytes()[-65:-1].decode()
 
 
-def read_sealed(path: str | Path) -> bytes:
-    """Return the contents of a file without its seal, which is verified.
+def verified(path: str | Path) -> str | Path:
+    """Return the path of a file after its seal is verified, with some of its bytes at a time in memory.
 
     Raises OSError if it cannot be read and, without the name of the file, StorageError if it is damaged, WrongFileError
     if it has neither a seal nor the first bytes of HDF5.
     """
-    contents = Path(path).read_bytes()
-    rest, seal, digest = contents.rpartition(SEAL)
-    if not seal or len(digest) != 65:
-        kind = StorageError if HDF5.startswith(contents[: len(HDF5)]) else WrongFileError
-        raise kind("is cut short or damaged, or not a file of brownpipe")
-    if digest != f"{hashlib.sha256(rest).hexdigest()}\n".encode():
-        raise StorageError("was damaged or edited after it was written")
-    return rest
+    with Path(path).open("rb") as file:
+        start, end = file.read(len(HDF5)), os.fstat(file.fileno()).st_size - len(SEAL) - 65
+        digest = hashlib.sha256(start)
+        while block := file.read(min(2**20, max(end - file.tell(), 0))):
+            digest.update(block)
+        seal = file.read()
+    if seal != SEAL + f"{digest.hexdigest()}\n".encode():
+        is_ours = seal.startswith(SEAL) or HDF5.startswith(start)
+        raise (StorageError if is_ours else WrongFileError)("is damaged, cut short or edited, or no file of brownpipe")
+    return path
 
 
 @contextmanager
@@ -113,7 +117,7 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
     try:
         yield
     except (WrongFileError, OSError) as error:
-        raise WrongFileError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
+        raise WrongFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     except MALFORMED as error:
         again = f"if brownpipe wrote it, delete it and run the study, or brownpipe {verb}, again"
         raise StorageError(f"{path}: is damaged, or of another version of brownpipe: {error}; {again}") from error
@@ -128,22 +132,20 @@ def writing(path: str | Path) -> Iterator[h5py.File]:
 
     The same groups, datasets and attributes give the same bytes.
     """
-    with h5py.File.in_memory(block_size=2**20) as file:
+    with h5py.File(image := BytesIO(), "w") as file:
         yield file
-        file.flush()
-        contents = file.id.get_file_image()
-    write_file(path, sealed(contents))
+    write_sealed(path, image.getbuffer())
 
 
 @contextmanager
 def reading(path: str | Path, *kinds: str) -> Iterator[h5py.File]:
-    """Yield a file of these KINDS from memory, after its seal is verified.
+    """Yield a file of these KINDS, after its seal is verified.
 
     Raises StorageError, which names the file and says how to make it again, if it is damaged or of another version;
     WrongFileError if it does not exist or is of another kind.
     """
     verb = "aggregate" if Path(path).suffix == ".nc" else "simulate"
-    with naming(path, verb), h5py.File.in_memory(read_sealed(path)) as file:
+    with naming(path, verb), h5py.File(verified(path), locking=False) as file:
         kind = next((kind for kind in KINDS if kind in file.attrs), DATASET)
         if kind not in kinds:
             raise WrongFileError(f"is {KINDS[kind]}, not {' or '.join(KINDS[one] for one in kinds)}")

@@ -108,12 +108,11 @@ def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
     root = groups["/"]
     seeds = root["seed"].tolist()
     stopped = {seed: str(reason) for seed, reason in zip(seeds, root.get("stopped", ()), strict=False) if reason}
-    columns = {seed: column for column, seed in enumerate(seeds) if seed not in stopped}
     disks = Track(*map(groups["/disks"].get, Track._fields)) if "/disks" in groups else None
     tracer = Track(*map(root.get, Track._fields)) if "position" in root else None
     observables = {name: values for name, values in root.items() if name not in PLACES["/"]}
-    whole = {seed: disks.of(column) for seed, column in columns.items()} if disks else {}
-    events = _events(groups["/events"], [*columns]) if "/events" in groups else {}
+    whole = {seed: disks.of(column) for column, seed in enumerate(seeds) if seed not in stopped} if disks else {}
+    events = _events(groups["/events"], [seed for seed in seeds if seed not in stopped]) if "/events" in groups else {}
     return Ensemble(root["seed"], root["time"], tracer, observables, whole, events, stopped, dict(own), average)
 
 

@@ -66,7 +66,7 @@ class Trajectories(NamedTuple):
             "average": ensemble.average,
             "variables": json.dumps(sorted(ensemble.observables)),
             "command": runs_record(self, ensemble.seeds, ",".join(sorted(self.record - {"tracer"})))["command"],
-            "source_digest": self.source,
+            "source_digest": self.source or source_digest(*modules_of("simulate", engine.name)),
             "runs_digest": "",
             **({"own_arrays": json.dumps(ensemble.own)} if ensemble.own else {}),
         }
@@ -92,7 +92,7 @@ def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: s
 
 
 def write_trajectories(
-    path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble, source: str | None = None, digest: str = ""
+    path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble, source: str = "", digest: str = ""
 ) -> None:
     """Write a batch of runs to a trajectory file.
 
@@ -101,7 +101,6 @@ def write_trajectories(
 
     Raises StorageError if the file cannot be written.
     """
-    source = source or source_digest(*modules_of("simulate", engine.name))
     attributes, own = Trajectories(scene, engine, ensemble, source).attributes, ensemble.own
     with writing(path) as file:
         file.attrs.update(attributes | {TRAJECTORIES: digest})
@@ -139,7 +138,7 @@ def _filters(dims: tuple[str, ...], values: np.ndarray) -> dict:
 def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:
     """Return the contents of a trajectory file after verifying its seal.
 
-    outline: tracks, collisions and observables are empty, and not decompressed.
+    outline: tracks and observables are not read, and have no values; whole runs and collisions are left out.
 
     Raises StorageError, which names the file and says how to make it again; WrongFileError if the file does not exist
     or is no trajectory file.
@@ -149,15 +148,23 @@ def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:
 
 
 def trajectories_in(file: h5py.File, outline: bool = False) -> Trajectories:
-    """Return the contents of an open trajectory file; of an `outline` the values of coordinates alone."""
+    """Return the contents of an open trajectory file; in an `outline` tracks and observables are still in the file."""
     header = {name: value for name, value in file.attrs.items() if isinstance(value, str)}
-    groups: Groups = {place: {} for place in PLACES if place in file}
+    groups: Groups = {place: {} for place in (["/"] if outline else PLACES) if place in file}
     for place, variables in groups.items():
         for name, item in file[place].items():
             if "units" in item.attrs:  # no group, and no dimension without coordinates
                 texts = item.asstr() if h5py.check_string_dtype(item.dtype) else item
-                variables[name] = texts[:0] if outline and not item.is_scale else texts[()]
+                variables[name] = item if outline and texts is item and not item.is_scale else texts[()]
     return _runs_of(header, groups)._replace(header=header)
+
+
+def open_runs(path: str | Path) -> Ensemble:
+    """Return the runs of a file whose seal has been verified, without whole runs and collisions, to select slices of.
+
+    Only what is selected is read. The file is open as long as the ensemble is there.
+    """
+    return trajectories_in(h5py.File(path, locking=False), outline=True).ensemble
 
 
 def _runs_of(attributes: Mapping, groups: Groups) -> Trajectories:

@@ -32,7 +32,7 @@ from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS, ranges
-from brownpipe.storage.files import naming, read_sealed, sealed, write_file
+from brownpipe.storage.files import naming, verified, write_file, write_sealed
 from brownpipe.storage.store import RUNS, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
 from brownpipe.study.run_sets import run_set, seconds_of_jobs
@@ -111,7 +111,7 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     if most > MOST_SEEDS:
         raise RequestError(f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}")
     plan = {"tolerance": study.tolerance, "target": study.target, "needed": needed, "runs": most}
-    write_file(path, sealed(f"# The runs that a tolerance needs, determined once\n\n{yaml_text(plan)}".encode()))
+    write_sealed(path, f"# The runs that a tolerance needs, determined once\n\n{yaml_text(plan)}".encode())
     return most, pilots
 
 
@@ -125,7 +125,7 @@ def settled(study: Study, path: str | Path | None) -> Study:
     if path is None:
         raise RequestError("--plan: missing; the number of runs for a tolerance is in results/STUDY/plan/*.yaml")
     with naming(path, "plan"):
-        read_sealed(path)
+        verified(path)
     return study.model_copy(update={"seeds": range(read_yaml(path)["runs"])})
 
 
