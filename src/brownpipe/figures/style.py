@@ -39,9 +39,7 @@ WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 # Digits of the labels of a logarithmic axis of fewer decades than that, two labels at least; (): those of a linear one
 LABELLED = {0.4: (), 0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
-TITLE = 45  # characters of a title that fit above a panel; longer ones are set smaller
 KEY_SIZE = 8.8  # of the words of a legend [point]
-KEY = 3.5  # width of these words that fits above a panel [inch]; longer ones are set smaller
 
 
 def drawing() -> AbstractContextManager:
@@ -97,19 +95,21 @@ def columns(labels: Sequence[str], count: int, heights: Sequence[float], sharey:
 
 
 def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
-    """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend."""
+    """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend.
+
+    A title of more than 45 characters and a legend wider than 3.5 inches are set smaller, so that they fit.
+    """
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
     font = FontProperties(size=KEY_SIZE)
     pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
     for axes, title in zip(panels, titles, strict=True):
-        axes.set_title(title, pad=pad, fontsize=11 * min(1, TITLE / max(len(title), 1)))
+        axes.set_title(title, pad=pad, fontsize=11 * min(1, 45 / max(len(title), 1)))
         if labels := axes.get_legend_handles_labels()[1]:
-            sizes = [text_to_path.get_text_width_height_descent(text, font, "$" in text) for text in labels]
-            width = max(width for width, _, _ in sizes) / 72
+            width = max(text_to_path.get_text_width_height_descent(text, font, "$" in text)[0] for text in labels) / 72
             place = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "borderaxespad": 0.2, "labelspacing": 0.35}
-            axes.legend(**place, fontsize=KEY_SIZE * min(1, KEY / width)).set_in_layout(False)
+            axes.legend(**place, fontsize=KEY_SIZE * min(1, 3.5 / width)).set_in_layout(False)
 
 
 def told_apart(
