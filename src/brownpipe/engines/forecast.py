@@ -41,7 +41,7 @@ FRICTION_TIMES = 5.0  # 1/gamma, in which a hot tracer's kinetic energy comes wi
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 TOO_SHORT = 0.5  # of the forecast time to settle, which is rough
 MOST_RUNS = 10**9  # of one process
-COPIES = 2  # of what is recorded, as arrays and as a file, while it is written
+COPIES = 2  # of whole runs and collisions, while they are written
 
 
 class Cost(NamedTuple):
@@ -51,7 +51,7 @@ class Cost(NamedTuple):
     wall_collisions: float
     seconds: float  # CPU time, with that to write what is recorded
     recorded: float  # bytes in the file
-    kept: float  # bytes in memory until they are written
+    kept: float  # bytes in memory until they are written, besides the file, which is made there
     working: float  # bytes of memory besides, used by one run at a time
     once: float = 0.0  # CPU seconds in each process before its first run, besides START_UP
 
@@ -110,13 +110,13 @@ def _bytes_of_record(
     measured = BYTES_PER_NUMBER * measures.numbers_in(scene, observables)
     changed = min(2 * events, every_disk)  # velocities, as those between two collisions of a disk are the same
     recorded = coordinates * (tracer + every_disk + changed) + logged * 2 / 3 + measured
-    kept = (coordinates + images) * tracer + (2 * coordinates + images) * every_disk
-    return recorded, kept + logged + measured
+    kept = (coordinates + images) * tracer + COPIES * ((2 * coordinates + images) * every_disk + logged)
+    return recorded, kept + measured
 
 
 def memory(cost: Cost, runs: int) -> float:
     """Return the peak memory [bytes] of a process that makes and writes so many runs."""
-    return PROCESS + max(cost.working + runs * cost.kept, COPIES * runs * (cost.kept + cost.recorded))
+    return PROCESS + cost.working + runs * (cost.kept + cost.recorded)
 
 
 def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> float:
