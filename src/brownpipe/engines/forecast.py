@@ -26,11 +26,11 @@ from brownpipe.scene import Scene
 from brownpipe.scene.scene import HEXAGONAL_PACKING
 
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
-EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it
+EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it; half of it for the tracer alone
 SECONDS_PER_EVENT = 1.9e-7  # CPU seconds of a collision, or of a disk that moves by the distance of neighbours
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
 SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, at least
-SECONDS_PER_BYTE = 4e-8  # CPU seconds to compress, write and verify a byte of a file
+SECONDS_PER_BYTE = 3e-8  # CPU seconds to compress, write and verify a byte of a file
 PROCESS = 140e6  # bytes of memory of a process besides its runs: Python, packages, kernels
 BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the engine
 BYTES_PER_SAMPLE = 120  # of a disk that is recorded, during its run: its samples, sorted by disk, intermediate arrays
@@ -90,7 +90,7 @@ def of_run(
     disk_samples = len(scene.times) * (1 + scene.particles * every_disk)
     working = BYTES_PER_DISK * (1 if alone else scene.particles) + BYTES_PER_SAMPLE * disk_samples
     recorded, kept = _bytes_of_record(scene, record, observables, collisions)
-    seconds = EACH_RUN * (1 + (scene.equilibrate.time > 0 and not alone))
+    seconds = EACH_RUN * (0.5 if alone else 1 + (scene.equilibrate.time > 0))
     seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
     seconds += seconds_to_measure(scene, observables, average)
     if not alone:
