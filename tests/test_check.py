@@ -204,7 +204,7 @@ def sampled(samples, particles=30, boundary="reflecting"):
 
 
 MEMORY = {  # scene, runs, record, observables
-    "many runs": (sampled(5000), 350, "tracer", ()),
+    "many runs": (sampled(5000), 500, "tracer", ()),
     "all disks in an observable": (sampled(1000, 1500), 3, "none", ("species_energy",)),
     "many disks": (sampled(1, 300_000, "periodic") | {"disks": crowd(300_000, 0.02)["disks"]}, 1, "tracer", ()),
     "collisions": (crowd(1000, side=40.0, placement="lattice", duration=300.0), 1, "tracer,events", ()),

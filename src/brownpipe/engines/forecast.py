@@ -26,11 +26,11 @@ from brownpipe.scene import Scene
 from brownpipe.scene.scene import HEXAGONAL_PACKING
 
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
-EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it
+EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it; half of it for the tracer alone
 SECONDS_PER_EVENT = 1.9e-7  # CPU seconds of a collision, or of a disk that moves by the distance of neighbours
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
 SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, at least
-SECONDS_PER_BYTE = 4e-8  # CPU seconds to compress, write and verify a byte of a file
+SECONDS_PER_BYTE = 3e-8  # CPU seconds to compress, write and verify a byte of a file
 PROCESS = 140e6  # bytes of memory of a process besides its runs: Python, packages, kernels
 BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the engine
 BYTES_PER_SAMPLE = 120  # of a disk that is recorded, during its run: its samples, sorted by disk, intermediate arrays
@@ -41,7 +41,7 @@ FRICTION_TIMES = 5.0  # 1/gamma, in which a hot tracer's kinetic energy comes wi
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 TOO_SHORT = 0.5  # of the forecast time to settle, which is rough
 MOST_RUNS = 10**9  # of one process
-COPIES = 2  # of what is recorded, as arrays and as a file, while it is written
+COPIES = 2  # of whole runs and collisions, while they are written
 
 
 class Cost(NamedTuple):
@@ -51,7 +51,7 @@ class Cost(NamedTuple):
     wall_collisions: float
     seconds: float  # CPU time, with that to write what is recorded
     recorded: float  # bytes in the file
-    kept: float  # bytes in memory until they are written
+    kept: float  # bytes in memory until they are written, besides the file, which is made there
     working: float  # bytes of memory besides, used by one run at a time
     once: float = 0.0  # CPU seconds in each process before its first run, besides START_UP
 
@@ -90,7 +90,7 @@ def of_run(
     disk_samples = len(scene.times) * (1 + scene.particles * every_disk)
     working = BYTES_PER_DISK * (1 if alone else scene.particles) + BYTES_PER_SAMPLE * disk_samples
     recorded, kept = _bytes_of_record(scene, record, observables, collisions)
-    seconds = EACH_RUN * (1 + (scene.equilibrate.time > 0 and not alone))
+    seconds = EACH_RUN * (0.5 if alone else 1 + (scene.equilibrate.time > 0))
     seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
     seconds += seconds_to_measure(scene, observables, average)
     if not alone:
@@ -110,13 +110,13 @@ def _bytes_of_record(
     measured = BYTES_PER_NUMBER * measures.numbers_in(scene, observables)
     changed = min(2 * events, every_disk)  # velocities, as those between two collisions of a disk are the same
     recorded = coordinates * (tracer + every_disk + changed) + logged * 2 / 3 + measured
-    kept = (coordinates + images) * tracer + (2 * coordinates + images) * every_disk
-    return recorded, kept + logged + measured
+    kept = (coordinates + images) * tracer + COPIES * ((2 * coordinates + images) * every_disk + logged)
+    return recorded, kept + measured
 
 
 def memory(cost: Cost, runs: int) -> float:
     """Return the peak memory [bytes] of a process that makes and writes so many runs."""
-    return PROCESS + max(cost.working + runs * cost.kept, COPIES * runs * (cost.kept + cost.recorded))
+    return PROCESS + cost.working + runs * (cost.kept + cost.recorded)
 
 
 def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> float:
