@@ -273,7 +273,7 @@ def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
     contents = bytearray(stored[0].read_bytes())
     contents[len(contents) // 2] ^= 1
     stored[0].write_bytes(contents)
-    with pytest.raises(StorageError, match=r"0-5.h5: .* is damaged"):
+    with pytest.raises(StorageError, match=r"0-5.h5: is damaged"):
         bp.simulate(SCENE, 3, particles=20, quiet=True)
 
 

@@ -48,7 +48,7 @@ def test_the_drift_of_the_centre_of_mass_is_that_of_drawn_velocities(width):
     drawn = [initial_state.draw(free, seed).velocity for seed in range(2000)]
     square = [((free.mass @ velocity / free.mass.sum()) ** 2).sum() for velocity in drawn]
     error = np.std(square) / np.sqrt(len(square))
-    assert abs(np.mean(square) - friction.drift_square_speed(free)) < 4 * error
+    assert abs(np.mean(square) - 2 * friction.drift_diffusion(free) / free.duration) < 4 * error
 
 
 def test_check_says_what_the_centre_of_mass_does_to_d(tmp_path):

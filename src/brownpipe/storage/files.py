@@ -120,7 +120,8 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
         raise WrongFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     except MALFORMED as error:
         again = f"if brownpipe wrote it, delete it and run the study, or brownpipe {verb}, again"
-        raise StorageError(f"{path}: is damaged, or of another version of brownpipe: {error}; {again}") from error
+        why = error if isinstance(error, StorageError) else f"is of another version of brownpipe: {error}"
+        raise StorageError(f"{path}: {why}; {again}") from error
 
 
 # -- HDF5 --------------------------------------------------------------------------------------------------------------
