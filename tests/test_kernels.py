@@ -163,15 +163,6 @@ def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(copied,
     assert follows(copied, **own | {"XDG_CACHE_HOME": "/dev/null"}) == ["compiling", "machine", "None"]
 
 
-def test_a_folder_that_is_used_again_is_not_the_oldest(tmp_path, monkeypatch):
-    monkeypatch.setattr(kernels.config, "CACHE_DIR", str(tmp_path))
-    folder = kernels._folder()
-    os.utime(folder, (1, 1))
-    for k in range(kernels.NEWEST):
-        (tmp_path / f"kernels-{k}").mkdir()
-    assert kernels._folder() == folder and folder.exists()
-
-
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
     """An entry point made anew, as in another process, with an empty folder."""

@@ -155,14 +155,6 @@ def test_a_tracer_that_does_not_move_has_no_relative_error(study_file, tmp_path,
         tradeoff.compare(runs, runs, (0.1, 0.5), 1.0)
 
 
-def test_plan_replaces_no_scene(study_file, tmp_path, here, capsys):
-    path, scene = study_file(seeds=5), tmp_path / "scenes" / "few.yaml"
-    for name in (scene, tmp_path / "scenes" / ".." / "scenes" / "few.yaml"):
-        assert cli.main(["plan", str(path), "--tolerance", "20%", "--write", str(name)]) == WRONG_REQUEST
-        assert "few.yaml: exists; choose another name" in capsys.readouterr().err
-    assert scene.read_text() == SCENE
-
-
 def test_a_study_that_stores_no_displacements_has_no_plan_for_them(study_file, here):
     study = read_study(study_file(tolerance=0.1, record="none", observables=["species_energy"]))
     with pytest.raises(RequestError, match="the target msd needs record: tracer, or square_displacement"):
