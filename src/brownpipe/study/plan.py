@@ -26,6 +26,7 @@ from brownpipe.analysis.dataset import refuse_taken
 from brownpipe.engines import Engine, forecast
 from brownpipe.engines.ensemble import joined, select
 from brownpipe.errors import RequestError
+from brownpipe.figures.cases import aligned
 from brownpipe.inspection.reports import equilibrium
 from brownpipe.observables.own import is_own
 from brownpipe.progress import tracked
@@ -186,20 +187,16 @@ def offers(performances: Sequence[Performance]) -> list[Offer]:
 
 def recommendation(performances: Sequence[Performance], pilots: Sequence[Pilot], target: str, tolerance: float) -> str:
     """Return a table of the engines in each case, whether runs drift, and the best two offers for all cases."""
-    import pandas as pd  # takes 0.3 s
-
-    rows = [
-        {
-            "case": case_title(each.scene),
-            "engine": each.engine.label,
-            "CPU of a run": in_time(each.cost.seconds),
-            f"bias of {target}": f"{_percent(each.bias)} +- {_percent(each.bias_error)}",
-            "runs": each.runs or "bias too large",
-        }
-        for each in performances
-    ]
+    columns = {
+        "case": [case_title(each.scene) for each in performances],
+        "engine": [each.engine.label for each in performances],
+        "CPU of a run": [in_time(each.cost.seconds) for each in performances],
+        f"bias of {target}": [f"{_percent(each.bias)} +- {_percent(each.bias_error)}" for each in performances],
+        "runs": [f"{each.runs:,}" if each.runs else "bias too large" for each in performances],
+    }
+    table = aligned([(heading, *cells) for heading, cells in columns.items()])
     settled = [f"{case_title(pilot.runs.scene)}: {line}" for pilot in pilots for line in pilot.settled]
-    lines = [*pd.DataFrame(rows).to_string(index=False).splitlines(), *settled, f"{target} to {_percent(tolerance)}:"]
+    lines = [*table, *settled, f"{target} to {_percent(tolerance)}:"]
     made = offers(performances)
     for word, offer in zip(("use", "or"), made, strict=False):
         runs = f"{offer.engine.label}: {offer.runs:,} runs in each case"

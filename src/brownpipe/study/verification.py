@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,24 +24,22 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     can be verified. Nothing is written.
     """
     folder = Path(folder)
-    runs, damaged, missing, stored = set[tuple[str, str]](), list[Path](), list[str](), list[Path]()
-    for path in folder.glob("*/made_from_*.txt"):
+    runs, figures, damaged = set[tuple[str, Sequence[int]]](), list[Path](), list[Path]()
+    for record in sorted(folder.glob("*/*")):
         try:
-            runs |= {_folder_and_seeds(line) for line in path.read_text().splitlines()}
-        except (ValueError, RequestError):
-            damaged.append(path)
+            if record.match("made_from_*.txt"):
+                lines = (line.rsplit(" ", 1) for line in record.read_text().splitlines())
+                runs |= {(where, read_seeds(text)) for where, text in lines}
+            elif record.name == RECORD:
+                figures += [record.parent / name for name in json.loads(record.read_text())["files"]]
+        except (LookupError, RequestError, ValueError):
+            damaged.append(record)
     files = sorted(path for path in folder.rglob("*") if path.suffix in (".h5", ".nc"))
     if not (files or runs or damaged):
         raise WrongFileError(f"{folder}: has no results of a study; must be results/STUDY, or files")
-    for record in folder.glob(f"*/{RECORD}"):
-        try:
-            figures = [record.parent / name for name in json.loads(record.read_text())["files"]]
-        except (ValueError, LookupError):
-            figures = []
-            damaged.append(record)
-        missing += [str(path) for path in figures if not path.is_file()]
-    for where, text in sorted(runs):
-        place, seeds = Path(os.path.relpath(folder.absolute().parents[1] / where)), np.asarray(read_seeds(text))
+    missing, stored = [str(path) for path in figures if not path.is_file()], list[Path]()
+    for where, asked in sorted(runs, key=str):
+        place, seeds = Path(os.path.relpath(folder.absolute().parents[1] / where)), np.asarray(asked)
         batches = stored_batches(place, seeds)
         stored += [place / f"{first}-{last}.h5" for first, last in batches]
         if len(left := without(seeds, batches)):
@@ -52,10 +51,3 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
         except StorageError:
             damaged.append(file)
     return [str(file) for file in files if file not in damaged], [*map(str, damaged)], missing
-
-
-def _folder_and_seeds(line: str) -> tuple[str, str]:
-    """Return the two parts of a line of `made_from_*.txt`; raise ValueError or RequestError for any other line."""
-    where, seeds = line.rsplit(" ", 1)
-    read_seeds(seeds)
-    return where, seeds
