@@ -110,7 +110,7 @@ def test_an_engine_of_another_version(tmp_path):
     """A setting of no meaning here is refused."""
     path, scene = tmp_path / "runs.h5", make_scene(particles=5)
     write_trajectories(path, scene, Engine("exact", (("cell_side", 1.5),)), make_ensemble(scene))
-    assert "of another version of brownpipe: cell_side: unknown key" in refusal(read_trajectories, path)
+    assert "cell_side: unknown key; allowed: name; if a version" in refusal(read_trajectories, path)
 
 
 @pytest.mark.filterwarnings("error")

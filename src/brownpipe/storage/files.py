@@ -119,9 +119,8 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
     except (WrongFileError, OSError) as error:
         raise WrongFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     except MALFORMED as error:
-        again = f"if brownpipe wrote it, delete it and run the study, or brownpipe {verb}, again"
-        why = error if isinstance(error, StorageError) else f"is of another version of brownpipe: {error}"
-        raise StorageError(f"{path}: {why}; {again}") from error
+        again = f"if a version of brownpipe wrote it, delete it and run the study, or brownpipe {verb}, again"
+        raise StorageError(f"{path}: {error}; {again}") from error
 
 
 # -- HDF5 --------------------------------------------------------------------------------------------------------------
