@@ -8,6 +8,7 @@ number of colours with which they stay below 100 kB, and so is a table of the ti
 
 import csv
 import io
+import resource
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -50,7 +51,7 @@ def page() -> tuple[str, dict[str, Path]]:
     ordered = sorted(STUDIES, key=lambda file: ORDER.index(file.stem) if file.stem in ORDER else len(ORDER))
     head = (
         "# Gallery\n\nThe studies in `config/`, each with one of its figures, as drawn by `make gallery`. The time of a"
-        " study is the sum over its jobs, on a virtual machine with two cores; the expected workload is that of"
+        " study is that of its CPUs, on a virtual machine with two cores; the expected workload is that of"
         " `brownpipe check config/STUDY.yaml`.\n"
     )
     linked = {f"gallery/{file.stem}.png": FIGURES / f"{file.stem}.png" for file in STUDIES}
@@ -106,15 +107,13 @@ def reduced(png: bytes) -> bytes:
 
 
 def times() -> dict[str, float]:
-    """Return the time that each study took [s]."""
+    """Return the CPU time that each study took [s]."""
     return {name: float(seconds) for name, seconds in csv.reader(TIMES.read_text().splitlines())}
 
 
-def note_time(file: Path) -> None:
-    """Add up the times of the jobs of a study, as Snakemake has noted them, and enter their sum into the table."""
-    tables = sorted(Path("results", file.stem, "benchmarks").rglob("*.tsv"))
-    jobs = [job for table in tables for job in csv.DictReader(table.read_text().splitlines(), delimiter="\t")]
-    entered = {**(times() if TIMES.exists() else {}), file.stem: sum(float(job["s"]) for job in jobs)}
+def note_time(file: Path, seconds: float) -> None:
+    """Enter the CPU time of a study into the table."""
+    entered = {**times(), file.stem: seconds}
     TIMES.write_text("".join(f"{name},{seconds:.1f}\n" for name, seconds in sorted(entered.items())))
 
 
@@ -125,15 +124,18 @@ def draw(file: Path) -> None:
     (FIGURES / f"{file.stem}.png").write_bytes(reduced(shown.read_bytes()))
 
 
-def run(file: Path, cores: str) -> None:
-    """Run a study in this folder. What is there already is kept."""
+def run(file: Path, cores: str) -> float:
+    """Run a study in this folder and return its CPU time [s]. What is there already is kept."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     target = ["tradeoff_figures"] if file.stem in TRADEOFFS else []
     options = ["--snakefile", ROOT / "Snakefile", "--cores", cores, "--configfile", file]
     subprocess.run(["snakemake", *target, *options], check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 if __name__ == "__main__":
     for study_file in STUDIES:
-        run(study_file, sys.argv[1])
+        seconds = run(study_file, sys.argv[1])
         draw(study_file)
-        note_time(study_file)
+        note_time(study_file, seconds)
