@@ -55,15 +55,17 @@ def test_a_variant_is_the_scene_with_these_values_in_its_file():
     values = {MASS: 10.0, "disks.species.bath.count": 5, "duration": 2.0, "equilibrate.time": 2.0, "box.x": [0, 9.0]}
     variant = scene_with(FLUID, "a/fluid.yaml", values)
     assert variant.text == parse_scene(keys, "fluid.yaml").text
+    assert scene_with({**FLUID, "equilibrate": 50.0}, "fluid.yaml", values) == variant
+    named = {**FLUID["disks"], "species": [{**FLUID["disks"]["species"][0], "name": "my-bath"}]}
+    assert (
+        scene_with({**FLUID, "disks": named}, "a.yaml", {"disks.species.my-bath.mass": 2.0}).name == "a,my-bath_mass=2"
+    )
     assert variant.name == "fluid,tracer_mass=10,bath_count=5,duration=2,equilibrate_time=2,box_x=0-9"
     span = {"from": 1, "to": 100, "count": 3, "spacing": "log"}
     assert validated(Vary, {MASS: span}) == {MASS: pytest.approx((1.0, 10.0, 100.0))}
     (counts,) = validated(Vary, {"n": {"from": 5, "to": 15, "count": 3}}).values()
-    assert [scene_with(FLUID, "a.yaml", {"disks.species.bath.count": count}).particles for count in counts] == [
-        6,
-        11,
-        16,
-    ]
+    scenes = [scene_with(FLUID, "a.yaml", {"disks.species.bath.count": count}) for count in counts]
+    assert [scene.particles for scene in scenes] == [6, 11, 16]
 
 
 @given(st.floats(1e-3, 0.5))

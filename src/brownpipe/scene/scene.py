@@ -29,7 +29,7 @@ SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of 
 HEXAGONAL_PACKING = math.pi / math.sqrt(12)  # its packing fraction; no placement of species is denser
 
 # With the values of varied keys (`variation`): `fluid,tracer_mass=10`.
-SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,\w+=[\w.-]{{1,64}})*$")]
+SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,[\w-]+=[\w.-]{{1,64}})*$")]
 
 
 def _ascending(side: tuple[float, float]) -> tuple[float, float]:

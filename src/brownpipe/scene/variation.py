@@ -71,6 +71,9 @@ def scene_with(
     name = ",".join([name or Path(where).stem, *words])
     keys = dict(values) if particles is None else {**values, "particles": particles}
     phi = keys.pop(PACKING_FRACTION, None)
+    time = mapping.get("equilibrate")  # a number stands for a mapping
+    if is_number(time) and any(path.startswith("equilibrate.") for path in keys):
+        keys = {"equilibrate": {"time": time}, **keys}
     mapping = with_values(mapping, keys, where)
     if PACKING_FRACTION in values:
         wanted = validated(Annotated[Positive, Field(le=1)], phi, where, PACKING_FRACTION)

@@ -38,7 +38,7 @@ def several(read: Callable[[str], Value]) -> Callable[[str], list[Value]]:
 def key_value(text: str) -> tuple[str, object]:
     """Return the key and the value of KEY=VALUE; the value is JSON or, if it is not, a text."""
     key, sign, value = text.partition("=")
-    if not (sign and key.replace(".", "").isidentifier()):
+    if not (sign and key.replace(".", "").replace("-", "").isidentifier()):
         raise ArgumentTypeError(f"must be KEY=VALUE, like seeds=100 or disks.tracer.mass=10, not {text!r}")
     try:
         return key, json.loads(value)
