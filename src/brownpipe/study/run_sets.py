@@ -26,7 +26,7 @@ from brownpipe.text import counted, in_bytes, in_time, shell_path
 
 SECONDS = 30.0  # CPU time of a job of `batch: auto`: starting one takes 2 % of it
 OFTEN = 20.0  # and it is longer by so many times what a job calculates once
-LARGEST = 1e9  # bytes of memory of such a job
+LARGEST = 3e8  # bytes of memory of such a job
 EQUAL_JOBS = 256  # then their length doubles whenever the number of runs before has doubled
 
 MARGIN = 2.0  # of memory and time in requests
