@@ -361,6 +361,7 @@ def test_measured_friction_is_that_of_theory_in_a_thin_bath():
     assert abs(measured / expected - 1) < 0.007 + FAR / math.sqrt(RATE_COLLISIONS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("particles", [3, 5])
 def test_the_measured_collision_rate_is_the_mean_over_runs_drawn_at_its_temperature(particles, monkeypatch):
     """In a periodic box, where two degrees of freedom are missing: without that 22 or 12 % too high."""

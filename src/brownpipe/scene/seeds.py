@@ -56,6 +56,8 @@ def brief_seed_text(seeds: Sequence[int] | np.ndarray) -> str:
 
 def ranges(seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     """Return first and last seed (included) of each range of consecutive seeds; the seeds ascend."""
+    if isinstance(seeds, range) and seeds.step == 1:  # which may be many
+        return [(seeds[0], seeds[-1])] if seeds else []
     seeds = np.asarray(seeds, np.int64)
     parts = np.split(seeds, np.flatnonzero(np.diff(seeds) != 1) + 1)
     return [(int(part[0]), int(part[-1])) for part in parts if len(part)]
