@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import brownpipe as bp
+from brownpipe.analysis.runs import _refuse_namesakes
 from brownpipe.cli import main
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.scan import table
@@ -56,16 +57,16 @@ def test_a_variant_is_the_scene_with_these_values_in_its_file():
     variant = scene_with(FLUID, "a/fluid.yaml", values)
     assert variant.text == parse_scene(keys, "fluid.yaml").text
     assert scene_with({**FLUID, "equilibrate": 50.0}, "fluid.yaml", values) == variant
-    named = {**FLUID["disks"], "species": [{**FLUID["disks"]["species"][0], "name": "my-bath"}]}
-    assert (
-        scene_with({**FLUID, "disks": named}, "a.yaml", {"disks.species.my-bath.mass": 2.0}).name == "a,my-bath_mass=2"
-    )
+    disks = {**FLUID["disks"], "species": [{**FLUID["disks"]["species"][0], "name": "a-b"}]}
+    assert scene_with({**FLUID, "disks": disks}, "a.yaml", {"disks.species.a-b.mass": 2}).name == "a,a-b_mass=2"
+    oblong = scene_with({**FLUID, "box": {**FLUID["box"], "x": [0, 9]}}, "fluid.yaml", {PHI: 0.1})
+    with pytest.raises(bp.AnalysisError, match="two different scenes"):
+        _refuse_namesakes([oblong, scene_with(FLUID, "fluid.yaml", {PHI: 0.1})])
     assert variant.name == "fluid,tracer_mass=10,bath_count=5,duration=2,equilibrate_time=2,box_x=0-9"
     span = {"from": 1, "to": 100, "count": 3, "spacing": "log"}
     assert validated(Vary, {MASS: span}) == {MASS: pytest.approx((1.0, 10.0, 100.0))}
     (counts,) = validated(Vary, {"n": {"from": 5, "to": 15, "count": 3}}).values()
-    scenes = [scene_with(FLUID, "a.yaml", {"disks.species.bath.count": count}) for count in counts]
-    assert [scene.particles for scene in scenes] == [6, 11, 16]
+    assert [scene_with(FLUID, "a.yaml", {"disks.species.bath.count": n}).particles for n in counts] == [6, 11, 16]
 
 
 @given(st.floats(1e-3, 0.5))

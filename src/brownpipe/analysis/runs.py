@@ -111,7 +111,9 @@ def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
         for counted in (uncounted, *uncounted["disks"]["species"]) if scene.species else ():
             counted.update(particles=0, count=0)
         if f"{PACKING_FRACTION}=" in scene.name:
-            uncounted.update(box=scene.box.boundary, disks=[(one.name, one.radius, one.mass) for one in scene.species])
+            lengths = [*scene.box.x, *scene.box.y, *(scene.species[0].position or ())]
+            scaled = (scene.box.boundary, *np.divide(lengths, scene.box.width).round(9))
+            uncounted.update(box=scaled, disks=[(one.name, one.radius, one.mass) for one in scene.species])
         if known.setdefault(scene.name, uncounted) != uncounted:
             raise AnalysisError(f"two different scenes are called {scene.name!r}; give one of them another name")
 

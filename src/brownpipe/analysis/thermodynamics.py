@@ -102,8 +102,8 @@ def columns(case: Case, runs: Ensemble) -> Columns:
 def results(case: Case, averages: Averages) -> dict[str, float]:
     """Return Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
     whole = case.engine.definition.moves_all_disks
-    added = {"drift_diffusion": drift_diffusion(case.scene)} if whole else {}
-    return enskog(case.scene, whole) | {name: value for name, value in added.items() if value > 0}
+    added = drift_diffusion(case.scene)
+    return enskog(case.scene, whole) | ({"drift_diffusion": added} if whole and added > 0 else {})
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"
