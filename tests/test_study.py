@@ -1,6 +1,7 @@
 """The study: which runs are made, in which batches, and what is made of them."""
 
 import re
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -59,6 +60,8 @@ def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_r
     others = ({}, energy, energy | {"record": "none"}, {"engines": [ALL_ENGINES[1]]})
     asked = [{file.path.parent for file in files_of(small(particles=[50], **more))} for more in others]
     assert len(set.union(*asked)) == sum(map(len, asked)) == 8
+    namesake = shutil.copy(SCENE, tmp_path / "of_the_same_text.yaml")
+    assert len(commands(small(particles=[50], scenes=[str(SCENE), str(namesake)]))) == 2
 
 
 @given(st.sets(st.integers(0, 60), min_size=1), st.lists(st.tuples(st.integers(0, 60), st.integers(0, 20)), max_size=8))

@@ -40,9 +40,9 @@ class StoredFile(NamedTuple):
 
 
 def runs_digest(scene: Scene, engine: Engine, record: Set[str], observables: Iterable[str], average: str) -> str:
-    """Return the digest of all that determines runs besides their seeds; N is in the scene."""
-    source = source_digest(*modules_of("simulate", engine.name))
-    return digest_of(scene.digest, engine.options, sorted(record), sorted(map(identity, observables)), average, source)
+    """Return the digest of all that determines runs besides their seeds, and of the scene's name, which they carry."""
+    source, names = source_digest(*modules_of("simulate", engine.name)), sorted(map(identity, observables))
+    return digest_of(scene.name, scene.digest, engine.options, sorted(record), names, average, source)
 
 
 def folder_of_runs(scene: Scene, engine: Engine, digest: str) -> Path:
