@@ -234,7 +234,7 @@ def due(study, verb):
     return shlex.split(command)
 
 
-def test_a_file_in_the_place_of_another_and_a_scene_that_is_edited_meanwhile_are_refused(study, monkeypatch, capsys):
+def test_a_file_in_the_place_of_another_and_what_is_edited_meanwhile_are_refused(study, monkeypatch, capsys):
     monkeypatch.chdir(study)
     one, other = sorted(Path("results/runs/hot").rglob("*.h5"))
     dataset, figure = Path("results/study/aggregate/study.nc"), Path("results/study/figures/health.svg")
@@ -243,8 +243,13 @@ def test_a_file_in_the_place_of_another_and_a_scene_that_is_edited_meanwhile_are
     assert main(["aggregate", str(one), "--output", str(dataset)]) == DONE
     assert main(command) == WRONG_REQUEST and f"{dataset}: is not of this study" in capsys.readouterr().err
     dataset.unlink()
+    command = due(study, "aggregate")
+    Path("study.yaml").write_text(STUDY.replace("seeds: 10", "seeds: 7"))
+    for words in (command, ["tradeoff", *command[2:]]):
+        assert main(words) == WRONG_REQUEST and "study.yaml: has changed since" in capsys.readouterr().err
+    Path("study.yaml").write_text(STUDY)
     shutil.copy(one, other)
-    assert main(due(study, "aggregate")) != DONE
+    assert main(command) != DONE
     assert f"{other}: holds other runs than its name says" in capsys.readouterr().err
     other.unlink()
     command = due(study, "simulate")

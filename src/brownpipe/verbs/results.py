@@ -14,7 +14,7 @@ from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import seal_of, write_file
 from brownpipe.study import Study, read_study
 from brownpipe.study.plan import settled
-from brownpipe.study.run_sets import files_of, listed_runs
+from brownpipe.study.run_sets import digests, files_of, listed_runs
 from brownpipe.study.study import Window
 from brownpipe.text import counted, shell_path
 from brownpipe.verbs.options import add_config, add_particles, several, typed
@@ -52,7 +52,7 @@ def aggregate(arguments: Namespace) -> None:
     files, windows, times = arguments.files, arguments.fit_windows, arguments.displacement_times
     width, count, study = arguments.ring_width, arguments.rings, None
     if arguments.study is not None:
-        study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
+        study = _study(arguments, "aggregate")
         files, times = files_of(study), study.displacement_times
         windows = study.fit_windows if "fit_windows" in study.model_fields_set else None
         width, count = (study.rings.dr, study.rings.count) if study.rings else (None, None)
@@ -133,7 +133,7 @@ def tradeoff(arguments: Namespace) -> None:
 
     example: brownpipe tradeoff config/tradeoff.yaml
     """
-    study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
+    study = _study(arguments, "tradeoff")
     expected = files_of(study)
     inputs = [str(file.path) for file in expected]
     if missing := [path for path in inputs if not Path(path).exists()]:
@@ -154,6 +154,14 @@ def _add_runs_of_study(add: Callable) -> None:
     add("--plan", nargs="?", metavar="PLAN.yaml", help=plan)
     add("--planned", metavar="SHA256", help="of all that the dataset is made from; stored in it")
     add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
+
+
+def _study(arguments: Namespace, step: str) -> Study:
+    """Return the study, with its number of runs. Raises RequestError if it is not the one that --planned says."""
+    study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
+    if arguments.planned not in (None, digests(study)[step]):
+        raise RequestError(f"{arguments.study}: has changed since it was planned; run it again")
+    return study
 
 
 def _write(output: str, dataset: "Dataset", study: Study | None, arguments: Namespace) -> None:
