@@ -332,6 +332,7 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.scan(SCENE, {"duration": [1]}, fit_windows=[(1, 0.5)], observables="no"), "fit_windows"),
         (lambda: bp.analyse("a.h5", fit_windows=(0.1, 1)), r"fit_windows\[0\]: must be a list"),
         (lambda: bp.analyse("a.h5", rings={"dr": 0.1}), "rings.count: missing"),
+        (lambda: bp.run("a.yaml", config={"seeds": "17"}), "config: seeds: must not have a text for a number, .* '17'"),
         (lambda: bp.plot(xarray.Dataset()), "result: must be a dataset of brownpipe.analyse"),
         (lambda: bp.save("runs", "a.h5"), "data: must be"),
         (lambda: bp.save(xarray.DataTree(), "a.nc"), "path: a.nc: must end in .h5 or .hdf5"),

@@ -43,6 +43,7 @@ from brownpipe.storage.store import runs_digest, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, from_tree, to_tree, write_trajectories
 from brownpipe.study import forecast_of_runs, read_study
 from brownpipe.study.study import Rings, Windows
+from brownpipe.study.workflow import from_command_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -229,6 +230,8 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
     What is there is not made again. Raises RequestError for a mistake in the study, RunError if a job fails.
     """
     path, values = validated(Path, study, key="study"), plain(config or {})
+    for key in (key for key, value in values.items() if from_command_line(value) != value):
+        raise RequestError(f"config: {key}: must not have a text for a number, true, false or null: {values[key]!r}")
     name = read_study(path, values).name
     command = [sys.executable, "-P", "-m", "brownpipe", "run", str(path)]
     command += ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))] if cores is not None else []
