@@ -65,8 +65,9 @@ def test_a_variant_is_the_scene_with_these_values_in_its_file():
     assert variant.name == "fluid,tracer_mass=10,bath_count=5,duration=2,equilibrate_time=2,box_x=0-9"
     span = {"from": 1, "to": 100, "count": 3, "spacing": "log"}
     assert validated(Vary, {MASS: span}) == {MASS: pytest.approx((1.0, 10.0, 100.0))}
-    (counts,) = validated(Vary, {"n": {"from": 5, "to": 15, "count": 3}}).values()
-    assert [scene_with(FLUID, "a.yaml", {"disks.species.bath.count": n}).particles for n in counts] == [6, 11, 16]
+    counts = validated(Vary, {(key := "disks.species.bath.count"): span | {"from": 4, "to": 40}})[key]
+    scenes = [scene_with(FLUID, "a.yaml", {key: n}) for n in counts]
+    assert [(one.name, one.particles) for one in scenes] == [(f"a,bath_count={n}", n + 1) for n in (4, 13, 40)]
 
 
 @given(st.floats(1e-3, 0.5))

@@ -146,6 +146,8 @@ VARIED = [
     ("{packing_fraction: [1.5]}", "vary", "packing_fraction: must be less than or equal to 1"),
     ("{packing_fraction: [null]}", "vary", "packing_fraction: must be a valid number, not None"),
     ("{duration: [1, 1.0000000000001]}", "vary", "must be values that differ"),
+    ("{disks.species.bath.count: [10.5]}", "vary", "species[0].count: must be a valid integer or 'rest', not 10.5"),
+    ("{disks.species.bath.count: {from: 2, to: 4, count: 5}}", "vary", "must be values that differ"),
     ("{duration: {from: 1, to: 3}}", "vary.duration.count", "missing"),
     ("{duration: {from: 0, to: 3, count: 3, spacing: log}}", "vary.duration.from", "different from 0"),
     ("{particles: [16]}", "vary", "by the key `particles`"),

@@ -48,8 +48,7 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     for path, value in values.items():
         *parents, last = path.split(".")
         try:
-            part = part_of(document, parents)
-            part[last] = round(value) if last == "count" and isinstance(value, float) and abs(value) < 2**53 else value
+            part_of(document, parents)[last] = value
         except (LookupError, TypeError):
             allowed = "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name of a species"
             raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}") from None

@@ -32,16 +32,23 @@ class Span(Record):
     spacing: Literal["linear", "log"] = key("equal steps or equal factors", "linear")
 
 
-def _spanned(span: Span) -> tuple[float, ...]:
-    """Return the values of a span to DIGITS digits, as the last bits of NumPy's powers differ between processors."""
+def _spanned(span: Span, path: str) -> tuple[float, ...]:
+    """Return the values of a span to DIGITS digits, as the last bits of NumPy's powers differ between processors.
+
+    Numbers of disks are whole.
+    """
     if span.spacing == "log" and not span.first * span.last > 0:
-        refuse("must be different from 0 and of one sign for spacing: log", "from")
-    spaced = np.geomspace if span.spacing == "log" else np.linspace
-    return tuple(float(f"{value:.{DIGITS}g}") for value in spaced(span.first, span.last, span.count))
+        refuse("must be different from 0 and of one sign for spacing: log", path, "from")
+    values = (np.geomspace if span.spacing == "log" else np.linspace)(span.first, span.last, span.count)
+    return tuple(round(value) if path.endswith(".count") else float(f"{value:.{DIGITS}g}") for value in values)
 
 
-Values: Any = Annotated[Span, AfterValidator(_spanned)] | Annotated[tuple[Any, ...], Field(min_length=1)]
-Vary = dict[str, Annotated[tuple[Any, ...], As(Values)]]
+def _all_spanned(vary: dict[str, Any]) -> dict[str, tuple[Any, ...]]:
+    return {path: _spanned(one, path) if isinstance(one, Span) else one for path, one in vary.items()}
+
+
+Values: Any = Span | Annotated[tuple[Any, ...], Field(min_length=1)]
+Vary = Annotated[dict[str, Annotated[tuple[Any, ...], As(Values)]], AfterValidator(_all_spanned)]
 
 
 def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
@@ -71,9 +78,9 @@ def scene_with(
     name = ",".join([name or Path(where).stem, *words])
     keys = dict(values) if particles is None else {**values, "particles": particles}
     phi = keys.pop(PACKING_FRACTION, None)
-    time = mapping.get("equilibrate")  # a number stands for a mapping
-    if is_number(time) and any(path.startswith("equilibrate.") for path in keys):
-        keys = {"equilibrate": {"time": time}, **keys}
+    # A number stands for a mapping.
+    if is_number(mapping.get("equilibrate")) and any(path.startswith("equilibrate.") for path in keys):
+        keys = {"equilibrate": {"time": mapping["equilibrate"]}, **keys}
     mapping = with_values(mapping, keys, where)
     if PACKING_FRACTION in values:
         wanted = validated(Annotated[Positive, Field(le=1)], phi, where, PACKING_FRACTION)
