@@ -36,7 +36,7 @@ from brownpipe.scene.seeds import MOST_SEEDS, ranges
 from brownpipe.storage.files import naming, verified, write_file, write_sealed
 from brownpipe.storage.store import RUNS, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
-from brownpipe.study.run_sets import run_set, seconds_of_jobs
+from brownpipe.study.run_sets import digests, run_set, seconds_of_jobs
 from brownpipe.study.study import REFERENCE, EngineUse, Study
 from brownpipe.text import counted, in_lines, in_time
 
@@ -111,23 +111,25 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     title, most = max(needed.items(), key=lambda item: item[1])
     if most > MOST_SEEDS:
         raise RequestError(f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}")
-    plan = {"tolerance": study.tolerance, "target": study.target, "needed": needed, "runs": most}
-    write_sealed(path, f"# The runs that a tolerance needs, determined once\n\n{yaml_text(plan)}".encode())
+    plan = {"planned": digests(study)["plan"], "needed": needed, "runs": most}
+    write_sealed(path, f"# Runs for a tolerance of {study.tolerance:g} of {study.target}\n\n{yaml_text(plan)}".encode())
     return most, pilots
 
 
 def settled(study: Study, path: str | Path | None) -> Study:
     """Return the study with as many seeds as the file that `write_plan` wrote says; one that has seeds is unchanged.
 
-    Raises RequestError if there is no such file, StorageError if it is not as it was written.
+    Raises RequestError if there is no such file or it is of another study, StorageError if it is not as it was written.
     """
     if study.tolerance is None:
         return study
     if path is None:
         raise RequestError("--plan: missing; the number of runs for a tolerance is in results/STUDY/plan/*.yaml")
     with naming(path, "plan"):
-        verified(path)
-    return study.model_copy(update={"seeds": range(read_yaml(path)["runs"])})
+        plan = read_yaml(verified(path))
+    if plan.get("planned") != digests(study)["plan"]:
+        raise RequestError(f"{path}: is the plan of another study; delete it and run the study again")
+    return study.model_copy(update={"seeds": range(plan["runs"])})
 
 
 # -- engines for a tolerance

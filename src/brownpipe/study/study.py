@@ -285,8 +285,7 @@ def forecast_of_runs(
 
 
 def _repetition(name: str, runs: int) -> str:
-    why = f"as the disks of {name} are listed one by one and leave nothing to chance"
-    return f"must be one seed, {why}; found {runs}"
+    return f"must be one seed, as the disks of {name} are listed one by one and leave nothing to chance; found {runs}"
 
 
 def read_keys(path: str | Path, overrides: Mapping[str, Any]) -> reading.Document:
