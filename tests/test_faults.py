@@ -175,13 +175,14 @@ def test_what_is_wrong_is_said(study, capsys):
     assert f"{first}: " in capsys.readouterr().err
     (RESULTS / "figures/health.png").unlink()
     Path(second).unlink()
-    assert main(["verify", str(RESULTS)]) == FAILED
-    assert capsys.readouterr().out.splitlines() == [
-        f"{first}: is damaged; delete it and run the study again",
-        f"{RESULTS}/figures/health.png: is missing; run the study again",
-        f"{Path(first).parent}: seeds 2-3: is missing; run the study again",
-        f"{RESULTS}: 1 intact, 1 damaged, 2 missing",
-    ]
+    for folder in (str(RESULTS), f"../{study.name}/results"):
+        assert main(["verify", folder]) == FAILED
+        assert capsys.readouterr().out.splitlines() == [
+            f"{first}: is damaged; delete it and run the study again",
+            f"{RESULTS}/figures/health.png: is missing; run the study again",
+            f"{Path(first).parent}: seeds 2-3: is missing; run the study again",
+            f"{folder}: 1 intact, 1 damaged, 2 missing",
+        ]
 
 
 @pytest.mark.parametrize("folder", ["absent", "."])
