@@ -144,6 +144,8 @@ def test_keys_together_share_a_dimension():
     result = bp.scan(bp.Scene(**FLUID), vary, seeds=2, together=True, quiet=True)
     assert result.sizes["tracer_mass"] == 3 and "tracer_radius" not in result.dims
     assert (result.tracer_mass.units, result.tracer_radius.units) == ("mass", "length")
+    rest = bp.scan(bp.Scene(**FLUID), {"equilibrate": [0, 1.5]}, seeds=2, quiet=True).equilibrate
+    assert (rest.units, rest.values.tolist()) == ("time", [0.0, 1.5])
     assert result.tracer_radius.dims == ("tracer_mass",) and result.tracer_radius.values.tolist() == [0.5, 0.6, 0.7]
 
 
