@@ -16,7 +16,7 @@ from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.storage.files import write_file
 from brownpipe.study import read_study
-from brownpipe.study.run_sets import files_of
+from brownpipe.study.run_sets import commands, files_of
 from brownpipe.study.verification import verify_results
 from test_workflow import SCENE
 
@@ -32,9 +32,10 @@ def original(tmp_path_factory):
         patch.chdir(folder)
         Path("hot.yaml").write_text(SCENE)
         Path("mine.yaml").write_text("scenes: hot.yaml\nseeds: 4\nbatch: 2\nfigures: [health]\n")
+        (command,) = commands(read_study("mine.yaml")).values()
         for file in files_of(read_study("mine.yaml")):
-            words = ["--seeds", f"{file.first}-{file.last}", "--output", str(file.path), "--planned", file.digest]
-            assert main(["simulate", "hot.yaml", *words]) == DONE
+            words = ["--seeds", file.path.stem, "--output", str(file.path)]
+            assert main(["simulate", *command.split(), *words]) == DONE
         listed = f"{RESULTS}/aggregate/made_from_0.txt"
         assert main(["aggregate", "--study", "mine.yaml", "--output", DATASET, "--list-runs", listed]) == DONE
         page = ["--figures", "health", "--page", f"{RESULTS}/report.html"]

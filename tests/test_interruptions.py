@@ -19,7 +19,7 @@ from brownpipe.errors import DONE
 from brownpipe.processes import held
 from brownpipe.storage.files import verified
 from brownpipe.study import read_study
-from brownpipe.study.run_sets import files_of
+from brownpipe.study.run_sets import commands, files_of
 from test_workflow import SCENE, command, environment, snakemake
 
 KILLS = ("kill snakemake", "interrupt snakemake", "kill a worker", "kill all", "interrupt all")
@@ -86,10 +86,10 @@ def folder(tmp_path_factory):
     (folder / "study.yaml").write_text("scenes: scenes/hot.yaml\nseeds: 12\nbatch: 2\nfigures: [health]\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        (command,) = commands(read_study("study.yaml")).values()
         for file in files_of(read_study("study.yaml")):
-            words = ["--seeds", f"{file.first}-{file.last}", "--planned", file.digest]
-            words += ["--output", f"whole/{file.path.name}"]
-            assert main(["simulate", "scenes/hot.yaml", *words]) == DONE
+            words = ["--seeds", file.path.stem, "--output", f"whole/{file.path.name}"]
+            assert main(["simulate", *command.split(), *words]) == DONE
     return folder
 
 

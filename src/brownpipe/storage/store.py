@@ -33,9 +33,6 @@ class StoredFile(NamedTuple):
     """A file of runs, and what it is to hold."""
 
     path: Path
-    digest: str  # `runs_digest`
-    first: int  # seed
-    last: int  # seed, included
     seeds: Sequence[int]  # those that are wanted, of this and other files
 
 

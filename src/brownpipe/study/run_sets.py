@@ -104,7 +104,7 @@ def files_of(study: Study) -> list[StoredFile]:
         seeds = np.asarray(runs.seeds, np.int64)
         stored = stored_batches(runs.folder, seeds)
         for first, last in sorted([*stored, *batches(without(seeds, stored), runs.cost, runs.batch)]):
-            files.append(StoredFile(runs.folder / f"{first}-{last}.h5", runs.digest, first, last, runs.seeds))
+            files.append(StoredFile(runs.folder / f"{first}-{last}.h5", runs.seeds))
     return files
 
 
