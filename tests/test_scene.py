@@ -227,7 +227,8 @@ def test_a_scene_with_another_value_of_a_key():
     assert scene.replace(equilibrate=1).equilibrate == scene.replace(equilibrate={"time": 1}).equilibrate
     heavy = scene.replace(disks={"tracer": {"radius": 0.3, "mass": 3.0}, "species": scene.disks.species})
     assert (heavy.mass[0], heavy.name, heavy.particles) == (3.0, scene.name, 150)
-    assert scene.replace(**{"box.boundary": "periodic"}).box.periodic
+    free = scene.replace(**{"box.boundary": "periodic"}, name="free")
+    assert free.box.periodic and free.name == "free"
     assert scene.replace(**{"disks.tracer.mass": np.float64(3), "disks.species.bath.radius": 0.05}).mass[0] == 3.0
     assert scene.replace(**{"equilibrate.time": 1}) == scene.replace(equilibrate=1)
     with pytest.raises(RequestError, match=r"^disks.species.bat.mass: must be .* disks.species.NAME.mass"):

@@ -77,7 +77,7 @@ def _group(files: Sequence[RunFile]) -> Group:
     for file in files:
         for one, of_first in zip(_kind(file.contents), _kind(files[0].contents), strict=True):
             if one != of_first:
-                other = f"has another {one[0]} than {files[0].path}; use or make again one of them"
+                other = f"has another {one[0]} than {files[0].path}; make one again, or call its scene otherwise"
                 raise AnalysisError(f"{file.path}: {other}")
     seeds = np.sort(np.concatenate([file.seeds for file in files]))
     repeated = seeds[1:][seeds[1:] == seeds[:-1]]

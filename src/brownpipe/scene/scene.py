@@ -317,9 +317,9 @@ class Scene(Record):
         times.flags.writeable = False
         return times
 
-    def replace(self, **keys: object) -> "Scene":
-        """Return a scene of the same name with other values of some keys, which may be paths like disks.tracer.mass."""
-        return parse_scene(reading.with_values(self.given, reading.plain(keys)), "", name=self.name)
+    def replace(self, name: str | None = None, **keys: object) -> "Scene":
+        """Return a scene with other values of some keys, which may be paths like disks.tracer.mass, or another name."""
+        return parse_scene(reading.with_values(self.given, reading.plain(keys)), "", name=name or self.name)
 
     def as_mapping(self) -> dict:
         """Return the scene as a mapping like that of a scene file, with every default written out."""
