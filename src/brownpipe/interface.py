@@ -78,7 +78,8 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     name: of the scene in datasets and figures.
 
     `scene.replace(duration=5.0)` returns a scene with other values of some keys, `scene.replace(**{"disks.tracer.mass":
-    3})` one with another value below a key: a path as in `scan`.
+    3})` one with another value below a key: a path as in `scan`. Scenes to be compared have names of their own:
+    `scene.replace(duration=5.0, name="long")`.
 
     Raises RequestError for anything that `read_scene` refuses.
     """
@@ -269,14 +270,16 @@ def mean(array: DataArray) -> Dataset:
 def table(result: Dataset) -> "DataFrame":
     """Return the results of an analysis as a pandas table, with a row for each scene, number of disks and engine.
 
-    Its columns are what was measured, each beside its standard error; fits are those in the first window. `attrs` has
+    Its columns are what was measured, each beside its standard error; fits are those in the first window, too early if
+    `window_start` is below `diffusive_from`. `drifts`: whether the runs are found not to be in equilibrium. `attrs` has
     their units. Raises RequestError for anything else than an analysis.
     """
     _refuse_part(result, RequestError)
     frame = summary_table(result.isel(window=[0])).dropna(axis="columns", how="all")
     left_out = (*SHAPE, "failed_runs", "time", "slope", "slope_standard_error")
-    shown = frame[[name for name in frame if name in result.variables and name not in left_out]]
-    shown.attrs = {name: result[name].attrs["units"] for name in shown if "units" in result[name].attrs}
+    shown = frame[[name for name in frame if name in ("drifts", *result.variables) and name not in left_out]]
+    of_result = result.variables.items()
+    shown.attrs = {name: one.attrs["units"] for name, one in of_result if name in shown and "units" in one.attrs}
     return shown
 
 

@@ -270,7 +270,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
     measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):
         row = {name: case[name].item() for name in (*labels_of_cases(case), "runs", "failed_runs")}
-        row |= {"time": case.duration.item(), "drifts": drifts(case)}
+        row |= {"time": case.duration.item(), "diffusive_from": case.diffusive_from.item(), "drifts": drifts(case)}
         for one, heading, parts in measured:
             for end in ("", "_standard_error"):
                 value = parts[k][one.variable + end].item() if parts[k] is not None else np.nan
