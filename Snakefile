@@ -29,10 +29,11 @@ rule all:
     localrule: True  # on a cluster, too, its output is for the screen here
     params:
         allow_failed=study.allow_failed,
+        planned=made_from["aggregate"],
     shell:
         'cat {input.summary:q} && echo figures and tables: "$(dirname {input.summary:q})"'
         " && echo all on one page: {input.page:q}"
-        " && brownpipe inspect {input.dataset:q} --allow-failed {params.allow_failed}"
+        " && brownpipe inspect {input.dataset:q} --allow-failed {params.allow_failed} --planned {params.planned}"
 
 
 onstart:

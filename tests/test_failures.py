@@ -322,13 +322,13 @@ def test_a_study_survives_a_killed_worker_and_runs_that_cannot_go_on(tmp_path):
     path = {"PATH": f"{program.parent}:{forked.programs()}:{os.environ['PATH']}"}
     program.write_text(WORKERS.format(f"{forked.programs()}/brownpipe"))
     program.chmod(0o755)
-    printed = snakemake(folder, "--cores", "1", fails=True, **path)
+    printed = snakemake(folder, "--cores", "1", status=FAILED, **path)
     last = printed.splitlines()[-1]
     assert last.startswith("    brownpipe: killed, most likely out of memory") and "Traceback" not in printed, printed
     assert {file.name for file in (folder / "results/runs").rglob("*.h5")} == {"0-1.h5", "4-5.h5"}
     program.unlink()
     told = r"study\.nc: 2 of 6 runs failed and are in no average, {}: crowd, N = 40: seeds 0,2"
-    printed = snakemake(folder, "--cores", "1", fails=True, **path)
+    printed = snakemake(folder, "--cores", "1", status=FAILED, **path)
     assert re.search(told.format("allow_failed: 0 accepts no more"), printed.splitlines()[-1]), printed
     answer = (folder / "results/study/figures/summary.txt").read_text()
     assert answer in printed and "failed and left out: 2 of 6 seeds (0,2)" in answer

@@ -15,7 +15,7 @@ import pytest
 
 import forked
 from brownpipe.cli import main
-from brownpipe.errors import DONE, WRONG_REQUEST
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.study import read_study
 
 ROOT = Path(__file__).parent.parent
@@ -63,12 +63,12 @@ def environment(**more):
     return usual | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"} | more
 
 
-def snakemake(folder, *arguments, fails=False, **more):
+def snakemake(folder, *arguments, status=DONE, **more):
     """What snakemake printed. It and the commands of its rules are forked processes."""
     words = command(folder, *arguments)[len(PROGRAM) :]
     path = f"{forked.programs()}:{environment()['PATH']}"
     done = forked.snakemake(*words, cwd=folder.parent, env=environment(**{"PATH": path} | more))
-    assert (done.returncode != 0) == fails, done.printed
+    assert done.returncode == status, done.printed
     return done.printed
 
 
@@ -241,7 +241,9 @@ def test_a_file_in_the_place_of_another_and_what_is_edited_meanwhile_are_refused
     figure.unlink()
     command = due(study, "figures")
     assert main(["aggregate", str(one), "--output", str(dataset)]) == DONE
-    assert main(command) == WRONG_REQUEST and f"{dataset}: is not of this study" in capsys.readouterr().err
+    last = ["inspect", str(dataset), "--allow-failed", "0", "--planned", command[command.index("--planned") + 1]]
+    for words in (command, last):
+        assert main(words) == WRONG_REQUEST and f"{dataset}: is not of this study" in capsys.readouterr().err
     dataset.unlink()
     command = due(study, "aggregate")
     Path("study.yaml").write_text(STUDY.replace("seeds: 10", "seeds: 7"))
@@ -267,7 +269,7 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
         (study / ".snakemake/locks" / name).write_text(f"{words[-1]}\n")
     with open(study / ".snakemake/brownpipe.lock", "w") as alive:
         fcntl.flock(alive, fcntl.LOCK_SH)
-        assert "another run writes in this folder" in snakemake(study, *words, fails=True)
+        assert "another run writes in this folder" in snakemake(study, *words, status=FAILED)
     snakemake(study, *words)
     assert file.is_file()
 
@@ -276,7 +278,7 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
 
 
 def test_a_wrong_study_is_refused_in_one_line(tmp_path):
-    printed = snakemake(write_study(tmp_path / "study"), "--dry-run", "--config", "sed=3", fails=True)
+    printed = snakemake(write_study(tmp_path / "study"), "--dry-run", "--config", "sed=3", status=WRONG_REQUEST)
     (line,) = (line for line in printed.splitlines() if not line.startswith("Using "))
     assert line.startswith("brownpipe: ") and "study.yaml (replaced): sed: unknown key; did you mean" in line
     assert not (tmp_path / "study" / "results").exists()

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
+from brownpipe.errors import WrongFileError
 from brownpipe.provenance import PACKAGE, made_with
 from brownpipe.storage.files import DATASET, TRAJECTORIES, reading, write_sealed
 from brownpipe.storage.trajectories import SMALL, Trajectories, runs_record, trajectories_in
@@ -38,13 +39,18 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
     write_sealed(path, image)
 
 
-def read_dataset(path: str | Path) -> "xarray.Dataset":
+def read_dataset(path: str | Path, planned: str | None = None) -> "xarray.Dataset":
     """Return the dataset of a file, loaded into memory after its seal is verified.
 
-    Raises StorageError, which says how to make the file again; WrongFileError if it does not exist or is no dataset.
+    planned: the digest of what it has to be made from, that of a study as it is.
+    Raises StorageError, which says how to make the file again; WrongFileError if it does not exist or is no dataset, or
+    of another study.
     """
     with reading(path, DATASET) as file:
-        return _dataset_in(file)
+        dataset = _dataset_in(file)
+    if planned not in (None, dataset.attrs.get("planned")):
+        raise WrongFileError(f"{path}: is not of this study as it is; delete it and run the study again")
+    return dataset
 
 
 def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
@@ -58,9 +64,7 @@ class LookedUpOnce(h5py.File):
 
     def __getitem__(self, name: str) -> h5py.Dataset:
         found = self.__dict__.setdefault("found", {})
-        if name not in found:
-            found[name] = super().__getitem__(name)
-        return found[name]
+        return found[name] if name in found else found.setdefault(name, super().__getitem__(name))
 
 
 def _dataset_in(file: h5py.File) -> "xarray.Dataset":

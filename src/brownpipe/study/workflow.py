@@ -16,7 +16,7 @@ from logging import Logger
 from pathlib import Path
 from typing import Any, NoReturn
 
-from brownpipe.errors import RequestError
+from brownpipe.errors import WRONG_REQUEST, RequestError
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import read_yaml, scalar
 from brownpipe.study.run_sets import run_sets, seconds_of_jobs
@@ -49,7 +49,8 @@ def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object
         replaced |= from_command_line(dict(config))
         study = read_study(first, replaced)
     except RequestError as error:
-        sys.exit(f"brownpipe: {error}")
+        print(f"brownpipe: {error}", file=sys.stderr)
+        sys.exit(WRONG_REQUEST)
     words = [shlex.quote(f"{key}={json.dumps(value)}") for key, value in replaced.items()]
     return study, " ".join([shell_path(first), *(["--config", *words] if words else [])])
 

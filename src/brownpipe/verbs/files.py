@@ -30,6 +30,7 @@ def add_inspect(add: Callable) -> None:
     add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
     allowed = "of a dataset, say only which runs failed; exit status 1 if they are more than N"
     add("--allow-failed", type=typed(Count), metavar="N", help=allowed)
+    add("--planned", metavar="SHA256", help="with --allow-failed, refuse a dataset other than that of a study as it is")
     add("--variables", action="store_true", help="list the variables of a dataset with dimensions, units and meaning")
 
 
@@ -45,7 +46,7 @@ def inspect(arguments: Namespace) -> int:
     """
     _refuse_together(arguments)
     if arguments.allow_failed is not None:
-        return _failed(arguments.file, arguments.allow_failed)
+        return _failed(arguments.file, arguments.allow_failed, arguments.planned)
 
     if arguments.reproduce:
         return _reproduce(arguments)
@@ -69,9 +70,9 @@ def _refuse_together(arguments: Namespace) -> None:
         raise RequestError(f"--{given[0]}: must not be given with --{given[1]}".replace("_", "-"))
 
 
-def _failed(path: str, allowed: int) -> int:
+def _failed(path: str, allowed: int, planned: str | None) -> int:
     """Say which runs of a dataset failed, if any."""
-    failed, runs, cases = failed_runs(path)
+    failed, runs, cases = failed_runs(path, planned)
     if not failed:
         return DONE
     status = FAILED if failed > allowed else DONE
