@@ -1,5 +1,6 @@
 """The exact engine against its slow twin, event by event; conservation, time reversal, bits and equilibrium laws."""
 
+import math
 import os
 import pickle
 import subprocess
@@ -12,7 +13,7 @@ import pytest
 
 import naive
 from brownpipe.engines import units
-from brownpipe.engines.exact import layout
+from brownpipe.engines.exact import layout, predictions
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.simulation import simulate
@@ -478,12 +479,37 @@ def test_buckets_become_longer_where_disks_have_spread_out(monkeypatch):
     assert checks[0] > 1000 and min(checks) < 0.01 and min(checks[5:]) > 0.25
 
 
-def in_plain_python(code):
-    """Run some code in a process that compiles nothing and return what it prints, unpickled from hex."""
+@pytest.fixture(scope="module")
+def in_plain_python():
+    """What `runs_in_plain_python` returns in a process that compiles nothing."""
+    code = "import pickle, test_exact; print(pickle.dumps(test_exact.runs_in_plain_python()).hex())"
     folders = Path(__file__).parent, Path(exact.__file__).parents[3]
     plain = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(map(str, folders))}
     done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, check=True)
     return pickle.loads(bytes.fromhex(done.stdout))
+
+
+def runs_in_plain_python():
+    """Runs of every kernel, with blocks of events for a small and for a large cache, and runs with a fault each.
+
+    `literal`: eq. (1) taken literally drops negative times. `blind`: disk 0 does not see the edges of its cells.
+    """
+    found = {"same": []}
+    for fits_cache in (10**9, 0):
+        layout.FITS_CACHE = layout.CANDIDATES_FIT_CACHE = fits_cache
+        found["same"] += [simulate(scene, [3], {"all", "events"}) for scene in FEW.values()]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(predictions, "delay", lambda b, c, d: np.where(c < 0, np.inf, c / (np.sqrt(d) - b)))
+        found["literal"] = [simulate(scene, [0]).observables for scene in touching_scenes()]
+    edges_ahead = predictions.edges_ahead
+
+    def blind(lists, w, i, vx, vy):
+        far = math.copysign(1e300, vx), math.copysign(1e300, vy)
+        return far if i == 0 else edges_ahead(lists, w, i, vx, vy)
+
+    predictions.edges_ahead = blind
+    found["blind"] = [simulate(scene, [0]).observables for scene in strays()]
+    return found
 
 
 def clash(side, duration):
@@ -506,16 +532,9 @@ FEW = {
 
 
 @pytest.mark.slow
-def test_the_compiler_changes_no_bit():
+def test_the_compiler_changes_no_bit(in_plain_python):
     """Every kernel gives the same numbers as plain Python: nothing is reordered, fused or approximated."""
-    others = in_plain_python(
-        "import pickle; from test_exact import FEW, layout, simulate\n"
-        "def runs(fits_cache):\n"
-        "    layout.FITS_CACHE = layout.CANDIDATES_FIT_CACHE = fits_cache\n"
-        "    return [simulate(scene, [3], {'all', 'events'}) for scene in FEW.values()]\n"
-        "print(pickle.dumps(runs(10**9) + runs(0)).hex())"
-    )
-    for scene, other in zip([*FEW.values()] * 2, others, strict=True):
+    for scene, other in zip([*FEW.values()] * 2, in_plain_python["same"], strict=True):
         run = simulate(scene, [3], {"all", "events"})
         assert len(run.events[3].time) >= 10
         for one, two in ((run.whole[3], other.whole[3]), (run.events[3], other.events[3])):
@@ -567,14 +586,9 @@ def touching_scenes():
 
 
 @pytest.mark.slow
-def test_the_run_time_audit_sees_a_lost_collision():
-    """Eq. (1) taken literally drops negative times; disks pass through each other, energy and momentum perfect."""
-    literal = in_plain_python(
-        "import pickle; from test_exact import *; from brownpipe.engines.exact import predictions;"
-        "predictions.delay = lambda b, c, d: np.where(c < 0, np.inf, c / (np.sqrt(d) - b));"
-        "print(pickle.dumps([simulate(scene, [0]).observables for scene in touching_scenes()]).hex())"
-    )
-    for scene, lost in zip(touching_scenes(), literal, strict=True):
+def test_the_run_time_audit_sees_a_lost_collision(in_plain_python):
+    """Disks pass through each other, energy and momentum perfect."""
+    for scene, lost in zip(touching_scenes(), in_plain_python["literal"], strict=True):
         right = simulate(scene, [0]).observables
         assert right["failed"][0] == 0
         assert right["worst_overlap"][0] <= 2e-15
@@ -584,19 +598,6 @@ def test_the_run_time_audit_sees_a_lost_collision():
         if scene.particles == 2:
             assert (right["pair_collisions"][0], lost["pair_collisions"][0]) == (1, 0)
             assert lost["failed"][0] == 1
-
-
-BLIND = """
-import math, pickle
-from test_exact import *
-from brownpipe.engines.exact import predictions
-edges_ahead = predictions.edges_ahead
-def blind(lists, w, i, vx, vy):
-    far = math.copysign(1e300, vx), math.copysign(1e300, vy)
-    return far if i == 0 else edges_ahead(lists, w, i, vx, vy)
-predictions.edges_ahead = blind
-print(pickle.dumps([simulate(scene, [0]).observables for scene in strays()]).hex())
-"""
 
 
 def strays():
@@ -610,10 +611,9 @@ def strays():
 
 
 @pytest.mark.slow
-def test_the_run_time_audit_sees_a_disk_that_left_its_cell_unnoticed():
+def test_the_run_time_audit_sees_a_disk_that_left_its_cell_unnoticed(in_plain_python):
     """No overlap is ever looked at then: the disk is past when it is next predicted."""
-    blind = in_plain_python(BLIND)
-    for scene, lost in zip(strays(), blind, strict=True):
+    for scene, lost in zip(strays(), in_plain_python["blind"], strict=True):
         right = simulate(scene, [0]).observables
         assert right["failed"][0] == 0
         assert lost["failed"][0] == 1

@@ -362,13 +362,10 @@ def test_measured_friction_is_that_of_theory_in_a_thin_bath():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("particles", [3, 5])
-def test_the_measured_collision_rate_is_the_mean_over_runs_drawn_at_its_temperature(particles, monkeypatch):
-    """In a periodic box, where two degrees of freedom are missing: without that 22 or 12 % too high."""
+def test_the_measured_collision_rate_is_the_mean_over_runs_drawn_at_its_temperature(monkeypatch):
+    """In a periodic box, where two degrees of freedom are missing: without that 22 % too high."""
     monkeypatch.setattr(langevin, "RATE_RUNS", 400)
-    scene = scene_of(
-        width=4.0, boundary="periodic", particles=particles, velocities={"temperature": 1.0}, duration=100.0
-    )
+    scene = scene_of(width=4.0, boundary="periodic", particles=3, velocities={"temperature": 1.0}, duration=100.0)
     counts = exact.simulate(scene, range(400), {"none"}).observables["tracer_collisions"]
     mean, error = mean_and_error(counts / scene.duration)
     assert abs(langevin._collision_rate(scene) - mean) < FAR * error < 0.08 * mean
