@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray
 
+import brownpipe as bp
 from brownpipe import analysis, inspection
 from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
@@ -208,15 +209,17 @@ def test_what_differs_is_named(change, folder, said):
 
 
 def test_another_source_is_said_before_the_runs_begin(folder, said, monkeypatch):
-    monkeypatch.setattr(trajectories, "source_digest", lambda *_: "f00d" * 16)
-    monkeypatch.setattr(trajectories, "versions", lambda: versions() | {"numba_version": "0.1"})
-    path = changed(folder / "nothing.h5", lambda _: None)
+    with monkeypatch.context() as patch:
+        patch.setattr(trajectories, "source_digest", lambda *_: "f00d" * 16)
+        patch.setattr(trajectories, "versions", lambda: versions() | {"numba_version": "0.1"})
+        path = changed(folder / "nothing.h5", lambda _: None)
+    bp.save(bp.open(path), "again.h5")
 
     def simulate(*_, **__):
         raise RunError("stopped")
 
     monkeypatch.setattr("brownpipe.engines.exact.simulation.simulate", simulate)
-    status, out, err = said("inspect", path, "--reproduce")
+    status, out, err = said("inspect", "again.h5", "--reproduce")
     assert (status, err) == (FAILED, "brownpipe: stopped\n")
     made_with = r"numba 0\.1, here \S+; source f00df00df00d, here \w{12}"
     assert re.search(rf"^results may differ: the file was made with {made_with}$", out, re.MULTILINE)

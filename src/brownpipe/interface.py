@@ -344,7 +344,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
         raise RequestError(f"path: {path}: must end in {' or '.join(suffixes)}")
     if isinstance(data, DataTree):
         with progress.shown("save"):
-            write_trajectories(path, *from_tree(data, strict=True)[:4])
+            write_trajectories(path, *from_tree(data, strict=True))
     else:
         write_dataset(path, data)
 

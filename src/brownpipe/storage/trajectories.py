@@ -6,7 +6,7 @@ Both have the same groups, names and attributes, which are drawn in `brownpipe.s
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -37,7 +37,7 @@ class Trajectories(NamedTuple):
     engine: Engine
     ensemble: Ensemble
     source: str = ""  # digest of the source code that made the runs
-    header: Mapping[str, str] = {}  # texts in the attributes of the file: versions, and more; empty without a file
+    header: Mapping[str, Any] = {}  # attributes that were read: versions, and more; empty for runs just made
 
     @property
     def record(self) -> frozenset[str]:
@@ -67,10 +67,10 @@ class Trajectories(NamedTuple):
             "variables": json.dumps(sorted(ensemble.observables)),
             "command": runs_record(self, ensemble.seeds, ",".join(sorted(self.record - {"tracer"})))["command"],
             "source_digest": self.source or source_digest(*modules_of("simulate", engine.name)),
-            "runs_digest": "",
+            TRAJECTORIES: self.header.get(TRAJECTORIES, ""),
             **({"own_arrays": json.dumps(ensemble.own)} if ensemble.own else {}),
         }
-        return {**made, **versions(), **self.header}
+        return made | ({name: self.header[name] for name in self.header if name.endswith("_version")} or versions())
 
 
 def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> dict:
@@ -92,16 +92,16 @@ def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: s
 
 
 def write_trajectories(
-    path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble, source: str = "", digest: str = ""
+    path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble, *made: Any, digest: str = ""
 ) -> None:
     """Write a batch of runs to a trajectory file.
 
-    source: digest of the source code that made the runs, by default that of this installation.
+    made: source and header of `Trajectories`, by default of this installation.
     digest: of all that determines the runs (`store.runs_digest`), for those that studies share.
 
     Raises StorageError if the file cannot be written.
     """
-    attributes, own = Trajectories(scene, engine, ensemble, source).attributes, ensemble.own
+    attributes, own = Trajectories(scene, engine, ensemble, *made).attributes, ensemble.own
     with writing(path) as file:
         file.attrs.update(attributes | {TRAJECTORIES: digest})
         for place, variables in groups_of(scene, ensemble).items():
@@ -149,14 +149,13 @@ def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:
 
 def trajectories_in(file: h5py.File, outline: bool = False) -> Trajectories:
     """Return the contents of an open trajectory file; in an `outline` tracks and observables are still in the file."""
-    header = {name: value for name, value in file.attrs.items() if isinstance(value, str)}
     groups: Groups = {place: {} for place in (["/"] if outline else PLACES) if place in file}
     for place, variables in groups.items():
         for name, item in file[place].items():
             if "units" in item.attrs:  # no group, and no dimension without coordinates
                 texts = item.asstr() if h5py.check_string_dtype(item.dtype) else item
                 variables[name] = item if outline and texts is item and not item.is_scale else texts[()]
-    return _runs_of(header, groups)._replace(header=header)
+    return _runs_of(dict(file.attrs), groups)
 
 
 def open_runs(path: str | Path) -> Ensemble:
@@ -175,7 +174,7 @@ def _runs_of(attributes: Mapping, groups: Groups) -> Trajectories:
     scene = parse_scene(json.loads(attributes["scene"]), f"{attributes['scene_name']}.yaml")
     engine = recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
     ensemble = ensemble_of(groups, attributes["average"], own_arrays(attributes))
-    return Trajectories(scene, engine, ensemble, attributes["source_digest"])
+    return Trajectories(scene, engine, ensemble, attributes["source_digest"], attributes)
 
 
 def chosen_seed(runs: Trajectories, path: str, seed: int | None, tracks: Mapping[int, Track]) -> int:
