@@ -9,12 +9,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
+import brownpipe as bp
 from brownpipe.cli import build_parser, main
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.storage.trajectories import read_trajectories
 from brownpipe.text import printable
 from brownpipe.verbs import VERBS
@@ -188,21 +190,28 @@ def test_more_than_memory_and_disk_can_hold(said, monkeypatch):
     assert status == WRONG_REQUEST and "and this machine has 0.0041 GB: take fewer" in err
 
 
-def test_inputs_and_folders_are_not_replaced(runs, said):
+def test_inputs_folders_and_files_of_others_are_not_replaced(runs, said):
     Path("scene.yaml").write_bytes(Path(SCENE).read_bytes())
     Path("runs.h5").write_bytes(runs.read_bytes())
     os.link("runs.h5", "same.h5")
+    Path("study.yaml").write_text("scenes: scene.yaml\nparticles: 10\ntolerance: 50%\n")
+    for name in ("mine.h5", "mine.nc"):
+        h5py.File(name, "w").create_dataset("x", data=1).file.close()
+    before = {path: path.read_bytes() for path in Path().iterdir()}
     Path("folder").mkdir()
-    Path("notes.h5").write_text("of the user")
     for argv in (
         ["simulate", "scene.yaml", "--output", "scene.yaml"],
         ["aggregate", "runs.h5", "--output", "same.h5"],
         ["simulate", "scene.yaml", "--output", "folder"],
-        ["simulate", "scene.yaml", "--output", "notes.h5"],
+        ["simulate", "scene.yaml", "--output", "mine.h5"],
+        ["aggregate", "runs.h5", "--output", "mine.nc"],
+        ["plan", "study.yaml", "--count", "scene.yaml"],
     ):
         status, _, err = said(*argv)
         assert status == WRONG_REQUEST and "choose another name for the output" in err
-    assert Path("runs.h5").read_bytes() == runs.read_bytes()
+    with pytest.raises(RequestError, match=r"mine\.h5: is no file of brownpipe"):
+        bp.save(bp.open("runs.h5"), "mine.h5")
+    assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
 
 
 # -- what fails -----------------------------------------------------------------------------------------------------

@@ -39,6 +39,7 @@ from brownpipe.scene.reading import AtLeastOne, Positive, did_you_mean, plain, v
 from brownpipe.scene.seeds import read_seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
 from brownpipe.storage.datasets import read_contents, read_dataset, write_dataset
+from brownpipe.storage.files import refuse_foreign
 from brownpipe.storage.store import runs_digest, stored_runs, without
 from brownpipe.storage.trajectories import Trajectories, from_tree, to_tree, write_trajectories
 from brownpipe.study import forecast_of_runs, read_study
@@ -333,8 +334,8 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
 def save(data: DataTree | Dataset, path: str | Path) -> None:
     """Write runs to a trajectory file, or an analysis to a dataset, as the command line does.
 
-    Raises RequestError for anything else and for variables that you have added to runs; StorageError and OSError if
-    the file cannot be written.
+    Raises RequestError for anything else, for variables that you have added to runs, and for a file that is there and
+    not of brownpipe; StorageError and OSError if the file cannot be written.
     """
     path = validated(Path, path, key="path")
     if not (isinstance(data, DataTree) or _is_analysis(data)):
@@ -342,6 +343,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
     suffixes = (".h5", ".hdf5") if isinstance(data, DataTree) else (".nc",)
     if Path(path).suffix not in suffixes:
         raise RequestError(f"path: {path}: must end in {' or '.join(suffixes)}")
+    refuse_foreign(path)
     if isinstance(data, DataTree):
         with progress.shown("save"):
             write_trajectories(path, *from_tree(data, strict=True))

@@ -35,8 +35,7 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
     encoding = {name: {"zlib": True, "shuffle": True} for name in large if dataset[name].dtype.kind in "iuf"}
     # Coordinates first: h5netcdf connects each variable anew to those that come after it, a third of the CPU time.
     ordered = dataset.drop_vars(dataset.data_vars).assign(dataset.data_vars)
-    image = ordered.drop_encoding().to_netcdf(engine="h5netcdf", encoding=encoding)
-    write_sealed(path, image)
+    write_sealed(path, ordered.drop_encoding().to_netcdf(engine="h5netcdf", encoding=encoding))
 
 
 def read_dataset(path: str | Path, planned: str | None = None) -> "xarray.Dataset":
@@ -83,8 +82,7 @@ def origin_attributes(step: str, runs: Iterable[tuple[Trajectories, np.ndarray]]
 
     runs: of each scene, number of disks and engine the contents of one of its files, and all its seeds (S,).
     """
-    records = [runs_record(contents, seeds) for contents, seeds in runs]
-    told = {"options": options, "made_from": records}
+    told = {"options": options, "made_from": [runs_record(contents, seeds) for contents, seeds in runs]}
     return made_by(step) | {name: json.dumps(one, sort_keys=True, allow_nan=False) for name, one in told.items()}
 
 

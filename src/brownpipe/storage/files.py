@@ -86,8 +86,14 @@ def write_sealed(path: str | Path, contents: bytes | memoryview) -> None:
 
 
 def seal_of(path: str | Path) -> str:
-    """Return the SHA-256 that the seal of a file states, without verifying it."""
-    return Path(path).read_bytes()[-65:-1].decode()
+    """Return the SHA-256 that the seal of a file states, without verifying it; nothing if it does not end with one."""
+    return np.memmap(path, mode="r")[-len(SEAL) - 65 :].tobytes().partition(SEAL)[2][:-1].decode()
+
+
+def refuse_foreign(path: str | Path) -> None:
+    """Raise RequestError for a file that may not be replaced by a sealed one: it has contents, and no seal."""
+    if os.path.isfile(path) and os.path.getsize(path) and not seal_of(path):
+        raise RequestError(f"{path}: is no file of brownpipe, or damaged; choose another name for the output")
 
 
 def verified(path: str | Path) -> str | Path:

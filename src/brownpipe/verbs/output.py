@@ -8,9 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from brownpipe.errors import RequestError, StorageError
+from brownpipe.storage.files import refuse_foreign
 from brownpipe.text import in_bytes, in_lines, printable
 
-OF_HDF5 = b"\x89HDF"  # with which all files of runs and datasets begin
 HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
 YAML = (".yaml", ".yml")
 NETCDF = (".nc", "")  # of datasets
@@ -44,10 +44,8 @@ def writable(path: str, *inputs: str, suffixes: Sequence[str]) -> str:
         raise RequestError(f"{path}: the output must end in {allowed}, not {Path(path).suffix!r}")
     if os.path.exists(path) and not os.path.isfile(path):
         raise RequestError(f"{path}: is not a file; choose another name for the output")
-    if suffix(path) in (*HDF5, *NETCDF) and os.path.exists(path) and os.path.getsize(path):
-        with open(path, "rb") as file:
-            if file.read(len(OF_HDF5)) != OF_HDF5:
-                raise RequestError(f"{path}: is no file of brownpipe; choose another name for the output")
+    if suffix(path) in (*HDF5, *NETCDF, *YAML):
+        refuse_foreign(path)
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
