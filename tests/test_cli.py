@@ -197,6 +197,8 @@ def test_inputs_folders_and_files_of_others_are_not_replaced(runs, said):
     Path("study.yaml").write_text("scenes: scene.yaml\nparticles: 10\ntolerance: 50%\n")
     for name in ("mine.h5", "mine.nc"):
         h5py.File(name, "w").create_dataset("x", data=1).file.close()
+    for name in ("runs.csv", "runs.gif"):
+        Path(name).write_text("mine")
     before = {path: path.read_bytes() for path in Path().iterdir()}
     Path("folder").mkdir()
     for argv in (
@@ -206,6 +208,8 @@ def test_inputs_folders_and_files_of_others_are_not_replaced(runs, said):
         ["simulate", "scene.yaml", "--output", "mine.h5"],
         ["aggregate", "runs.h5", "--output", "mine.nc"],
         ["plan", "study.yaml", "--count", "scene.yaml"],
+        ["export", "runs.h5", "--to", "csv"],
+        ["movie", "runs.h5"],
     ):
         status, _, err = said(*argv)
         assert status == WRONG_REQUEST and "choose another name for the output" in err

@@ -17,7 +17,7 @@ from brownpipe.storage.trajectories import Trajectories, chosen_seed, read_traje
 from brownpipe.study.verification import verify_results
 from brownpipe.text import counted, in_bytes
 from brownpipe.verbs.options import add_seed, typed
-from brownpipe.verbs.output import PAGE, say, show, suffix, writable
+from brownpipe.verbs.output import PAGE, absent, say, show, suffix, writable
 
 FPS = 25.0  # frames a second
 
@@ -140,7 +140,7 @@ def movie(arguments: Namespace) -> None:
     """
     from brownpipe.figures.movie import SUFFIXES
 
-    output = arguments.output or f"{Path(arguments.file).stem}.gif"
+    output = arguments.output or absent(f"{Path(arguments.file).stem}.gif")
     output = writable(output, arguments.file, suffixes=(*SUFFIXES, *PAGE))
     made = _page if suffix(output) in PAGE else _frames
     contents, shown = made(read_trajectories(arguments.file), arguments, suffix(output))
@@ -188,7 +188,8 @@ def export(arguments: Namespace) -> None:
     example: brownpipe export seed17.h5 --to gsd
     """
     kind = f".{arguments.to}"
-    output = writable(arguments.output or f"{Path(arguments.file).stem}{kind}", arguments.file, suffixes=(kind,))
+    output = arguments.output or absent(f"{Path(arguments.file).stem}{kind}")
+    output = writable(output, arguments.file, suffixes=(kind,))
     tracks, remarks = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
     for remark in remarks:
         say(f"{output}: {remark}", DONE)

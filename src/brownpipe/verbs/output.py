@@ -55,6 +55,13 @@ def writable(path: str, *inputs: str, suffixes: Sequence[str]) -> str:
     return path
 
 
+def absent(path: str | Path, cure: str = "choose another name for the output, or give this one by --output") -> str:
+    """Return the path of an output that may not be there yet, such as a default name; raise RequestError if it is."""
+    if os.path.lexists(path):
+        raise RequestError(f"{path}: exists; {cure}")
+    return str(path)
+
+
 def refuse_if_too_large(path: str, size: float) -> None:
     """Raise StorageError if the disk has no room for half of an expected size [bytes]."""
     free = shutil.disk_usage(Path(path).parent).free

@@ -1,7 +1,6 @@
 """The verbs of a study: a new one, what it will cost, the whole workflow, and the runs that a tolerance needs."""
 
 import json
-import os
 import shlex
 from argparse import Namespace
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from brownpipe.study.study import Target, Tolerance, read_keys, why_no_relative_
 from brownpipe.study.workflow import pipeline_folder, run_study
 from brownpipe.text import shell_path
 from brownpipe.verbs.options import add_config, add_particles, typed
-from brownpipe.verbs.output import YAML, show, writable
+from brownpipe.verbs.output import YAML, absent, show, writable
 
 
 def add_new(add: Callable) -> None:
@@ -39,8 +38,7 @@ def new(arguments: Namespace) -> None:
     validated(Name, f"{name}_scene", key="name of the scene")
     scene, study = Path(arguments.folder) / f"{name}_scene.yaml", Path(arguments.folder) / f"{name}.yaml"
     for path in (scene, study):
-        if os.path.lexists(path):
-            raise RequestError(f"{path}: exists; choose another name or folder")
+        absent(path, "choose another name or folder")
     for path, template in ((scene, "scene.yaml"), (study, "study.yaml")):
         write_file(path, (PACKAGE / "study" / "templates" / template).read_bytes().replace(b"NAME", name.encode()))
     show(f"{scene}: the physics of one run", f"{study}: the runs and their analysis", "")
@@ -115,9 +113,7 @@ def plan(arguments: Namespace) -> int:
         raise RequestError(f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan")
     if output := arguments.write:
         validated(Name, Path(output).stem, key="--write")  # of the new study
-        if Path(output).exists():
-            raise RequestError(f"--write: {output}: exists; choose another name")
-        output = writable(output, suffixes=YAML)
+        output = writable(absent(output, "choose another name"), suffixes=YAML)
     with progress.shown("plan"):
         found, pilots = performance_of(study, target, tolerance)
     show(*recommendation(found, pilots, target, tolerance).split("\n"))
