@@ -16,7 +16,7 @@ from brownpipe.storage.files import write_file
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, read_trajectories
 from brownpipe.study.verification import verify_results
 from brownpipe.text import counted, in_bytes
-from brownpipe.verbs.options import add_seed, typed
+from brownpipe.verbs.options import add_seed, refuse_together, typed
 from brownpipe.verbs.output import PAGE, absent, say, show, suffix, writable
 
 FPS = 25.0  # frames a second
@@ -44,7 +44,7 @@ def inspect(arguments: Namespace) -> int:
 
     example: brownpipe inspect seed17.h5 --seed 17
     """
-    _refuse_together(arguments)
+    refuse_together(arguments, "scene", "variables", "reproduce", "allow_failed", "seed", but=["reproduce", "seed"])
     if arguments.allow_failed is not None:
         return _failed(arguments.file, arguments.allow_failed, arguments.planned)
 
@@ -60,14 +60,6 @@ def inspect(arguments: Namespace) -> int:
         lines = inspection.report(arguments.file, arguments.seed).split("\n")
     show(*lines)
     return DONE
-
-
-def _refuse_together(arguments: Namespace) -> None:
-    """Raise RequestError for options that exclude each other."""
-    options = ("scene", "variables", "reproduce", "allow_failed", "seed")
-    given = [name for name in options if getattr(arguments, name) not in (None, False)]
-    if len(given) > 1 and given != ["reproduce", "seed"]:
-        raise RequestError(f"--{given[0]}: must not be given with --{given[1]}".replace("_", "-"))
 
 
 def _failed(path: str, allowed: int, planned: str | None) -> int:

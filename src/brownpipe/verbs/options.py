@@ -4,8 +4,8 @@ A reader raises ArgumentTypeError, which argparse shows with the name of the opt
 """
 
 import json
-from argparse import ArgumentTypeError
-from collections.abc import Callable
+from argparse import ArgumentTypeError, Namespace
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from brownpipe.errors import RequestError
@@ -44,6 +44,13 @@ def key_value(text: str) -> tuple[str, object]:
         return key, json.loads(value)
     except (ValueError, RecursionError):
         return key, value
+
+
+def refuse_together(arguments: Namespace, *options: str, but: Sequence[str] = ()) -> None:
+    """Raise RequestError if several of these options are given, unless these are all: `but`."""
+    given = [name for name in options if (value := getattr(arguments, name)) is not None and value is not False]
+    if len(given) > 1 and given != but:
+        raise RequestError(f"--{given[0]}: must not be given with --{given[1]}".replace("_", "-"))
 
 
 def add_particles(add: Callable, help: str = "number of disks instead of the scene's") -> None:
