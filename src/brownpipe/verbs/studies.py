@@ -18,7 +18,7 @@ from brownpipe.study.plan import offers, performance_of, recommendation, spent_o
 from brownpipe.study.study import Target, Tolerance, read_keys, why_no_relative_error
 from brownpipe.study.workflow import pipeline_folder, run_study
 from brownpipe.text import shell_path
-from brownpipe.verbs.options import add_config, add_particles, typed
+from brownpipe.verbs.options import add_config, add_particles, refuse_together, typed
 from brownpipe.verbs.output import YAML, absent, show, writable
 
 
@@ -98,6 +98,8 @@ def plan(arguments: Namespace) -> int:
 
     example: brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml
     """
+    for option in ("tolerance", "target", "write"):
+        refuse_together(arguments, option, "count")
     config = dict(arguments.config)
     study = read_study(arguments.study, config)
     if arguments.count is not None:
