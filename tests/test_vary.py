@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import brownpipe as bp
 from brownpipe.analysis.runs import _refuse_namesakes
 from brownpipe.cli import main
+from brownpipe.engines import Engine
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.scan import table
 from brownpipe.scene import parse_scene
@@ -147,6 +148,12 @@ def test_keys_together_share_a_dimension():
     rest = bp.scan(bp.Scene(**FLUID), {"equilibrate": [0, 1.5]}, seeds=2, quiet=True).equilibrate
     assert (rest.units, rest.values.tolist()) == ("time", [0.0, 1.5])
     assert result.tracer_radius.dims == ("tracer_mass",) and result.tracer_radius.values.tolist() == [0.5, 0.6, 0.7]
+
+
+def test_a_scan_refuses_a_scene_before_any_is_run(monkeypatch):
+    monkeypatch.setattr(Engine, "simulate", None)
+    with pytest.raises(bp.RequestError, match="for a heavy tracer"):
+        bp.scan(bp.Scene(**FLUID), {MASS: [10.0, 1.0]}, 3, engine="langevin", friction="enskog", quiet=True)
 
 
 def test_differences_are_of_runs_with_the_same_seeds():

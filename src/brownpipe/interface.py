@@ -22,7 +22,7 @@ from brownpipe import progress
 from brownpipe.analysis import aggregate
 from brownpipe.analysis.dataset import ALWAYS, refuse_taken
 from brownpipe.analysis.resampling import resample
-from brownpipe.engines import DEFINITIONS, read_record, requested
+from brownpipe.engines import DEFINITIONS, Engine, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures, joined, select
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
@@ -136,18 +136,7 @@ def simulate(
     measured. Warns of runs that failed their health check or could not go on (`stopped` says why, their numbers are
     NaN), and of an engine that is rough in this scene.
     """
-    for name in settings.keys() - {*SETTINGS}:
-        hint = did_you_mean(name, [*signature(simulate).parameters, *SETTINGS])
-        raise RequestError(f"{name}: unknown; {hint.strip() or 'see help(brownpipe.simulate)'}")
-    scene = _scene(scene, particles)
-    chosen = requested(engine, {key: plain(value) for key, value in settings.items()}, str)
-    recorded = read_record(_words("record", record), "record")
-    names = tuple(filter(None, _words("observables", observables).split(",")))
-    if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
-        seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
-    numbers = read_seeds(plain(seeds))
-    cores = validated(AtLeastOne, plain(cores), key="cores")
-    forecast_of_runs(chosen, scene, numbers, recorded, names, average)
+    scene, chosen, numbers, recorded, names, cores = _requested({**locals(), **settings})
     for caution in chosen.cautions(scene, names):
         warnings.warn(caution, stacklevel=2)
     make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average, check=refuse_taken)
@@ -217,6 +206,8 @@ def scan(
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
     scenes = [scene_with(base.given, "scene", one, name=base.name) for one in combinations(values, together)]
+    for one in scenes:
+        _requested({**simulate.__kwdefaults__, **options, "scene": one, "seeds": seeds})
     with progress.shown("scan", silent=quiet):
         runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in progress.tracked(scenes, "scenes")]
         return aggregate(runs, windows, vary=[*values], vary_together=together)
@@ -351,6 +342,24 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
 
 
 # -- runs -----------------------------------------------------------------------------------------------------------
+
+
+def _requested(asked: Mapping[str, Any]) -> tuple[SceneRecord, Engine, Sequence[int], frozenset[str], Any, int]:
+    """Return scene, engine, seeds, record, observables and cores of the arguments of `simulate`; refuse wrong ones."""
+    parameters, seeds = signature(simulate).parameters, asked["seeds"]
+    scene = _scene(asked["scene"], asked["particles"])
+    settings = {key: plain(value) for key, value in asked.items() if key not in parameters}
+    for name in settings.keys() - {*SETTINGS}:
+        hint = did_you_mean(name, [*parameters, *SETTINGS])
+        raise RequestError(f"{name}: unknown; {hint.strip() or 'see help(brownpipe.simulate)'}")
+    engine = requested(asked["engine"], settings, str)
+    record = read_record(_words("record", asked["record"]), "record")
+    names = tuple(filter(None, _words("observables", asked["observables"]).split(",")))
+    if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
+        seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
+    numbers, cores = read_seeds(plain(seeds)), validated(AtLeastOne, plain(asked["cores"]), key="cores")
+    forecast_of_runs(engine, scene, numbers, record, names, asked["average"])
+    return scene, engine, numbers, record, names, cores
 
 
 def _made(make: Callable[[list[int]], Ensemble], seeds: np.ndarray, cores: int) -> list[Ensemble]:
