@@ -17,7 +17,6 @@ import io
 import json
 import math
 import os
-import re
 import sys
 import tempfile
 import time
@@ -39,13 +38,6 @@ RECORDS = {"exact": "all,events", "timestep": "all", "langevin": "tracer"}  # as
 ALL = ",".join(observables.OBSERVABLES)
 DONE, FAILED, WRONG = 0, 1, 2  # exit status of the command line
 STATUS = "exit status"  # stands among the datasets of a file
-H5MD = (  # paths in it: names in a tree
-    (r"particles/tracer/(position|image)/value", r"\1"),
-    (r"particles/(seed_\d+)/(position|velocity|image)/value", r"\1/\2"),
-    (r"observables/run/(\w+)", r"\1"),
-    (r"observables/events/(seed_\d+)/(a|b|impulse)$", r"\1/\2"),
-    (r"observables/events/(seed_\d+)/time", r"\1/event_time"),
-)
 DIMENSIONS = {  # of the keys of a scene: exponents of length, mass and time
     **dict.fromkeys(("x", "y", "radius", "position"), (1, 0, 0)),
     **dict.fromkeys(("duration", "sample_interval", "time", "first"), (0, 0, 1)),
@@ -224,14 +216,9 @@ def hashes_of(path):
 
 
 def arrays_of(file):
-    """{name: array} of a file; the same names of a tree and of the layout before it, H5MD."""
+    """{name: array} of a file."""
     found = {}
     file.visititems(lambda path, item: found.update({path: item}) if isinstance(item, h5py.Dataset) else None)
-    if "h5md" in file:
-        pairs = [
-            (re.sub(old, new, path), item) for path, item in found.items() for old, new in H5MD if re.match(old, path)
-        ]
-        return {name: item for name, item in pairs if name.endswith("event_time") or not item.is_scale}
     if "runs_digest" not in file.attrs:
         return found
     whole = [path for path in found if path.startswith("disks/") and found[path].ndim == 4]
