@@ -111,7 +111,6 @@ COMMAS = "several values of an option are joined by commas"
         (["simulat", SCENE], "invalid choice: 'simulat'; did you mean simulate? (choose from "),
         (["simulate", SCENE, "--particles", "many"], "--particles: must be a valid integer, not 'many'"),
         (["simulate", SCENE, "--particles", "5000"], "disks: 5000 disks cover 4.37 times the area of the box"),
-        (["simulate", SCENE, "--seeds", "1-"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending"),
         (["simulate", SCENE, "--seeds", "9-3"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending"),
         (["simulate", SCENE, "--seeds", "0-99999999999"], "ascending, at most 10000000, not"),
         (["simulate", PAIR, "--seeds", "0-49"], "seeds: must be one seed, as the disks of pair_head_on are listed"),
@@ -137,7 +136,6 @@ COMMAS = "several values of an option are joined by commas"
         (["plan", STUDY, "--tolerance", "2%", "--write", "my study.yaml"], "--write: must be a name: letters, digits,"),
         # files of another kind
         (["simulate", "absent.yaml"], "absent.yaml: cannot be read: No such file or directory"),
-        (["check", "absent.yaml"], "absent.yaml: cannot be read"),
         (["simulate", STUDY], RUN_IT),
         (["tradeoff", SCENE], SIMULATE_IT),
         (["tradeoff", STUDY], f"{STUDY}: has no results yet; run it first: brownpipe run {STUDY}"),
@@ -195,10 +193,8 @@ def test_inputs_folders_and_files_of_others_are_not_replaced(runs, said):
     Path("runs.h5").write_bytes(runs.read_bytes())
     os.link("runs.h5", "same.h5")
     Path("study.yaml").write_text("scenes: scene.yaml\nparticles: 10\ntolerance: 50%\n")
-    for name in ("mine.h5", "mine.nc"):
+    for name in ("mine.h5", "mine.nc", "runs.csv", "runs.gif"):
         h5py.File(name, "w").create_dataset("x", data=1).file.close()
-    for name in ("runs.csv", "runs.gif"):
-        Path(name).write_text("mine")
     before = {path: path.read_bytes() for path in Path().iterdir()}
     Path("folder").mkdir()
     for argv in (

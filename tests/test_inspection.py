@@ -230,7 +230,6 @@ REFUSED = [  # options, what the message must contain
     (["RUNS", "--variables"], "is a trajectory file (of `brownpipe simulate`), not a dataset"),
     (["RUNS", "--scene", "--reproduce"], "--scene: must not be given with --reproduce"),
     (["RUNS", "--variables", "--seed", "0"], "--variables: must not be given with --seed"),
-    (["RUNS", "--variables", "--allow-failed", "0"], "--variables: must not be given with --allow-failed"),
     (["small.nc", "--scene"], "is a dataset (of `brownpipe aggregate`), not a trajectory file"),
     (["runs.checkpoint"], "is the checkpoint of unfinished runs (repeat the command that wrote it"),
     (["absent.h5", "--reproduce"], "cannot be read: No such file or directory"),

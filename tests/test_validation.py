@@ -27,7 +27,8 @@ def analysed(name, small):
     study = read_study(STUDIES / f"{name}.yaml", small)
     asked = {"record": study.record, "observables": study.observables, "average": study.average}
     runs = [bp.simulate(case, study.seeds, **asked) for case in study.cases]
-    return {name: bp.analyse(runs, fit_windows=study.fit_windows), **single_runs(name, runs)}
+    windows = study.fit_windows if "fit_windows" in study.model_fields_set else None
+    return {name: bp.analyse(runs, fit_windows=windows), **single_runs(name, runs)}
 
 
 @pytest.mark.slow

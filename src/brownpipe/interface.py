@@ -64,7 +64,7 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     velocities: Mapping | None = None,
     sample_interval: float | None = None,
     samples: Mapping | None = None,
-    equilibrate: Mapping | None = None,
+    equilibrate: float | Mapping | None = None,
     name: str = "scene",
 ) -> SceneRecord:
     """Return a scene from the keys of a scene file, as `read_scene` does from the file.
@@ -75,7 +75,7 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     samples: {"per_decade": n, "first": t}, logarithmic sample times instead of the interval.
     particles: total number of disks.
     velocities: {"temperature": kT} or {"standard_deviation": s}.
-    equilibrate: {"time": t, "tracer": "free" or "pinned"}, simulated before t = 0.
+    equilibrate: {"time": t, "tracer": "free" or "pinned"}, or t alone, simulated before t = 0.
     name: of the scene in datasets and figures.
 
     `scene.replace(duration=5.0)` returns a scene with other values of some keys, `scene.replace(**{"disks.tracer.mass":
@@ -221,7 +221,7 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
 
     What is there is not made again. Raises RequestError for a mistake in the study, RunError if a job fails.
     """
-    path, values = validated(Path, study, key="study"), plain(config or {})
+    path, values = validated(Path, study, key="study"), validated(dict, plain(config or {}), key="config")
     for key in (key for key, value in values.items() if from_command_line(value) != value):
         raise RequestError(f"config: {key}: must not have a text for a number, true, false or null: {values[key]!r}")
     name = read_study(path, values).name
@@ -299,6 +299,8 @@ def plot(
     _refuse_part(result, FigureError)
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
+    if panel and ax is not None:
+        raise FigureError("panel: must not be given with ax, the axes of one panel")
     try:
         if ax is not None:
             return draw_into(ax, result, figure, plain(particles), **looks)
@@ -337,8 +339,11 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
     if isinstance(data, DataTree):
         with progress.shown("save"):
             write_trajectories(path, *from_tree(data, strict=True))
-    else:
+        return
+    try:
         write_dataset(path, data)
+    except (TypeError, ValueError) as error:  # of xarray, for contents that no file can have
+        raise RequestError(f"data: cannot be written: {' '.join(str(error).split())}") from error
 
 
 # -- runs -----------------------------------------------------------------------------------------------------------

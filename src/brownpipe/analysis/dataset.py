@@ -79,7 +79,7 @@ def aggregate(
         Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own, varied=vary)
         for one, runs in ((one, one.ensemble) for one in every)
     ]
-    _refuse_unfit(cases)
+    _refuse_unfit(cases, bool(windows))
     own = _own_variables(groups)
     every_case = tracked([*zip(cases, groups, strict=True)], "cases")
     parts = [part for case, group in every_case for part in _results(case, group)]
@@ -141,15 +141,16 @@ def _followed(runs: Trajectories) -> str:
     return "all disks equal to the tracer" if over_disks else "the tracer"
 
 
-def _refuse_unfit(cases: Sequence[Case]) -> None:
-    """Refuse windows that coincide, windows that end after every run, and times that no run samples."""
+def _refuse_unfit(cases: Sequence[Case], are_asked: bool) -> None:
+    """Refuse windows that coincide, windows that are asked and fit no run, and times that no run samples."""
     windows, times = cases[0].windows, cases[0].displacement_times
     names, last = displacement.labels(windows), max(case.times[-1] for case in cases)
     if len(set(names)) < len(names):
         raise AnalysisError(f"fit windows {', '.join(names)}: must differ in their first six digits")
-    for name, (_, end) in zip(names, windows, strict=True):
-        if end * (1 - SAME_TIME) > last:
-            raise AnalysisError(f"fit window {name}: must end by {last:g}, when the longest run does")
+    for name, window in zip(names, windows, strict=True):
+        if are_asked and all(np.isnan(displacement.line_weights(case.times, window)).all() for case in cases):
+            allowed = f"must end by {last:g}, when the longest run does, and have three samples or more of a run"
+            raise AnalysisError(f"fit window {name}: {allowed}")
     sampled = np.concatenate([case.times[distribution.chosen_times(case)] for case in cases])
     for time in times:
         if not np.isclose(sampled, time, rtol=SAME_TIME, atol=0.0).any():

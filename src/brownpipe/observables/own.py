@@ -73,6 +73,8 @@ def named(observable: str | Callable) -> str:
     """
     if not callable(observable):
         return str(observable).strip()
+    if not (inspect.isfunction(observable) or inspect.ismethod(observable)):
+        raise RequestError(f"observables: {observable!r:.60}: must be a function, made by def")
     file, name = Path(inspect.getfile(observable)), f"{observable.__module__}:{observable.__name__}"
     source = file.read_bytes() if file.is_file() else os.urandom(16)
     _given[name] = Function(observable, str(file), hashlib.sha256(source).hexdigest())
