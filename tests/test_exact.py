@@ -479,17 +479,21 @@ def test_buckets_become_longer_where_disks_have_spread_out(monkeypatch):
     assert checks[0] > 1000 and min(checks) < 0.01 and min(checks[5:]) > 0.25
 
 
-@pytest.fixture(scope="module")
-def in_plain_python():
-    """What `runs_in_plain_python` returns in a process that compiles nothing."""
-    code = "import pickle, test_exact; print(pickle.dumps(test_exact.runs_in_plain_python()).hex())"
+def in_plain_python(function, module):
+    """What a function of a module of tests returns in a process that compiles nothing."""
+    code = f"import pickle, {module}; print(pickle.dumps({module}.{function}()).hex())"
     folders = Path(__file__).parent, Path(exact.__file__).parents[3]
     plain = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(map(str, folders))}
     done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, check=True)
     return pickle.loads(bytes.fromhex(done.stdout))
 
 
-def runs_in_plain_python():
+@pytest.fixture(scope="module")
+def plain():
+    return in_plain_python("plain_runs", "test_exact")
+
+
+def plain_runs():
     """Runs of every kernel, with blocks of events for a small and for a large cache, and runs with a fault each.
 
     `literal`: eq. (1) taken literally drops negative times. `blind`: disk 0 does not see the edges of its cells.
@@ -532,9 +536,9 @@ FEW = {
 
 
 @pytest.mark.slow
-def test_the_compiler_changes_no_bit(in_plain_python):
+def test_the_compiler_changes_no_bit(plain):
     """Every kernel gives the same numbers as plain Python: nothing is reordered, fused or approximated."""
-    for scene, other in zip([*FEW.values()] * 2, in_plain_python["same"], strict=True):
+    for scene, other in zip([*FEW.values()] * 2, plain["same"], strict=True):
         run = simulate(scene, [3], {"all", "events"})
         assert len(run.events[3].time) >= 10
         for one, two in ((run.whole[3], other.whole[3]), (run.events[3], other.events[3])):
@@ -586,9 +590,9 @@ def touching_scenes():
 
 
 @pytest.mark.slow
-def test_the_run_time_audit_sees_a_lost_collision(in_plain_python):
+def test_the_run_time_audit_sees_a_lost_collision(plain):
     """Disks pass through each other, energy and momentum perfect."""
-    for scene, lost in zip(touching_scenes(), in_plain_python["literal"], strict=True):
+    for scene, lost in zip(touching_scenes(), plain["literal"], strict=True):
         right = simulate(scene, [0]).observables
         assert right["failed"][0] == 0
         assert right["worst_overlap"][0] <= 2e-15
@@ -611,9 +615,9 @@ def strays():
 
 
 @pytest.mark.slow
-def test_the_run_time_audit_sees_a_disk_that_left_its_cell_unnoticed(in_plain_python):
+def test_the_run_time_audit_sees_a_disk_that_left_its_cell_unnoticed(plain):
     """No overlap is ever looked at then: the disk is past when it is next predicted."""
-    for scene, lost in zip(strays(), in_plain_python["blind"], strict=True):
+    for scene, lost in zip(strays(), plain["blind"], strict=True):
         right = simulate(scene, [0]).observables
         assert right["failed"][0] == 0
         assert lost["failed"][0] == 1

@@ -375,7 +375,7 @@ def few():
 
 @pytest.mark.slow
 def test_the_compiler_changes_no_bit():
-    others = in_plain_python("import pickle; from test_timestep import few; print(pickle.dumps(few()).hex())")
+    others = in_plain_python("few", "test_timestep")
     for run, other in zip(few(), others, strict=True):
         assert run.observables["pair_collisions"][0] > 2
         assert all(np.array_equal(a, b) for a, b in zip(run.whole[3], other.whole[3], strict=True) if a is not None)

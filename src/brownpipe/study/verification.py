@@ -36,7 +36,7 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
             damaged.add(record)
     files, stored = {path for path in paths if path.suffix in (".h5", ".nc")}, set[Path]()
     if not (files or runs or damaged):
-        raise WrongFileError(f"{folder}: has neither a dataset nor a list of runs; must be results, results/STUDY or files")
+        raise WrongFileError(f"{folder}: has no dataset and no list of runs; must be results, results/STUDY or files")
     missing = [os.path.relpath(path) for path in figures if not path.is_file()]
     for place, asked in sorted(runs, key=str):
         seeds = np.asarray(asked)
