@@ -97,12 +97,12 @@ def test_a_function_is_given_in_python_and_every_engine_of_all_disks_measures_it
 
 
 def test_a_checkpoint_keeps_what_is_said_of_the_arrays(here):
-    from brownpipe.engines.ensemble import accept, new_batch
+    from brownpipe.engines.ensemble import new_batch
     from brownpipe.engines.exact.simulation import pack, resume
 
     scene, names = bp.read_scene("sub/few.yaml"), ("sub/my_module:my_function",)
     ensemble = Engine("exact").simulate(scene, [0, 1], {"tracer"}, observables=names)
-    batch = new_batch(scene, [0, 1, 2], {"tracer"}, names, "runs", accept)
+    batch = new_batch(scene, [0, 1, 2], {"tracer"}, names, "runs")
     assert resume(pack(ensemble, 2, None), batch)[0] == 2
     assert batch.ensemble.own == ensemble.own
 
@@ -127,9 +127,9 @@ FUNCTION = "def f(scene, run):\n    return "
             FUNCTION + "{'mine': (('x', 'y'), [1, 2])}",
             r"my:f: ValueError: mine: must be \(dims, values\) with a dimension for each",
         ),
-        (FUNCTION + "{'pair_collisions': 1}", r"seed 0: my:f: pair_collisions: pair_collisions is a name in runs"),
-        (FUNCTION + "{'msd': 1}", r"seed 0: my:f: msd: msd is a name in runs or datasets"),
-        (FUNCTION + "{'mine': ('window', [1, 2])}", r"seed 0: my:f: mine: window is a name in runs or datasets"),
+        (FUNCTION + "{'pair_collisions': 1}", r"my:f: pair_collisions: pair_collisions is a name in runs"),
+        (FUNCTION + "{'msd': 1}", r"my:f: msd: msd is a name in runs or datasets"),
+        (FUNCTION + "{'mine': ('window', [1, 2])}", r"my:f: mine: window is a name in runs or datasets"),
         (FUNCTION + "{'mine': run.whole.position.fill(0)}", r"my:f: ValueError: .*read-only \(my.py, line 2\)"),
         (
             "n = []\ndef f(scene, run):\n    n.append(1)\n    return {'mine': ('x', n)}",

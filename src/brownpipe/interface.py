@@ -139,12 +139,13 @@ def simulate(
     scene, chosen, numbers, recorded, names, cores = _requested({**locals(), **settings})
     for caution in chosen.cautions(scene, names):
         warnings.warn(caution, stacklevel=2)
-    make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average, check=refuse_taken)
+    make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average)
     with progress.shown("simulate", silent=quiet):
         parts = stored_runs(scene, chosen, runs_digest(scene, chosen, recorded, names, average), np.asarray(numbers))
         missing = without(np.asarray(numbers), [(part.seeds[0], part.seeds[-1]) for part in parts])
         found = joined([*parts, *_made(make, missing, cores)])
         ensemble = select(found, np.isin(found.seeds, numbers))
+    refuse_taken(ensemble.own)
     if failed := failures(ensemble):
         warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=2)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))

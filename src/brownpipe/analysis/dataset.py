@@ -38,7 +38,6 @@ LABELS_AND_HEALTH = {*displacement.COORDINATES, *distribution.COORDINATES, *HEAL
 ALWAYS = LABELS_AND_HEALTH.union(with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES))  # in every dataset
 ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | variables.COORDINATES
 ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
-TAKEN = {*ALL_VARIABLES, *ALL_COORDINATES, *VARIABLES}  # names that no array of the user's own may have
 Table = Mapping[str, Variable]
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 
@@ -129,9 +128,10 @@ def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
 
 def refuse_taken(own: Own) -> None:
     """Raise RequestError for arrays of the user's own with names that variables of runs or datasets have."""
+    taken = {*ALL_VARIABLES, *ALL_COORDINATES, *VARIABLES}
     for name, array in own.items():
         for new in (*names_of(name), *(dim for dim in array.dims if dim not in AXES)):
-            if new in TAKEN:
+            if new in taken:
                 raise RequestError(f"{array.observable}: {name}: {new} is a name in runs or datasets; choose another")
 
 

@@ -75,7 +75,7 @@ class Engine(NamedTuple):
     ) -> Ensemble:
         """Run a scene once for every seed.
 
-        `saving`: Checkpoints, for an engine that keeps them; `measured`: `observables`, `average`, `check`.
+        `saving`: Checkpoints, for an engine that keeps them; `measured`: `observables` and `average`.
         """
         simulation = import_module(self.definition.simulation)
         return simulation.simulate(scene, seeds, record, *saving, **measured, **dict(self.settings))

@@ -12,7 +12,7 @@ from brownpipe import observables, progress
 from brownpipe.engines.placement import never_placed
 from brownpipe.errors import PlacementError, RequestError, RunError
 from brownpipe.observables.observable import Events, Run, RunArray, Track
-from brownpipe.observables.own import Own, is_own, measure
+from brownpipe.observables.own import is_own, measure
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
 
@@ -38,13 +38,6 @@ class Ensemble(NamedTuple):
         return self.seeds[self.observables["failed"] > 0]
 
 
-Check = Callable[[Own], None]  # raises RequestError for arrays of one's own, such as those with names of others
-
-
-def accept(own: Own) -> None:
-    """Accept arrays of one's own whatever their names are."""
-
-
 class Batch(NamedTuple):
     """An ensemble to be filled, and what of every run is recorded and measured in it."""
 
@@ -52,7 +45,6 @@ class Batch(NamedTuple):
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
     observables: tuple[str, ...]  # names out of observables.OBSERVABLES, or of one's own
-    check: Check
 
     @property
     def needed_record(self) -> frozenset[str]:
@@ -67,7 +59,7 @@ def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
 
 
 def new_batch(
-    scene: Scene, seeds: Sequence[int], record: Collection[str], names: Collection[str], average: str, check: Check
+    scene: Scene, seeds: Sequence[int], record: Collection[str], names: Collection[str], average: str
 ) -> Batch:
     """Return a batch with one column for each seed and no run yet; `names` are observables to be measured.
 
@@ -80,7 +72,7 @@ def new_batch(
         velocity = blank(shape, float) if "velocity" in record else None
         tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
     ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, {}, {}, average)
-    return Batch(scene, ensemble, frozenset(record), tuple(names), check)
+    return Batch(scene, ensemble, frozenset(record), tuple(names))
 
 
 def make_runs(
@@ -120,7 +112,6 @@ def _add(batch: Batch, column: int, run: Run) -> None:
     values |= observables.observe(scene, run, batch.observables, ensemble.average)
     for name in filter(is_own, batch.observables):
         values |= measure(name, scene, run, observables.AXES, ensemble.own)
-        batch.check(ensemble.own)
     write(ensemble, slice(column, column + 1), run.tracer, {name: [value] for name, value in values.items()})
     if run.whole is not None and "all" in batch.record:
         ensemble.whole[seed] = run.whole

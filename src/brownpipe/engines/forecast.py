@@ -61,7 +61,7 @@ class Definition(NamedTuple):
 
     name: str
     summary: str  # for the help of the command line
-    simulation: str  # module with `simulate(scene, seeds, record, *, observables, average, check, **settings)`
+    simulation: str  # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
     settings: Any  # the class of this record, a NamedTuple: types with descriptions for pydantic, and defaults
     model: Callable[[Sequence[Scene], Any], str]  # (scenes, settings): the model, in a few words
     caution: Callable[[Scene], str | None]  # one line on the limits of its results in the scene, or None

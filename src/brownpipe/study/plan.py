@@ -74,9 +74,9 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     seeds = np.asarray(wanted.seeds)
     parts = stored_runs(scene, engine, wanted.digest, seeds)
     missing = without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts])
-    measured = {"observables": observables, "average": average, "check": refuse_taken}
     for first, last in ranges(missing):
-        parts.append(engine.simulate(scene, range(first, last + 1), record, **measured))
+        parts.append(engine.simulate(scene, range(first, last + 1), record, observables=observables, average=average))
+        refuse_taken(parts[-1].own)
         write_trajectories(wanted.folder / f"{first}-{last}.h5", scene, engine, parts[-1], digest=wanted.digest)
     every = joined(parts)
     ensemble = select(every, np.isin(every.seeds, seeds))

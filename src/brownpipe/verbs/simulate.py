@@ -13,7 +13,7 @@ from brownpipe.engines import DEFINITIONS, Engine, option, read_record, requeste
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
-from brownpipe.observables.own import Own, identity
+from brownpipe.observables.own import identity
 from brownpipe.provenance import made_with
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import Count, Positive, read_yaml
@@ -86,7 +86,11 @@ def simulate(arguments: Namespace) -> int:
     checkpoint = f"{output}.checkpoint"
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
     with progress.shown("simulate"):
-        ensemble = engine.simulate(scene, seeds, record, *checkpointing, check=_refuse_taken, **measures)
+        ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
+    if ensemble.own:
+        from brownpipe.analysis.dataset import refuse_taken  # takes 0.2 s
+
+        refuse_taken(ensemble.own)
     write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
@@ -95,12 +99,6 @@ def simulate(arguments: Namespace) -> int:
     show(_made(output, ensemble, time.process_time() - began))
     allowed = len(seeds) - 1 if arguments.allow_failed is None else arguments.allow_failed
     return FAILED if len(ensemble.failed_seeds) > allowed else DONE
-
-
-def _refuse_taken(own: Own) -> None:
-    from brownpipe.analysis.dataset import refuse_taken  # takes 0.2 s
-
-    refuse_taken(own)
 
 
 def _made(output: str, ensemble: Ensemble, seconds: float) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from brownpipe.engines.ensemble import Batch, Check, Ensemble, accept, make_runs, new_batch, select, write
+from brownpipe.engines.ensemble import Batch, Ensemble, make_runs, new_batch, select, write
 from brownpipe.engines.exact.run import (
     NO_CHECKPOINTS,
     Checkpoints,
@@ -36,21 +36,19 @@ def simulate(
     *,
     observables: Collection[str] = (),
     average: str = "runs",
-    check: Check = accept,
 ) -> Ensemble:
     """Run the scene once for every seed.
 
     `record` is a set of words: "tracer" (disk 0 of all runs), "all" (every disk of every run), "events" (every
     collision). `observables` are measured in each run, even if its trajectory is not recorded; `average` says over
-    what displacements and autocorrelations among them are averaged (brownpipe.observables), `check` which arrays of
-    one's own are refused.
+    what displacements and autocorrelations among them are averaged (brownpipe.observables).
     `checkpoints` says when the state of the batch is stored, and which stored state to continue from; the result is
     bit-identical to that of an uninterrupted batch.
     A run that makes no progress, whose equilibration fails or whose disks find no place at random is failed, with
     the reason in `stopped`. Raises RequestError if the scene leaves no place for its disks in any run, or has no such
     observables.
     """
-    batch = new_batch(scene, seeds, record, observables, average, check)
+    batch = new_batch(scene, seeds, record, observables, average)
     equilibrator, prepared = prepare_equilibration(scene), prepare_scene(scene, scene.times, batch.needed_record)
     finished, unfinished = resume(checkpoints.stored, batch)
 

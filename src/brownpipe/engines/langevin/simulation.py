@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 
 from brownpipe import progress
-from brownpipe.engines.ensemble import Check, Ensemble, accept, failures, make_runs, new_batch
+from brownpipe.engines.ensemble import Ensemble, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import bath_of, followed, friction_rate, moving_disks, rate_at_temperature
 from brownpipe.engines.initial_state import draw_tracer, noise
@@ -41,7 +41,6 @@ def simulate(
     *,
     observables: Collection[str] = (),
     average: str = "runs",
-    check: Check = accept,
     friction: Friction = "enskog",
 ) -> Ensemble:
     """Follow the tracer of the scene once for every seed; `friction` as in `friction.friction_rate`.
@@ -58,7 +57,7 @@ def simulate(
     if not gamma * float(steps.max()) < np.inf:
         raise RequestError(f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308")
     weights = step_weights(steps, gamma, bath_of(scene).temperature / followed(scene).mass)
-    batch = new_batch(scene, seeds, record, *of_tracer(observables, average), check)
+    batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
     no_path = np.empty((0, 2, 2))
     compile_all(partial(follow, no_path, no_path, weights[:0]), partial(folded, scene, no_path))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import progress
-from brownpipe.engines.ensemble import Check, Ensemble, accept, make_runs, new_batch
+from brownpipe.engines.ensemble import Ensemble, make_runs, new_batch
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
@@ -51,7 +51,6 @@ def simulate(
     *,
     observables: Collection[str] = (),
     average: str = "runs",
-    check: Check = accept,
     **settings: Any,
 ) -> Ensemble:
     """Run the scene once for every seed, from the same initial states as the exact engine.
@@ -65,7 +64,7 @@ def simulate(
     disks in any run.
     """
     refuse_unfit(scene, Settings(**settings), record)
-    batch = new_batch(scene, seeds, record, observables, average, check)
+    batch = new_batch(scene, seeds, record, observables, average)
     equilibrator, setup = prepare_equilibration(scene), prepared(scene, Settings(**settings))
 
     def run_of(column: int) -> Run:
