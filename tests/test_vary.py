@@ -2,7 +2,6 @@
 
 import json
 import math
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -131,7 +130,7 @@ def test_packing_fractions_of_several_numbers_of_disks_have_boxes_of_their_own(f
     dataset = dataset_of(study)
     assert dict(dataset.sizes).items() >= {"scene": 1, "packing_fraction": 2, "particles": 2}.items()
     scenes = {one["scene_digest"]: one["scene"] for one in json.loads(dataset.made_from)}
-    for phi, count in product([0.1, 0.2], [16, 100]):
+    for phi, count in [(0.1, 100), (0.2, 16)]:
         (case,) = (case for case in study.cases if (case.name, case.particles) == (f"fluid,{PHI}={phi}", count))
         assert case.box.area == pytest.approx(count * math.pi * 0.5**2 / phi)
         assert scenes[case.digest] == json.loads(case.text)
