@@ -27,7 +27,7 @@ gc.set_threshold(50_000)  # with all the packages in memory the usual 700 take 6
 FIRST = (
     "exact",
     *("figures", "goodness", "streaming", "analysis"),
-    *("workflow", "benchmarks", "check", "wheel", "validation", "prices", "estimators", "provenance", "checkpoint"),
+    *("workflow", "benchmarks", "check", "wheel", "validation", "tolerance", "estimators", "provenance", "checkpoint"),
     *("documents", "faults", "cli", "extremes", "fluid", "kernels", "interruptions", "failures", "initial_state"),
     *("langevin", "inspection", "storage", "tradeoff", "observables", "replay"),
 )

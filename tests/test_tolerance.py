@@ -1,4 +1,4 @@
-"""A study with a tolerance instead of seeds, and the price list of its engines, from scenes to figures."""
+"""A study with a tolerance instead of seeds, and the trade-off of its engines, from scenes to figures."""
 
 import csv
 import os
@@ -46,8 +46,8 @@ def make(folder, *words):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """The folder of a study with its price list, and what was printed meanwhile."""
-    folder = tmp_path_factory.mktemp("prices")
+    """The folder of a study with its trade-off, and what was printed meanwhile."""
+    folder = tmp_path_factory.mktemp("tolerance")
     for name in ("bin", "scenes"):
         (folder / name).mkdir()
     (folder / "bin/brownpipe").write_text(BROWNPIPE.format(sys.executable, TRADEOFF, f"{forked.programs()}/brownpipe"))
@@ -61,7 +61,7 @@ def finished(tmp_path_factory):
     return folder, make(folder, "--cores", "1")
 
 
-def test_every_engine_has_a_price_in_its_scenes(finished):
+def test_every_engine_has_a_cost_in_its_scenes(finished):
     folder, printed = finished
     made = folder / "results/study/tradeoff"
     text = (made / "tradeoff.txt").read_text()
@@ -80,10 +80,10 @@ def test_seeds_are_as_many_as_the_tolerance_needs(finished):
     (file,) = (made / "plan").iterdir()
     plan = yaml.safe_load(file.read_text())
     assert plan["runs"] == max(plan["needed"].values()) and set(plan["needed"]) == {"full, N = 12", "half, N = 6"}
-    prices = read_dataset(made / "tradeoff" / "study.nc").sel(scene="full_N12")
-    assert [int(n) for n in prices.runs.sel(setting=["exact", "langevin-boltzmann"])] == [plan["runs"], 300]
+    measured = read_dataset(made / "tradeoff" / "study.nc").sel(scene="full_N12")
+    assert [int(n) for n in measured.runs.sel(setting=["exact", "langevin-boltzmann"])] == [plan["runs"], 300]
     # r^2 of one run scatters by s, and 20 % were asked for; the pilot's s and this one are known to some 20 % together
-    achieved = float(prices.msd_spread.sel(setting="exact")) / np.sqrt(plan["runs"])
+    achieved = float(measured.msd_spread.sel(setting="exact")) / np.sqrt(plan["runs"])
     assert achieved == pytest.approx(0.2, rel=0.6)
 
 
