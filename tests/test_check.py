@@ -93,6 +93,7 @@ def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
 def test_disks_at_rest_and_no_disks_cost_nothing():
     scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml", 1)
     assert forecast.of_run(scene).pair_collisions == 0.0
+    assert forecast.seconds_to_measure(scene, ["square_displacement"], "origins") > 1e-5 * len(scene.times)
     assert forecast.of_run(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")).wall_collisions == 0.0
 
 

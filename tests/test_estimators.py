@@ -464,6 +464,16 @@ def test_rate_and_virial_of_four_disks_have_one_contact_value(boundary):
     assert error < 0.004 * (means["compressibility"].mean() - 1)
 
 
+def test_what_is_alike_in_all_runs_has_no_error():
+    """No collision in any run, and no disk near a wall: the runs do not tell how far from 0 the mean is."""
+    scene = gas("reflecting", number=2, side=1e4)
+    names = "collision_rate", "compressibility", "wall_pressure", "contact_density"
+    seen = exact.simulate(scene, np.arange(12), frozenset({"none"}), observables=("density_profile",)).observables
+    found = values_of(case_of(scene), seen, thermodynamics, pairs)
+    assert [found[name] for name in names] == [0.0, 1.0, 0.0, 0.0] and found["kinetic_temperature_standard_error"] > 0
+    assert all(np.isnan(found[f"{name}_{part}"]) for name in names for part in ("standard_error", "low", "high"))
+
+
 def test_temperature_counts_degrees_of_freedom():
     energy = np.array([15.0])
     assert thermodynamics.temperature(gas(), energy) == 1.0  # 16 disks, no total momentum

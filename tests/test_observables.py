@@ -390,6 +390,7 @@ def test_arrays_in_a_file(boundary, tmp_path):
 
 LISTED = [{"position": [0.0, 3.0], "velocity": [1.0, 0.0], "radius": 0.1, "mass": 1.0}]
 EXPLICIT = {"disks": LISTED, "velocities": None, "equilibrate": None}
+HUGE = TRACER | {"radius": 1.85}  # in a box of height 4
 DUST = {"name": "dust", "count": 2, "radius": 1e-7, "mass": 1.0}
 LOGARITHMIC = {"sample_interval": None, "samples": {"per_decade": 5}}
 
@@ -401,6 +402,7 @@ LOGARITHMIC = {"sample_interval": None, "samples": {"per_decade": 5}}
         ({}, SQUARE * 2, "runs", "observables: must differ"),
         (EXPLICIT | {"kinds": (), "tracer": None, "disks": []}, SQUARE, "runs", "no disk"),
         (EXPLICIT, ("pair_distribution",), "runs", "observables: pair_distribution needs two disks"),
+        ({"boundary": W, "kinds": (), "tracer": HUGE}, ("density_profile",), "runs", "needs walls a fifth of"),
         ({"kinds": [DUST, BATH[0]]}, ("pair_distribution",), "runs", "more than 1000000 bins"),
         ({}, SQUARE, "all", "average: 'all' is unknown; must be runs or origins or disks"),
         ({}, ("species_energy",), "origins", "average: origins needs square_displacement or velocity_autocorrelation"),

@@ -143,6 +143,9 @@ def test_what_is_measured_in_the_runs(tmp_path):
     assert told(study) == "none --observables square_displacement,species_energy --average runs"
     assert study.figures == ("msd", "diffusion", "energy", "thermodynamics", "scan", "health")
     assert small(observables="species_energy", record="none").figures == ("energy", "thermodynamics", "health")
+    vary = [{"box.boundary": boundaries} for boundaries in (["periodic"], ["periodic", "reflecting"])]
+    shown = ["density_profile" in small(observables="density_profile", vary=one).figures for one in vary]
+    assert shown == [False, True]
     text = (CONFIG / "scenes" / "harrison2020_thermal.yaml").read_text() + "equilibrate: {time: 1, tracer: free}\n"
     (tmp_path / "mixed.yaml").write_text(text)
     study = small(scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins")

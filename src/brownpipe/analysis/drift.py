@@ -50,9 +50,8 @@ def quarters_of(scene: Scene, times: np.ndarray, observables: Mapping[str, np.nd
         return {}
     duration = np.diff(times[ends_of_quarters(times)])
     kt = temperature(scene, observables["kinetic_energy"])[:, None]
-    virial = observables["quarter_virial"]
     found = {
-        "pressure": compressibility(scene, virial, np.where(kt > 0, kt, np.nan), duration),
+        "pressure": compressibility(scene, observables["quarter_virial"], np.where(kt > 0, kt, np.nan), duration),
         "collision rate": observables["quarter_collisions"] / duration,
     }
     if "quarter_energy" in observables:

@@ -97,7 +97,7 @@ def widened(estimate: Estimate, following: Estimate) -> Estimate:
     square = np.maximum(following.mean**2 - following.standard_error**2, 0.0)
     reach = [np.sqrt((end - estimate.mean) ** 2 + NORMAL**2 * square) for end in (estimate.low, estimate.high)]
     error = np.sqrt(estimate.standard_error**2 + square)
-    return Estimate(estimate.mean, error, estimate.mean - reach[0], estimate.mean + reach[1])
+    return Estimate(estimate.mean, error, estimate.mean - reach[0], estimate.mean + reach[1]).unless_alike()
 
 
 def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, duration: float) -> np.ndarray:

@@ -48,6 +48,10 @@ class Estimate(NamedTuple):
         """Return the Estimate of `factor` (>= 0, or NaN) times the mean."""
         return Estimate(*(values * factor for values in self))
 
+    def unless_alike(self) -> "Estimate":
+        """Return that without error and interval, NaN, where all runs are alike: most often nothing was counted."""
+        return Estimate(self.mean, *(np.where(self.standard_error > 0, part, np.nan) for part in self[1:]))
+
 
 class Sums(NamedTuple):
     """Sums over runs of d = x - pivot for C quantities x, and of d^2: of all runs first, then of the B replicates."""

@@ -7,7 +7,7 @@ n runs. See docs/theory.md, section 3.
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimate
 from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.ensemble import Ensemble
@@ -61,8 +61,7 @@ def enskog(scene: Scene, with_bath: bool = True) -> dict[str, float]:
         return {}
     _, number, radius, mass, _ = species_table(scene)
     n = number / scene.box.area
-    rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt)
-    rates = rates * np.where(np.eye(len(number)) > 0, (1 - 1 / number), 1.0)  # no disk collides with itself
+    rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt) * (1 - np.diag(1 / number))  # none with itself
     partners = friction.partners_of(scene)
     gamma = partners.friction.sum()
     return {
@@ -93,17 +92,17 @@ def columns(case: Case, runs: Ensemble) -> Columns:
             means[f"{name}_at_temperature"] = rate_at_temperature(scene, means[name], hot)
     means |= {"kinetic_temperature": kt, "compressibility": compressibility(scene, seen["virial"], hot, duration)}
     if "wall_impulse" in seen:
-        pressure = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
-        walls = pressure * scene.box.area / (scene.particles * hot)
-        means |= {"wall_pressure": pressure, "wall_compressibility": walls}
+        means["wall_pressure"] = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
+        means["wall_compressibility"] = means["wall_pressure"] * scene.box.area / (scene.particles * hot)
     return Columns(means)
 
 
-def results(case: Case, averages: Averages) -> dict[str, float]:
-    """Return Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
+def results(case: Case, averages: Averages) -> dict[str, float | Estimate]:
+    """Return averages, Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
+    means = {name: averages.estimate(name).unless_alike() for name in VARIABLES if name in averages.places}
     whole = case.engine.definition.moves_all_disks
     added = drift_diffusion(case.scene)
-    return enskog(case.scene, whole) | ({"drift_diffusion": added} if whole and added > 0 else {})
+    return means | enskog(case.scene, whole) | ({"drift_diffusion": added} if whole and added > 0 else {})
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"

@@ -16,7 +16,7 @@ from brownpipe.engines.forecast import Cost, Definition
 from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
-from brownpipe.observables import of_tracer
+from brownpipe.observables import of_tracer, own
 from brownpipe.scene.reading import Record, validated
 from brownpipe.scene.scene import Scene
 
@@ -59,7 +59,8 @@ class Engine(NamedTuple):
         """Return a line on the limits of the results in a scene, and one on observables that are not measured."""
         lines = [self.definition.caution(scene) or ""]
         if not self.definition.moves_all_disks and (lacking := {*observables} - {*of_tracer(observables)[0]}):
-            lines.append(f"{self.name} moves the tracer alone, and does not measure {', '.join(sorted(lacking))}")
+            names = ", ".join(sorted(map(own.title_of, lacking)))
+            lines.append(f"{self.name} moves the tracer alone, and does not measure {names}")
         return [line for line in lines if line]
 
     def refuse_unfit(self, scene: Scene, record: Collection[str] = TRACER) -> None:

@@ -29,7 +29,7 @@ START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, impor
 EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it; half of it for the tracer alone
 SECONDS_PER_EVENT = 1.9e-7  # CPU seconds of a collision, or of a disk that moves by the distance of neighbours
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
-SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, at least
+SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, and of each lag of an average over origins, at least
 SECONDS_PER_BYTE = 3e-8  # CPU seconds to compress, write and verify a byte of a file
 PROCESS = 140e6  # bytes of memory of a process besides its runs: Python, packages, kernels
 BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the engine
@@ -121,15 +121,15 @@ def memory(cost: Cost, runs: int) -> float:
 
 def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> float:
     """Return the CPU seconds to measure observables in a run."""
-    seconds = SECONDS_TO_MEASURE * len(names)
+    seconds = 0.0
     for observable in map(measures.record_of, names):
         samples, disks = len(scene.times), scene.particles
         if observable.of == "tracer":
             disks = len(equal_disks(scene)) if average == "disks" else 1
         elif observable.is_over_samples and not is_stationary(scene):
             samples = 1
-        pairs = samples / 2 if average == "origins" and observable.of != "all" else 1  # for each sample
-        seconds += samples * pairs * disks * observable.seconds_per_disk_sample
+        steps, pairs = (samples, samples / 2) if average == "origins" and observable.of != "all" else (1, samples)
+        seconds += steps * max(SECONDS_TO_MEASURE, pairs * disks * observable.seconds_per_disk_sample)
     return seconds
 
 

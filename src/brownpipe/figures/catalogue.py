@@ -14,6 +14,7 @@ FOLLOWED = "a disk to follow"
 COLLISIONS = "disks, and an engine that counts their collisions"
 SCAN = "two particle counts or more, or a varied key"
 TRACKED = "record: tracer"
+WALLS = "the observable density_profile, and walls"
 OWN = "an observable of your own"
 SPREADING = "record: tracer, or square_displacement among the observables"
 
@@ -37,7 +38,7 @@ FIGURES = {
         Figure("velocity_autocorrelation", ("the observable velocity_autocorrelation",), ("velocity_autocorrelation",)),
         Figure("velocity_distribution", ("the observable velocity_distribution",), ("velocity_density",)),
         Figure("pair_distribution", ("the observable pair_distribution",), ("pair_distribution",), part="species_pair"),
-        Figure("density_profile", ("the observable density_profile",), ("density_profile",), part="species"),
+        Figure("density_profile", (WALLS,), ("density_profile", "contact_density"), part="species"),
         Figure("orientational_order", ("the observable orientational_order",), ("orientational_order",), True),
         Figure("energy", ("the observable species_energy",), ("species_energy",), part="species"),
         Figure("own_observables", (OWN,), every_count=True),

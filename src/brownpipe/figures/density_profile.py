@@ -5,7 +5,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from xarray import Dataset
 
-from brownpipe.figures.cases import estimate_of, has
+from brownpipe.figures.cases import estimate_of
 from brownpipe.figures.style import DOTTED, band, points, told_apart
 
 NAME = "density_profile"
@@ -18,14 +18,13 @@ def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
     """Draw the profile of each species with its 95 % band, its value at the wall, and that of the bulk."""
     for part, line in told_apart(parts, _contact_in_words, looks):
         band(axes, part, NAME, **line)
-        if has(part, "contact_density"):
-            points(axes, [0.0], [part], "contact_density", fmt="o", color=line["color"], clip_on=False)
+        points(axes, [0.0], [part], "contact_density", fmt="o", color=line["color"], clip_on=False)
         bulk = float(part[NAME].where(part.wall_distance > BULK * part.wall_distance[-1]).mean())
         axes.axhline(bulk, color=line["color"], linestyle=DOTTED, linewidth=1)
     axes.set_xlim(0, max(float(part.wall_distance[-1]) for part in parts))
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, 2 * max(float(part[NAME].max()) for part in parts) or 1.0)  # bands of few runs are far wider
     axes.set_xlabel("distance $z$ of the disk's edge from the wall")
 
 
 def _contact_in_words(part: Dataset) -> str:
-    return f"n(wall) = {estimate_of(part, 'contact_density')}" if has(part, "contact_density") else ""
+    return f"n(wall) = {estimate_of(part, 'contact_density')}"

@@ -64,7 +64,7 @@ class RunArray(NamedTuple):
     # Of an array that a user's own function measures (`own`); a file has it as JSON
     shape: tuple[int, ...] = ()
     observable: str = ""  # my_module:my_function
-    source: str = ""  # SHA-256 of its module
+    source: str = ""  # what tells it from others: SHA-256 of its module
 
 
 class Observable(NamedTuple):

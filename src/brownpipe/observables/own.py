@@ -7,7 +7,6 @@ of the arrays: no module is read or run to read them.
 """
 
 import hashlib
-import inspect
 import json
 import os
 import re
@@ -45,10 +44,10 @@ class Function(NamedTuple):
 
     call: Callable
     file: str
-    source: str  # SHA-256 of the file
+    source: str  # SHA-256 of the file; of one given in Python a random number
 
 
-_given: dict[str, Function] = {}  # functions that were given in Python
+_given: dict[str, Function] = {}  # that were given in Python: `my_module:my_function@id`, of which none is ever removed
 
 
 def is_own(name: str) -> bool:
@@ -57,8 +56,8 @@ def is_own(name: str) -> bool:
 
 
 def title_of(name: str) -> str:
-    """Return a name without the folder of the module."""
-    return name.rpartition("/")[2]
+    """Return a name without the folder of the module, and what tells a function given in Python from others."""
+    return re.sub(r"@\w+$", "", name.rpartition("/")[2])
 
 
 def beside(folder: Path, name: str) -> str:
@@ -69,15 +68,14 @@ def beside(folder: Path, name: str) -> str:
 def named(observable: str | Callable) -> str:
     """Return the name of an observable that is given in Python; a function stands for itself.
 
-    One without a file, as of a notebook, is another one each time.
+    It is another one than any of its name, and than what its file says by now. Raises RequestError for other objects.
     """
     if not callable(observable):
         return str(observable).strip()
-    if not (inspect.isfunction(observable) or inspect.ismethod(observable)):
+    if not hasattr(observable, "__code__"):
         raise RequestError(f"observables: {observable!r:.60}: must be a function, made by def")
-    file, name = Path(inspect.getfile(observable)), f"{observable.__module__}:{observable.__name__}"
-    source = file.read_bytes() if file.is_file() else os.urandom(16)
-    _given[name] = Function(observable, str(file), hashlib.sha256(source).hexdigest())
+    name = f"{observable.__module__}:{observable.__name__}@{id(observable):x}"
+    _given.setdefault(name, Function(observable, observable.__code__.co_filename, os.urandom(16).hex()))
     return name
 
 

@@ -19,7 +19,7 @@ from brownpipe.engines.exact import EXACT
 from brownpipe.engines.friction import are_inside, default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
-from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, OWN, SCAN, SPREADING, TRACKED
+from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, OWN, SCAN, SPREADING, TRACKED, WALLS
 from brownpipe.observables.own import beside, is_own
 from brownpipe.provenance import digest_of
 from brownpipe.scene import Scene, reading
@@ -217,6 +217,7 @@ class Study(Record):
             SCAN: len(set(counts) - {0}) > 1
             or any(len(values) > 1 and all(map(is_number, values)) for values in along),
             TRACKED: is_tracked,
+            WALLS: "density_profile" in measured and any(not case.box.periodic for case in self.cases),
             SPREADING: is_tracked or "square_displacement" in measured,
         }
         unmet = {name: [need for need in figure.needs if not conditions[need]] for name, figure in FIGURES.items()}
