@@ -61,7 +61,7 @@ def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypa
 @pytest.mark.slow
 def test_analysis_reports_files_and_then_cases(reported, tmp_path):
     write_trajectories(tmp_path / "runs.h5", SCENE, EXACT, EXACT.simulate(SCENE, range(12), {"tracer"}))
-    dataset = analysis.aggregate([tmp_path / "runs.h5"], [(0.2, 1.0)])
+    dataset = analysis.aggregate([tmp_path / "runs.h5"])
     assert reported[-3:] == [("files verified", 1, 1), ("cases", 1.0, 1), ("cases", 1, 1)]
     reported.clear()
     render(dataset, tmp_path, ["health", "msd"])
