@@ -4,17 +4,12 @@
 """
 
 import os
-import re
 import shutil
 import subprocess
 import sys
-import tomllib
-from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 
 import pytest
-from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
 LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock", "requirements-cluster.lock")
@@ -92,37 +87,3 @@ def test_a_python_that_will_not_do(checkout, says):
     status, (line,), calls = set_up(checkout)
     assert status != 0 and calls == []
     assert line.startswith("brownpipe: set-up: python3 must be Python >= 3.11 with venv")
-
-
-# -- what is pinned -------------------------------------------------------------------------------------------------
-
-
-def normal(name):
-    return re.sub(r"[-_.]+", "-", name).lower()
-
-
-def pins_of(lock):
-    """Names and versions of the packages of a lock file."""
-    pins = (line.split()[0].partition("==") for line in (ROOT / lock).read_text().splitlines() if "==" in line)
-    return {name: version for name, _, version in pins}
-
-
-def needed(roots):
-    """The names of packages and of all that these depend on, here. Packages that are not installed need nothing."""
-    found, rest = set(), [Requirement(root) for root in roots]
-    while rest:
-        one = rest.pop()
-        if normal(one.name) not in found and (one.marker is None or one.marker.evaluate({"extra": ""})):
-            found.add(normal(one.name))
-            with suppress(PackageNotFoundError):
-                rest += map(Requirement, requires(one.name) or [])
-    return found
-
-
-def test_the_pins_are_complete_and_a_study_needs_no_tools_of_developers():
-    run, dev, docs, cluster = ({normal(name) for name in pins_of(lock)} for lock in LOCKS)
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    more = {name: needed(roots) for name, roots in settings["project"]["optional-dependencies"].items()}
-    assert run == needed([*settings["project"]["dependencies"], *settings["build-system"]["requires"]])
-    assert run | dev == run | more["dev"] and not run & (dev | docs | cluster)
-    assert more["cluster"] - run <= cluster and more["docs"] - run <= docs  # equal where these are installed
