@@ -13,6 +13,7 @@ from brownpipe.engines import Engine
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.figures import own_observables
 from brownpipe.figures.cases import cases_of
+from brownpipe.figures.summary import summary
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import commands, files_of, run_sets
 from test_plan import SCENE
@@ -83,12 +84,8 @@ def test_a_function_is_given_in_python_and_every_engine_of_all_disks_measures_it
         counts = [np.histogram(x, 4, (-3, 3))[0] for x in run.whole.position[:, :, 0]]
         return {"in_cells": (("time", "cell"), np.array(counts))}
 
-    result = bp.analyse(
-        [
-            bp.simulate("sub/few.yaml", 12, observables=[in_cells]),
-            bp.simulate("sub/few.yaml", 12, observables=[in_cells], engine="timestep", time_step=1e-3),
-        ]
-    )
+    engines = {}, {"engine": "timestep", "time_step": 1e-3}
+    result = bp.analyse([bp.simulate("sub/few.yaml", 12, observables=[in_cells], **engine) for engine in engines])
     assert result.in_cells.dims[-2:] == ("time", "cell") and "cell" not in result.coords
     np.testing.assert_allclose(result.in_cells.sum("cell"), 12.0, rtol=1e-14)
     with pytest.warns(match="does not measure .*in_cells$"), pytest.warns(match="langevin is rough here"):
@@ -173,8 +170,10 @@ def test_runs_of_a_case_whose_arrays_differ_in_shape_are_not_joined(here):
 
 def test_a_name_like_that_of_a_quantity_which_may_drift_is_ones_own(here):
     def mine(scene, run):
-        return {"quarter_mine": ("x", [1.0, 2.0, 3.0]), "kinetic_energy_of_mine": 1.0}
+        return {"quarter_mine": ("x", [1.0, 2.0, 3.0]), "kinetic_energy_of_mine": 1.0, "sometimes": next(numbers)}
 
     scene = bp.read_scene("sub/few.yaml").replace(equilibrate={"time": 1.0, "tracer": "free"})
+    numbers = iter([*range(7), np.nan])
     found = bp.analyse(bp.simulate(scene, 8, observables=[mine]))
+    assert "\nsometimes: no mean where a run has no number of it.\n" in summary(found)
     assert found.quarter_mine.values.ravel().tolist() == [1.0, 2.0, 3.0]

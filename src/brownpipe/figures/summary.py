@@ -195,6 +195,9 @@ def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], t
         source = f" ({variable.observable})" if "observable" in variable.attrs else ""
         place = "".join(where.get(str(dim), "") for dim in variable.dims)
         yield from textwrap.wrap(f"{one.heading}: {meaning}{place}{source}.", LINE)
+    for name, own in dataset.data_vars.items():
+        if "observable" in own.attrs and own.dims == dataset.runs.dims and (own.isnull() & (dataset.runs > 0)).any():
+            yield f"{name}: no mean where a run has no number of it."
     if any(one.theory and has(case, one.theory) for one in shown for case in cases):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
     starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
