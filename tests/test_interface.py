@@ -316,7 +316,7 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.simulate(SCENE, time_step=0.1), "time_step 0.1: the exact engine has no such setting"),
         (lambda: bp.simulate(SCENE, recrod="all"), "recrod: unknown; did you mean record?"),
         (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt: unknown; did you mean time_step?"),
-        (lambda: bp.scan(SCENE, {"duration": [1, 2]}, core=2), "core: unknown; did you mean cores?"),
+        (lambda: bp.scan(SCENE, {"duration": [1, 2]}, settings=2), "settings: unknown; see help"),
         (lambda: bp.simulate(SCENE, cores=0), "cores: must be greater than or equal to 1, not 0"),
         (lambda: bp.mean(np.zeros(3)), "array: must be an array with the dimension seed"),
         (lambda: bp.mean(xarray.DataArray([1.0, 2.0], {"seed": [4, 4]})), "array: must have every seed once"),

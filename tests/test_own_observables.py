@@ -154,7 +154,7 @@ def test_a_function_given_in_python_is_itself_alone_and_others_are_not_joined_wi
     runs = [bp.simulate("sub/few.yaml", 3, particles=n, observables=[f]) for n, f in functions]
     assert [one.mine.values[0, 0] for one in runs] == [1.0, 2.0, 3.0, 4.0]
     for k in range(3):
-        with pytest.raises(ValueError, match="mine: was measured by another function"):
+        with pytest.raises(ValueError, match="mine: has other dimensions in other runs, or was measured by"):
             bp.analyse(runs[k : k + 2])
 
 

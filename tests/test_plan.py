@@ -103,6 +103,9 @@ def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, 
     for others in ({"tolerance": "5%"}, {"tolerance": "4%", "target": "d"}, {"tolerance": "4%", "particles": 9}):
         with pytest.raises(RequestError, match=r"counted.yaml: is the plan of another study"):
             plan.settled(read_study(study_file(**others)), "counted.yaml")
+    with monkeypatch.context() as patch:
+        patch.setattr(plan, "digests", lambda _: {"plan": "12345678e012"})  # in YAML a number
+        assert plan.settled(study, "counted.yaml" if counted(study) else "").seeds == range(runs)
     half = counted(read_study(study_file(tolerance=0.08)))
     assert runs / half == pytest.approx(4, rel=0.02)  # rounded up to whole runs
     other = counted(read_study(study_file(tolerance=0.1, target="displacement_distribution")))

@@ -53,7 +53,7 @@ def write_study(**keys):
 def test_a_variant_is_the_scene_with_these_values_in_its_file():
     keys = json.loads(json.dumps(FLUID)) | {"duration": 2.0, "equilibrate": {"time": 2.0}}
     keys["disks"]["tracer"]["mass"], keys["disks"]["species"][0]["count"], keys["box"]["x"] = 10.0, 5, [0.0, 9.0]
-    values = {MASS: 10.0, "disks.species.bath.count": 5, "duration": 2.0, "equilibrate.time": 2.0, "box.x": [0, 9.0]}
+    values = {MASS: 10.0, "disks.species.bath.count": 5.0, "duration": 2.0, "equilibrate.time": 2.0, "box.x": [0, 9.0]}
     variant = scene_with(FLUID, "a/fluid.yaml", values)
     assert variant.text == parse_scene(keys, "fluid.yaml").text
     assert scene_with({**FLUID, "equilibrate": 50.0}, "fluid.yaml", values) == variant

@@ -9,7 +9,7 @@ may stand for numbers and lists. All quantities are in the scene's reduced units
 import json
 import sys
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from inspect import signature
 from pathlib import Path
@@ -136,7 +136,9 @@ def simulate(
     measured. Warns of runs that failed their health check or could not go on (`stopped` says why, their numbers are
     NaN), and of an engine that is rough in this scene.
     """
-    scene, chosen, numbers, recorded, names, cores = _requested({**locals(), **settings})
+    asked = dict(locals())
+    asked |= asked.pop("settings")
+    scene, chosen, numbers, recorded, names, cores = _requested(asked)
     for caution in chosen.cautions(scene, names):
         warnings.warn(caution, stacklevel=2)
     make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average)
@@ -207,6 +209,7 @@ def scan(
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
     scenes = [scene_with(base.given, "scene", one, name=base.name) for one in combinations(values, together)]
+    options = {key: [*one] if isinstance(one, Iterator) else one for key, one in options.items()}
     for one in scenes:
         _requested({**simulate.__kwdefaults__, **options, "scene": one, "seeds": seeds})
     with progress.shown("scan", silent=quiet):
@@ -223,12 +226,13 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
     What is there is not made again. Raises RequestError for a mistake in the study, RunError if a job fails.
     """
     path, values = validated(Path, study, key="study"), validated(dict, plain(config or {}), key="config")
-    for key in (key for key, value in values.items() if from_command_line(value) != value):
+    for key in (key for key, value in values.items() if repr(from_command_line(value)) != repr(value)):
         raise RequestError(f"config: {key}: must not have a text for a number, true, false or null: {values[key]!r}")
     name = read_study(path, values).name
     command = [sys.executable, "-P", "-m", "brownpipe", "run", str(path)]
     command += ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))] if cores is not None else []
-    command += ["--config", *(f"{key}={json.dumps(value)}" for key, value in values.items())] if values else []
+    words = [f"{key}={json.dumps(value, default=str)}" for key, value in values.items()]
+    command += ["--config", *words] if words else []
     status, said = progress.relayed(command)
     if status:
         raise RunError(" ".join(said.rpartition("brownpipe: ")[2].split()))
@@ -267,7 +271,9 @@ def table(result: Dataset) -> "DataFrame":
     their units. Raises RequestError for anything else than an analysis.
     """
     _refuse_part(result, RequestError)
-    frame = summary_table(result.isel(window=[0])).dropna(axis="columns", how="all")
+    frame = summary_table(result.isel(window=[0]))
+    empty = frame.columns[frame.isna().all()]
+    frame = frame[[name for name in frame if name.removesuffix("_standard_error") not in empty]]
     left_out = (*SHAPE, "failed_runs", "time", "slope", "slope_standard_error")
     shown = frame[[name for name in frame if name in ("drifts", *result.variables) and name not in left_out]]
     of_result = result.variables.items()
@@ -343,7 +349,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
         return
     try:
         write_dataset(path, data)
-    except (TypeError, ValueError) as error:  # of xarray, for contents that no file can have
+    except (NotImplementedError, TypeError, ValueError) as error:  # of xarray, for contents that no file can have
         raise RequestError(f"data: cannot be written: {' '.join(str(error).split())}") from error
 
 
@@ -352,7 +358,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
 
 def _requested(asked: Mapping[str, Any]) -> tuple[SceneRecord, Engine, Sequence[int], frozenset[str], Any, int]:
     """Return scene, engine, seeds, record, observables and cores of the arguments of `simulate`; refuse wrong ones."""
-    parameters, seeds = signature(simulate).parameters, asked["seeds"]
+    parameters, seeds = signature(simulate).parameters.keys() - {"settings"}, asked["seeds"]
     scene = _scene(asked["scene"], asked["particles"])
     settings = {key: plain(value) for key, value in asked.items() if key not in parameters}
     for name in settings.keys() - {*SETTINGS}:

@@ -118,7 +118,7 @@ def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():
             if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):
-                wrong = "was measured by another function, or has other dimensions, in other runs"
+                wrong = "has other dimensions in other runs, or was measured by another function; name it by text"
                 raise AnalysisError(f"{file.path}: {name}: {wrong}")
     return {
         name: Mean((*EACH, *one.dims), one.units, one.long_name, extra={"observable": one.observable})

@@ -101,7 +101,7 @@ def problems(scene: Scene, names: Sequence[str], average: str = "runs") -> Itera
         if name not in OBSERVABLES and not own.is_own(name):
             yield "observables", f"{name!r} is unknown; must be of {', '.join(OBSERVABLES)}, or my_module:my_function"
     if len(set(map(own.title_of, names))) < len(names):
-        yield "observables", "must differ"
+        yield "observables", "must have names that differ"
     if names and scene.particles == 0:
         yield "observables", "there is no disk to measure"
     for name in names:

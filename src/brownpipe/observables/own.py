@@ -14,7 +14,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from types import MappingProxyType
+from types import FunctionType, MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,7 +72,7 @@ def named(observable: str | Callable) -> str:
     """
     if not callable(observable):
         return str(observable).strip()
-    if not hasattr(observable, "__code__"):
+    if not isinstance(observable, FunctionType):
         raise RequestError(f"observables: {observable!r:.60}: must be a function, made by def")
     name = f"{observable.__module__}:{observable.__name__}@{id(observable):x}"
     _given.setdefault(name, Function(observable, observable.__code__.co_filename, os.urandom(16).hex()))

@@ -58,5 +58,5 @@ DENSITY_PROFILE = Observable(
     },
     seconds_per_disk_sample=8e-8,
     is_over_samples=True,
-    unfit=lambda scene: None if bins(scene)[0] > 3 else "needs walls a fifth of the smallest diameter farther apart",
+    unfit=lambda scene: None if bins(scene)[0] > 3 else "needs walls farther apart by a fifth of the smallest diameter",
 )

@@ -48,7 +48,8 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     for path, value in values.items():
         *parents, last = path.split(".")
         try:
-            part_of(document, parents)[last] = value
+            whole = last == "count" and isinstance(value, float) and value.is_integer()
+            part_of(document, parents)[last] = int(value) if whole else value
         except (LookupError, TypeError):
             allowed = "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name of a species"
             raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}") from None

@@ -87,7 +87,7 @@ def write_sealed(path: str | Path, contents: bytes | memoryview) -> None:
 
 def seal_of(path: str | Path) -> str:
     """Return the SHA-256 that the seal of a file states, without verifying it; nothing if it does not end with one."""
-    return np.memmap(path, mode="r")[-len(SEAL) - 65 :].tobytes().partition(SEAL)[2][:-1].decode()
+    return np.memmap(path, mode="r")[-len(SEAL) - 65 :].tobytes().partition(SEAL)[2][:-1].decode("ascii", "replace")
 
 
 def refuse_foreign(path: str | Path) -> None:

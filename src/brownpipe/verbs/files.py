@@ -45,9 +45,10 @@ def inspect(arguments: Namespace) -> int:
     example: brownpipe inspect seed17.h5 --seed 17
     """
     refuse_together(arguments, "scene", "variables", "reproduce", "allow_failed", "seed", but=["reproduce", "seed"])
+    if arguments.planned is not None and arguments.allow_failed is None:
+        raise RequestError("--planned: must be given with --allow-failed")
     if arguments.allow_failed is not None:
         return _failed(arguments.file, arguments.allow_failed, arguments.planned)
-
     if arguments.reproduce:
         return _reproduce(arguments)
     if arguments.scene:
