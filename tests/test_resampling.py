@@ -77,6 +77,12 @@ def test_too_few_runs():
     assert resampling.resample(np.full(12, 0.1 + 0.2)) == (0.1 + 0.2, 0.0, 0.1 + 0.2, 0.1 + 0.2)
 
 
+def test_the_interval_of_a_rare_event_does_not_depend_on_its_unit():
+    """Runs of a replicate without the event are alike, and have no error but round-off, which depends on the unit."""
+    ends = [resampling.resample(unit * np.eye(10)[0]).high / unit for unit in (1.0, 0.7, 2.17, 1e-9)]
+    assert ends == pytest.approx([0.15] * 4, abs=0.01)
+
+
 def test_wilson_interval_covers():
     """Exact coverage, summed over the binomial law, for counts like those of a ring."""
     from scipy.stats import binom

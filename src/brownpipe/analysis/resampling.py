@@ -22,6 +22,7 @@ import numpy as np
 SEEDS_PER_BLOCK = 1024  # seeds that share a stream of weights, and whose runs are added up at a time
 REPLICATES = 1999  # the 2.5 % and 97.5 % quantiles are then the 50th value from either end
 FEWEST_FOR_INTERVAL = 10  # runs; with fewer its coverage is unknown for a skewed quantity
+ALIKE = 0.03  # of the standard error: replicates below it are of runs that are alike, as round-off on the grid is 0.01
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
 _AT_ONCE = 512  # columns at a time, to bound the memory of intermediate arrays
@@ -142,7 +143,7 @@ def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)
     whole = value[0].copy(), error[0].copy()  # of all runs; views would keep the replicates in memory
     if sums[0].weight[0] < FEWEST_FOR_INTERVAL:
         return Estimate(*whole, *np.full((2, *value[0].shape), np.nan))
-    t = np.divide(value[1:] - value[0], error[1:], out=np.zeros_like(value[1:]), where=error[1:] > 0.0)
+    t = np.divide(value[1:] - value[0], error[1:], out=np.zeros_like(value[1:]), where=error[1:] > ALIKE * error[0])
     t.sort(axis=0)
     tail = (REPLICATES + 1) // 40
     return Estimate(*whole, value[0] - t[-tail] * error[0], value[0] - t[tail - 1] * error[0])
