@@ -162,14 +162,12 @@ def _results(case: Case, group: Group) -> list[Part]:
 
     Those of the displacement distributions come as a part for each time, since each may have rings of its own.
     """
-    averages, stopped = Averages(), dict[int, str]()
-    health = np.zeros((1 + len(HEALTH), 0))
+    averages, stopped, health = Averages(), dict[int, str](), list[list[np.ndarray]]()
 
     def good_runs() -> Iterator[Ensemble]:
         """Yield the runs that have not failed, block by block."""
-        nonlocal health
         for runs in blocks_of(group):
-            health = np.append(health, [reported(runs, name) for name in ("failed", *HEALTH)], axis=1)
+            health.append([reported(runs, name) for name in ("failed", *HEALTH)])
             stopped.update(runs.stopped)
             if (good := runs.observables["failed"] == 0).any():
                 yield select(runs, good)
@@ -180,7 +178,7 @@ def _results(case: Case, group: Group) -> list[Part]:
     case = case._replace(rings=distribution.rings_of(case, first))
     for runs in chain(first, blocks):
         averages.add(runs.seeds, columns_of(ESTIMATORS, case, runs))
-    failed, *numbers = health
+    failed, *numbers = np.concatenate(health, axis=1)
     name = case.scene.name.partition(",")[0] if case.varied else case.scene.name
     labels: Part = {"scene": [name], "particles": [case.scene.particles], "engine": [case.engine.label]}
     labels |= {short_name(path): [value_of(case.scene, path)] for path in case.varied}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, SEED, SPEED2, TIME, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.engines.friction import are_inside, diffusive_from
+from brownpipe.engines.friction import DECAY_TIMES, are_inside, diffusive_from
 from brownpipe.observables.displacement import displacement, squared
 from brownpipe.scene import Scene
 
@@ -39,8 +39,7 @@ def per_run_lines(squared: np.ndarray, times: np.ndarray, windows: Sequence[tupl
 
     Least squares is linear: their means over runs are slope and intercept of the line through the MSD.
     """
-    lines = [(squared[:, None, :] * line_weights(times, window)).sum(axis=-1) for window in windows]
-    return np.stack(lines, axis=-1)
+    return np.stack([(squared[:, None, :] * line_weights(times, one)).sum(axis=-1) for one in windows], axis=-1)
 
 
 def labels(windows: Sequence[tuple[float, float]]) -> list[str]:
@@ -102,18 +101,23 @@ def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
-    """Return r^2 at all times, and the lines in all windows; of every run r^2 at its end and D in the first window."""
+    """Return r^2 at all times, the lines in all windows and the friction of the langevin engine.
+
+    Of every run r^2 at its end and D in the first window.
+    """
     square = squared_of(case, runs)
     if square is None:
         return Columns()
     lines = per_run_lines(square, case.times, case.windows)
     kept = {"run_msd": square[:, -1], "run_diffusion_coefficient": lines[:, 0, 0] / 4}
-    return Columns({"msd": square, "lines": lines}, kept=kept)
+    friction = {name: one for name, one in runs.observables.items() if name == "friction_rate"}
+    return Columns({"msd": square, "lines": lines} | friction, kept=kept)
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return windows, MSD and fits, and what is known of the scene before any run."""
     windows, times, scene = case.windows, case.times, case.scene
+    friction = averages.mean("friction_rate") if "friction_rate" in averages.places else np.nan
     values: dict[str, ArrayLike] = {
         "window": labels(windows),
         "window_start": [start for start, _ in windows],
@@ -122,7 +126,7 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "duration": times[-1],
         "packing_fraction": scene.packing_fraction,
         "initial_square_speed": initial_square_speed(scene),
-        "diffusive_from": diffusive_from(scene),
+        "diffusive_from": DECAY_TIMES / friction if friction > 0 else diffusive_from(scene),
         "accessible_half_width": accessible_half_width(scene),
     }
     if "msd" not in averages.places:
@@ -147,7 +151,7 @@ VARIABLES = {
     "duration": Variable(EACH, "time", "duration of a run"),
     "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
     "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
-    "diffusive_from": Variable(EACH, "time", "3/gamma of the tracer (Enskog): lines may be fitted to the MSD after it"),
+    "diffusive_from": Variable(EACH, "time", "3/gamma of the tracer: lines may be fitted to the MSD after it"),
     "accessible_half_width": Variable(EACH, "length", "half the side of the square in whose centre the tracer starts"),
 }
 COORDINATES = {

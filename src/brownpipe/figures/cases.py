@@ -15,7 +15,7 @@ import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
-from brownpipe.engines.friction import window_caution
+from brownpipe.engines.friction import ROUNDED
 from brownpipe.errors import FigureError
 from brownpipe.figures.catalogue import FIGURES, OWN, SCAN
 
@@ -249,10 +249,9 @@ def drifts(case: Dataset) -> bool:
     return has(case, "drift_p_value") and bool(np.nanmin(case.drift_p_value.values) < LEVEL)
 
 
-def early_mark(fit: Dataset) -> str:
-    """Return a ring for a fit whose window begins before the tracer's motion is diffusive; "" for others."""
-    start, end, diffusive = (fit[name].item() for name in ("window_start", "window_end", "diffusive_from"))
-    return " °" if window_caution((start, end), {"": diffusive}) else ""
+def early_mark(case: Dataset, since: str = "window_start") -> str:
+    """Return a ring for a D from a time on, or up to it, before which the tracer's motion is not diffusive; else ""."""
+    return " °" if case[since].item() < ROUNDED * case.diffusive_from.item() else ""
 
 
 def fitted_diffusion(case: Dataset) -> str:

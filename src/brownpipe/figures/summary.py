@@ -70,6 +70,7 @@ QUANTITIES = (
     Quantity("alpha_2", "non_gaussian_parameter", ("non_gaussian_parameter",)),
     Quantity("D (Green-Kubo)", "green_kubo", ("green_kubo",), "enskog_diffusion"),
 )
+SINCE = {"diffusion_coefficient": "window_start", "green_kubo": "time"}  # from when on, or up to when, D is measured
 DISPLACED = (Quantity("MSD", "msd", OF_SPREADING), Quantity("D", "diffusion_coefficient", OF_SPREADING))
 
 
@@ -171,12 +172,12 @@ def _at(case: Dataset, one: Quantity) -> Dataset | None:
 def _cell(part: Dataset | None, one: Quantity) -> str:
     """Return a quantity with its standard error and theory; `-` where there is none.
 
-    A star marks those of runs that drift, a ring a D whose fit window begins before motion is diffusive.
+    A star marks those of runs that drift, a ring a D before motion is diffusive.
     """
     if part is None:
         return "-"
     theory = f" ({float(part[one.theory]):#.4g})" if one.theory and has(part, one.theory) else ""
-    ring = early_mark(part) if one.variable == "diffusion_coefficient" else ""
+    ring = early_mark(part, SINCE[one.variable]) if one.variable in SINCE else ""
     return estimate_of(part, one.variable) + theory + " *" * drifts(part) + ring
 
 
@@ -204,14 +205,15 @@ def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], t
     window = dataset.window_start.values[0], dataset.window_end.values[0]
     if DISPLACED[-1] in shown and (caution := window_caution(window, starts)):
         yield from textwrap.wrap(f"° {caution}.", LINE)
+    if any(" °" in _cell(_at(case, one), one) for one in shown if one.variable == "green_kubo" for case in cases):
+        yield "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D of diffusion."
     for case in cases:
         if has(case, "drift_diffusion"):
             added = f"the drift of all disks adds {case.drift_diffusion:.2g} to D by the end of a run"
             yield f"{title_of(case)}: the total momentum is not zero; {added}."
     yield from _tests_of_equilibrium(cases)
     if tests:
-        last = [at_last_distribution(case) for case in cases if has(case, "msd")]
-        times = {case.displacement_time.item() for case in last}
+        times = {at_last_distribution(case).displacement_time.item() for case in cases if has(case, "msd")}
         at = "at the end" if len(times) > 1 else f"at t = {times.pop():g}"
         family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
         yield f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and kurtosis,"
