@@ -208,7 +208,6 @@ WARNING, ERROR = logging.WARNING, logging.ERROR
         ("brownpipe: the study: 0 runs in 0", {}, False),
         ("Job 8 has been submitted with SLURM jobid 2 (log: /a/2.log).", {}, False),
         ("Guessed SLURM account: physics", {"level": WARNING}, True),
-        ("The DAG went wrong", {"level": ERROR}, True),
         ("The DAG went wrong", {"event": LogEvent.ERROR, "level": ERROR}, True),
     ],
 )

@@ -74,6 +74,16 @@ def test_a_window_before_is_marked(window, ring):
     assert ("° the fit window [0.2, 4] begins before 3/gamma of the tracer" in text) == ring
 
 
+@pytest.mark.filterwarnings("ignore:.*langevin is rough here")
+def test_the_engines_own_friction_says_when_motion_is_diffusive_and_an_integral_before_is_marked():
+    asked = {"engine": "langevin", "friction": "boltzmann", "observables": ["velocity_autocorrelation"]}
+    runs = bp.simulate(scene(duration=1.0), 8, **asked)
+    result = bp.analyse(runs)
+    assert result.diffusive_from.item() == pytest.approx(3 / runs.friction_rate.values[0])
+    assert result.diffusive_from.item() > 1.05 * friction.diffusive_from(scene())
+    assert "\n° the Green-Kubo integral ends before 3/gamma of the tracer" in summary(result)
+
+
 def test_windows_begin_when_motion_is_diffusive(tmp_path):
     long = scene(duration=40.0)
     start = friction.diffusive_from(long)

@@ -255,21 +255,6 @@ def test_the_picture_follows_the_tracer_along_a_channel(chromium, tmp_path, runs
 
 
 @WITH_BROWSER
-def test_disks_that_have_just_collided_are_ringed(chromium, page, runs):
-    scene, events = runs["walls"].scene, runs["walls"].ensemble.events[SEED]
-    n = next(n for n in range(len(events.a)) if events.a[n] > 0 and events.b[n] > 0)
-    chromium.show(page)
-    for late, is_ringed in ((1e-4, True), (0.02, False)):  # a ring fades within 0.25 s of the replay: 0.0083 time units
-        time = events.time[n] + late
-        positions = np.array(chromium.value(f"document.querySelector('.brownpipe-replay').brownpipe.at({time})"))
-        a, b = positions[[events.a[n], events.b[n]]]
-        away = (a - b) / np.hypot(*(a - b)) * scene.radius[events.a[n]]
-        chromium.value(f"document.querySelector('.brownpipe-replay').brownpipe.go({time})")
-        seen = np.array(chromium.value(f"({COLOURS})(0, {[(a + away).tolist(), (b - away).tolist()]})"))[:, :3]
-        assert (np.abs(seen - [0xD5, 0x5E, 0x00]).max(axis=1) < 60).tolist() == [is_ringed] * 2
-
-
-@WITH_BROWSER
 def test_numbers_beside_the_picture_are_those_of_the_run(chromium, page, runs):
     scene, ensemble = runs["walls"].scene, runs["walls"].ensemble
     chromium.show(page)
