@@ -399,10 +399,10 @@ LOGARITHMIC = {"sample_interval": None, "samples": {"per_decade": 5}}
     ("more", "names", "average", "message"),
     [
         ({}, ("msd",), "runs", "observables: 'msd' is unknown; must be of square_displacement, velocity_auto"),
-        ({}, SQUARE * 2, "runs", "observables: must differ"),
+        ({}, SQUARE * 2, "runs", "observables: must have names that differ"),
         (EXPLICIT | {"kinds": (), "tracer": None, "disks": []}, SQUARE, "runs", "no disk"),
         (EXPLICIT, ("pair_distribution",), "runs", "observables: pair_distribution needs two disks"),
-        ({"boundary": W, "kinds": (), "tracer": HUGE}, ("density_profile",), "runs", "needs walls a fifth of"),
+        ({"boundary": W, "kinds": (), "tracer": HUGE}, ("density_profile",), "runs", "needs walls farther apart"),
         ({"kinds": [DUST, BATH[0]]}, ("pair_distribution",), "runs", "more than 1000000 bins"),
         ({}, SQUARE, "all", "average: 'all' is unknown; must be runs or origins or disks"),
         ({}, ("species_energy",), "origins", "average: origins needs square_displacement or velocity_autocorrelation"),

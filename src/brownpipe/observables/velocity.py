@@ -43,7 +43,10 @@ def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray
 
 
 def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
-    """Return the kinetic energy per disk (T, K) of each species: kT in equilibrium for any mass (equipartition)."""
+    """Return the kinetic energy per disk (T, K) of each species: kT in equilibrium for any mass (equipartition).
+
+    Where the total momentum is zero it is kT (1 - m/M), with the mass m of a disk and M of all.
+    """
     species, square = species_table(scene), np.sum(track.velocity**2, axis=-1)
     energy = [mass / 2 * square[:, species.label == k].mean(axis=1) for k, mass in enumerate(species.mass)]
     return {"species_energy": np.stack(energy, axis=1)}
@@ -98,9 +101,10 @@ BATH_AUTOCORRELATION = Observable(
     seconds_per_disk_sample=2e-9,
     unfit=lambda scene: None if len(bath_disks(scene)) else "needs disks of another species than the tracer's",
 )
+EQUIPARTITION = "kinetic energy per disk (kT in equilibrium; kT (1 - m/M) where the total momentum is zero)"
 ENERGY = Observable(
     species_energy,
-    {"species_energy": RunArray(("time", "species"), "energy", "kinetic energy per disk", averaged=True)},
+    {"species_energy": RunArray(("time", "species"), "energy", EQUIPARTITION, averaged=True)},
     seconds_per_disk_sample=1.7e-8,
 )
 BEYOND = "centre of its bin; the last bin includes all beyond"

@@ -142,7 +142,7 @@ class Performance(NamedTuple):
     engine: Engine
     bias: float  # 0 for the exact engine
     bias_error: float  # standard error of the bias
-    runs: int | None  # that the tolerance needs, failing ones included; None for a bias too large
+    runs: int | None  # that the tolerance needs, failing ones included; None for a bias, or its error, too large
     cost: forecast.Cost  # of one run
 
 
@@ -194,7 +194,7 @@ def recommendation(performances: Sequence[Performance], pilots: Sequence[Pilot],
         "engine": [each.engine.label for each in performances],
         "CPU of a run": [in_time(each.cost.seconds) for each in performances],
         f"bias of {target}": [f"{_percent(each.bias)} +- {_percent(each.bias_error)}" for each in performances],
-        "runs": [f"{each.runs:,}" if each.runs else "bias too large" for each in performances],
+        "runs": [f"{each.runs:,}" if each.runs else "bias or its error too large" for each in performances],
     }
     table = aligned([(heading, *cells) for heading, cells in columns.items()])
     settled = [f"{case_title(pilot.runs.scene)}: {line}" for pilot in pilots for line in pilot.settled]

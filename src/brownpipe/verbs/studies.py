@@ -93,8 +93,8 @@ def add_plan(add: Callable) -> None:
 def plan(arguments: Namespace) -> int:
     """Find the engine of a study, and the number of runs, that meet a tolerance at the lowest cost.
 
-    From pilot runs of some 4 s of CPU for each engine, scene and number of disks. They are the first runs of the study,
-    which uses them again: they are stored in `results/runs` of this folder.
+    From pilot runs, up to 4 s of CPU or 400 of them for each engine, scene and number of disks. They are the first runs
+    of the study, which uses them again: they are stored in `results/runs` of this folder.
 
     example: brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml
     """
