@@ -22,7 +22,7 @@ def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
         bulk = float(part[NAME].where(part.wall_distance > BULK * part.wall_distance[-1]).mean())
         axes.axhline(bulk, color=line["color"], linestyle=DOTTED, linewidth=1)
     axes.set_xlim(0, max(float(part.wall_distance[-1]) for part in parts))
-    axes.set_ylim(0, 2 * max(float(part[NAME].max()) for part in parts) or 1.0)  # bands of few runs are far wider
+    axes.set_ylim(bottom=0)
     axes.set_xlabel("distance $z$ of the disk's edge from the wall")
 
 
