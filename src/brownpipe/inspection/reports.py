@@ -182,7 +182,7 @@ def describe_product(path: str | Path) -> list[str]:
     try:
         record = read_record(path)
     except OSError as error:
-        raise WrongFileError(f"{path}: cannot be read: {error.strerror}") from error
+        raise WrongFileError(f"{path}: cannot be read: {error.strerror or error}") from error
     if record is None:
         raise WrongFileError(f"{path}: does not say what it was made from, and no {RECORD} beside it does")
     dataset = record.get("dataset", {})
