@@ -12,7 +12,7 @@ import yaml
 
 import forked
 from brownpipe.storage.datasets import read_dataset
-from test_workflow import SCENE, snakemake
+from test_workflow import SCENE, age_backwards, snakemake
 
 STUDY = """\
 scenes: [scenes/full.yaml, scenes/half.yaml]
@@ -89,6 +89,7 @@ def test_seeds_are_as_many_as_the_tolerance_needs(finished):
 
 def test_nothing_is_run_again_until_the_tolerance_changes(finished, tmp_path):
     folder = shutil.copytree(finished[0], tmp_path / "copy")
+    age_backwards(folder)
 
     def planned():
         table = make(folder, "--dry-run").partition("Job stats:")[2]

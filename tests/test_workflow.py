@@ -146,6 +146,14 @@ def tracers(path):
 
 # -- what is made again: by content, not by times or Snakemake's records --------------------------------------------
 
+
+def age_backwards(folder):
+    """Let figures be older than their dataset, that than the runs, all in the future, and Snakemake know nothing."""
+    shutil.rmtree(folder / ".snakemake")
+    for age, path in enumerate(sorted((folder / "results").rglob("*.*"), reverse=True)):
+        os.utime(path, (2e9 + age, 2e9 + age))
+
+
 ALL = {"simulate": 4, "aggregate": 1, "figures": 1}
 NOTHING = dict.fromkeys(ALL, 0)
 HALF = {"simulate": 2, "aggregate": 1, "figures": 1}
@@ -173,11 +181,9 @@ CHANGES = (
     [(*change, False) for change in CHANGES] + [(*change, True) for change in CHANGES[:3]],
 )
 def test_a_change_makes_what_depends_on_it_and_nothing_else(study, file, old, new, jobs, is_remembered):
-    """Also in a folder that was copied without times, with results from the future, and without `.snakemake`."""
+    """Also without `.snakemake`, with results from the future, and whatever is made from others older than these."""
     if not is_remembered:
-        shutil.rmtree(study / ".snakemake")
-        for path in (study / "results/study").rglob("*.*"):
-            os.utime(path, (2e9, 2e9))
+        age_backwards(study)
     (path,) = study.glob(file)
     if new == "deleted":
         path.unlink()

@@ -1,7 +1,7 @@
 rule aggregate:
     input:
-        trajectories,
-        plan=plan_file,
+        ancient(trajectories),
+        plan=ancient(plan_file),
     output:
         dataset=f"{results}/aggregate/{study.name}.nc",
         made_from=f"{results}/aggregate/made_from_{made_from['aggregate']}.txt",

@@ -2,8 +2,9 @@
 #
 # Files of runs stand in folders that are named after all that determines their runs, shared by all studies: a run that is
 # there is the one that is asked for. Later steps have the digest of what they are made from in the name of a file beside
-# their results, `made_from_DIGEST.txt`: if it is missing, the step is due. So nothing depends on times of modification or
-# on what Snakemake remembers (`rerun-triggers: input` in the profile).
+# their results, `made_from_DIGEST.txt`: if it is missing, the step is due. So nothing depends on times of modification
+# (inputs are `ancient`, and make a step due only where they are missing, even those that the step before it has read)
+# or on what Snakemake remembers (`rerun-triggers: input` in the profile).
 from brownpipe.study.workflow import forecast, read_workflow_study, remove_stale_locks
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import commands, digests, figure_options, files_of, requests

@@ -1,8 +1,8 @@
 # This rule measures CPU times, so no other job may run at the same time.
 rule tradeoff:
     input:
-        trajectories,
-        plan=plan_file,
+        ancient(trajectories),
+        plan=ancient(plan_file),
     output:
         dataset=f"{results}/tradeoff/{study.name}.nc",
         made_from=f"{results}/tradeoff/made_from_{made_from['tradeoff']}.txt",
@@ -22,8 +22,9 @@ rule tradeoff:
 
 rule tradeoff_drawings:
     input:
-        rules.tradeoff.output.made_from,
-        dataset=rules.tradeoff.output.dataset,
+        ancient(trajectories),
+        ancient(rules.tradeoff.output.made_from),
+        dataset=ancient(rules.tradeoff.output.dataset),
     output:
         table=report(f"{results}/tradeoff/tradeoff.txt", caption=f"{captions}/tradeoff.rst", category="Trade-off"),
         numbers=f"{results}/tradeoff/tradeoff.csv",
