@@ -10,7 +10,7 @@ rule aggregate:
     resources:
         **request["aggregate"],
     params:
-        study=study_words,
+        study=exactly(study_words),
         planned=made_from["aggregate"],
     shell:
         'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'

@@ -28,6 +28,15 @@ wildcard_constraints:
     last=r"\d+",
 
 
+def exactly(words):
+    """Return words for a parameter of a rule such that Snakemake does not take braces in them for wildcards."""
+
+    def unchanged(wildcards):
+        return words
+
+    return unchanged
+
+
 # How many runs the tolerance of a study needs, by pilot runs; a study with `seeds` does without.
 checkpoint plan:
     output:
@@ -37,7 +46,7 @@ checkpoint plan:
     resources:
         **request["plan"],
     params:
-        study=study_words,
+        study=exactly(study_words),
     shell:
         "brownpipe plan {params.study} --count {output:q} > {log:q} 2>&1"
 

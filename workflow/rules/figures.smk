@@ -20,7 +20,7 @@ rule figures:
     resources:
         **request["figures"],
     params:
-        options=figure_options(study),
+        options=exactly(figure_options(study)),
         planned=made_from["aggregate"],
     shell:
         'rm -f "$(dirname {output.summary:q})"/made_from_*.txt'

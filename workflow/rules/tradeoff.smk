@@ -12,7 +12,7 @@ rule tradeoff:
     resources:
         **request["tradeoff"],
     params:
-        study=study_words,
+        study=exactly(study_words),
         planned=made_from["tradeoff"],
     shell:
         'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
@@ -41,6 +41,7 @@ rule tradeoff_drawings:
     resources:
         **request["tradeoff_drawings"],
     params:
+        study=exactly(study_words),
         planned=made_from["tradeoff"],
     shell:
         'rm -f "$(dirname {output.table:q})"/drawn_from_*.txt'

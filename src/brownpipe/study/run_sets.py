@@ -137,7 +137,7 @@ def figure_options(study: Study) -> list[str]:
         "--title": study.title,
         "--note": study.note,
     }
-    return [word for option, value in options.items() if value for word in (option, str(value))]
+    return [f"{option}={value}" for option, value in options.items() if value]
 
 
 def digests(study: Study) -> dict[str, str]:
