@@ -228,6 +228,9 @@ def test_added_seeds_run_alone_and_other_studies_and_keys_use_the_same_runs(stud
     assert (study / "results/study/figures/summary.txt").read_text() == answer
     (page,) = (study / "results").glob("study+*seeds=14*/report.html")
     assert "--gamma_{0}" in page.read_text()
+    shutil.copy(page.parent / "figures/summary.txt", study / "results/study/figures")
+    printed = snakemake(study, "--cores", "1", status=FAILED)
+    assert "results/study/figures/summary.txt: FAILED" in printed and "Made by brownpipe" not in printed
     shutil.copy(study / "study.yaml", study / "other.yaml")
     done = forked.snakemake(
         *SNAKEMAKE[len(PROGRAM) :], "-n", "--configfile", "other.yaml", cwd=study, env=environment()
@@ -238,7 +241,7 @@ def test_added_seeds_run_alone_and_other_studies_and_keys_use_the_same_runs(stud
 def due(study, verb):
     """The words of the only job of a verb that is due."""
     printed = snakemake(study, "--dry-run")
-    (command,) = re.findall(rf"brownpipe ({verb} .*) > ", printed)
+    (command,) = re.findall(rf"brownpipe ({verb} .*?) > ", printed)
     return shlex.split(command)
 
 

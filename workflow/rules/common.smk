@@ -2,7 +2,8 @@
 #
 # Files of runs stand in folders that are named after all that determines their runs, shared by all studies: a run that is
 # there is the one that is asked for. Later steps have the digest of what they are made from in the name of a file beside
-# their results, `made_from_DIGEST.txt`: if it is missing, the step is due. So nothing depends on times of modification
+# their results, `made_from_DIGEST.txt`: if it is missing, the step is due. `drawn_from_DIGEST.txt` lists dataset and files
+# of a drawing with their SHA-256: an older one that was put back is not shown. So nothing depends on times of modification
 # (inputs are `ancient`, and make a step due only where they are missing, even those that the step before it has read)
 # or on what Snakemake remembers (`rerun-triggers: input` in the profile).
 from brownpipe.study.workflow import forecast, read_workflow_study, remove_stale_locks
@@ -20,6 +21,7 @@ made_from = digests(study)
 simulations = commands(study)
 request = requests(study)
 captions = PACKAGE / "figures"
+not_as_made = "echo 'brownpipe: delete what is not as the study made it, and run the study again' >&2; exit 1"
 
 
 wildcard_constraints:

@@ -47,7 +47,8 @@ rule tradeoff_drawings:
         'rm -f "$(dirname {output.table:q})"/drawn_from_*.txt'
         ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.table:q})" --page {output.page:q}'
         " --planned {params.planned} > {log:q} 2>&1"
-        " && touch {output.drawn_from:q}"
+        " && sha256sum {input.dataset:q} {output.table:q} {output.numbers:q} {output.provenance:q} {output.figures:q}"
+        " {output.others:q} {output.page:q} > {output.drawn_from:q}"
 
 
 # As rule all does for the study, this asks for every file of the trade-off, and shows its answer at each run.
@@ -58,6 +59,10 @@ rule tradeoff_figures:
         trajectories,
         table=rules.tradeoff_drawings.output.table,
         page=rules.tradeoff_drawings.output.page,
+        drawn_from=rules.tradeoff_drawings.output.drawn_from,
     localrule: True
+    params:
+        not_as_made=not_as_made,
     shell:
-        "cat {input.table:q} && echo all on one page: {input.page:q}"
+        "sha256sum --check --quiet {input.drawn_from:q} >&2 || {{ {params.not_as_made}; }}"
+        " && cat {input.table:q} && echo all on one page: {input.page:q}"
