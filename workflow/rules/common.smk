@@ -6,7 +6,7 @@
 # of a drawing with their SHA-256: an older one that was put back is not shown. So nothing depends on times of modification
 # (inputs are `ancient`, and make a step due only where they are missing, even those that the step before it has read)
 # or on what Snakemake remembers (`rerun-triggers: input` in the profile).
-from brownpipe.study.workflow import forecast, read_workflow_study, remove_stale_locks
+from brownpipe.study.workflow import ended_by_mistakes, forecast, read_workflow_study, remove_stale_locks
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import commands, digests, figure_options, files_of, requests
 from brownpipe.provenance import PACKAGE
@@ -58,6 +58,7 @@ def plan_file(wildcards):
     return [] if study.tolerance is None else [checkpoints.plan.get().output[0]]
 
 
+@ended_by_mistakes()
 def trajectories(wildcards):
     """Return the files with the runs of the study: those that are there, and those to be made."""
     known = settled(study, *plan_file(wildcards)) if study.tolerance else study

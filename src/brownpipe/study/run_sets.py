@@ -112,8 +112,7 @@ def commands(study: Study) -> dict[str, str]:
     """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of its folder."""
     scenes = {name: shell_path(os.path.relpath(path)) for name, (path, _) in study.varied.items()}
     for name, (_, values) in study.varied.items():
-        assigned = [f"{key}={json.dumps(value)}" for key, value in values.items()]
-        scenes[name] += "".join(f" --value {shlex.quote(word)}" for word in assigned)
+        scenes[name] += "".join(f" --value {shlex.quote(f'{key}={json.dumps(one)}')}" for key, one in values.items())
     names = shell_path(",".join(study.observables))
     measured = f" --observables {names} --average {study.average}" if study.observables else ""
     return {

@@ -1,8 +1,8 @@
 """Whether all that a study has made is there and intact: `brownpipe verify`."""
 
-import os
 from collections.abc import Sequence
 from hashlib import sha256
+from os.path import abspath, relpath
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     runs their folder and seeds. A file that holds other runs than its name says is damaged. Raises WrongFileError if
     there is no such folder, or nothing in it that can be verified. Nothing is written.
     """
-    paths = sorted(Path(os.path.abspath(folder)).rglob("*"))
+    paths = sorted(Path(abspath(folder)).rglob("*"))
     runs, drawn, damaged = set[tuple[Path, Sequence[int]]](), set[tuple[Path, str]](), set[Path]()
     for record in paths:
         try:
@@ -37,17 +37,16 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     files, stored = {path for path in paths if path.suffix in (".h5", ".nc")}, set[Path]()
     if not (files or runs or damaged):
         raise WrongFileError(f"{folder}: has no dataset and no list of runs; must be results, results/STUDY or files")
-    missing = [os.path.relpath(path) for path in sorted({path for path, _ in drawn}) if not path.is_file()]
+    missing = [relpath(path) for path in sorted({path for path, _ in drawn}) if not path.is_file()]
     for place, asked in sorted(runs, key=str):
         batches = stored_batches(place, seeds := np.asarray(asked))
         stored |= {place / f"{first}-{last}.h5" for first, last in batches}
         if len(left := without(seeds, batches)):
-            missing.append(f"{os.path.relpath(place)}: seeds {brief_seed_text(left)}")
+            missing.append(f"{relpath(place)}: seeds {brief_seed_text(left)}")
     for file in tracked(sorted(files | stored), "files"):
         try:
             (read_stored if file in stored else read_contents)(file)
         except StorageError:
             damaged.add(file)
     damaged |= {path for path, digest in drawn if path.is_file() and sha256(path.read_bytes()).hexdigest() != digest}
-    intact = sorted((files | stored) - damaged)
-    return [*map(os.path.relpath, intact)], [*map(os.path.relpath, sorted(damaged))], missing
+    return [*map(relpath, sorted((files | stored) - damaged))], [*map(relpath, sorted(damaged))], missing

@@ -9,14 +9,14 @@ import os
 import shlex
 import sys
 import sysconfig
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from logging import Logger
 from pathlib import Path
 from typing import Any, NoReturn
 
-from brownpipe.errors import WRONG_REQUEST, RequestError
+from brownpipe.errors import BrownpipeError, RequestError
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import read_yaml, scalar
 from brownpipe.study.run_sets import run_sets, seconds_of_jobs
@@ -36,21 +36,26 @@ def pipeline_folder() -> Path:
 # -- for the Snakefile ----------------------------------------------------------------------------------------------
 
 
+@contextmanager
+def ended_by_mistakes() -> Iterator[None]:
+    """End the process with one line, not with a traceback of Snakemake, for a mistake or a file that is damaged."""
+    try:
+        yield
+    except BrownpipeError as error:
+        print(f"brownpipe: {error}", file=sys.stderr)
+        sys.exit(error.exit_status)
+
+
+@ended_by_mistakes()
 def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object]) -> tuple[Study, str]:
     """Return the study of --configfile and --config, and the words that name it in commands of brownpipe.
 
-    Keys of later files replace those of the first, as Snakemake has it. Ends the process with one line for a mistake.
+    Keys of later files replace those of the first, as Snakemake has it.
     """
     first, *others = (os.path.relpath(file) for file in files)
-    try:
-        replaced: dict[str, object] = {}
-        for file in others:
-            replaced |= read_yaml(file)
-        replaced |= from_command_line(dict(config))
-        study = read_study(first, replaced)
-    except RequestError as error:
-        print(f"brownpipe: {error}", file=sys.stderr)
-        sys.exit(WRONG_REQUEST)
+    replaced = {key: value for file in others for key, value in read_yaml(file).items()}
+    replaced |= from_command_line(dict(config))
+    study = read_study(first, replaced)
     words = [shlex.quote(f"{key}={json.dumps(value)}") for key, value in replaced.items()]
     return study, " ".join([shell_path(first), *(["--config", *words] if words else [])])
 
