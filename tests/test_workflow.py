@@ -280,7 +280,7 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
         (study / ".snakemake/locks" / name).write_text(f"{words[-1]}\n")
     with open(study / ".snakemake/brownpipe.lock", "w") as alive:
         fcntl.flock(alive, fcntl.LOCK_SH)
-        assert "another run writes in this folder" in snakemake(study, *words, status=FAILED)
+        assert "or if there is none: brownpipe run STUDY --unlock" in snakemake(study, *words, status=FAILED)
     snakemake(study, *words)
     assert file.is_file()
 
