@@ -16,6 +16,7 @@ import pytest
 import forked
 from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
+from brownpipe.storage.files import write_file
 from brownpipe.study import read_study
 
 ROOT = Path(__file__).parent.parent
@@ -125,7 +126,11 @@ def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_ot
     """Zone, language and the order of Python's sets are others where figures are drawn."""
     folder = write_study(tmp_path / "a folder of another name")
     (folder / "study.yaml").write_text(STUDY.replace("batch: 10", "batch: 5"))
+    mine, older = (folder / f"results/study/aggregate/made_from_{of}.txt" for of in ("me", "0123456789ab"))
+    for file in (mine, older):
+        write_file(file, b"")
     snakemake(folder, "--cores", "2")
+    assert mine.is_file() and not older.exists()
     (folder / "results/study/figures/msd.svg").unlink()
     elsewhere = {"TZ": "Asia/Kathmandu", "LC_ALL": "C.UTF-8", "LANG": "de_DE.UTF-8", "PYTHONHASHSEED": "7"}
     again = f"brownpipe {' '.join(due(folder, 'figures'))}"

@@ -11,8 +11,9 @@ rule aggregate:
         **request["aggregate"],
     params:
         study=exactly(study_words),
+        any_digest=any_digest,
         planned=made_from["aggregate"],
     shell:
-        'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
+        'rm -f "$(dirname {output.dataset:q})"/made_from_{params.any_digest}.txt'
         " && brownpipe aggregate --study {params.study} --plan {input.plan:q} --output {output.dataset:q}"
         " --planned {params.planned} --list-runs {output.made_from:q} > {log:q} 2>&1"

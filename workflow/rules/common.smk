@@ -18,6 +18,7 @@ study, study_words = read_workflow_study(configfiles, workflow.config_settings.c
 results = f"results/{study.name}"
 runs = "results/runs/{scene}/N{particles}/{engine}-{digest}/{first}-{last}"
 made_from = digests(study)
+any_digest = "[0-9a-f]" * len(made_from["plan"])
 simulations = commands(study)
 request = requests(study)
 captions = PACKAGE / "figures"

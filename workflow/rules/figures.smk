@@ -21,9 +21,10 @@ rule figures:
         **request["figures"],
     params:
         options=exactly(figure_options(study)),
+        any_digest=any_digest,
         planned=made_from["aggregate"],
     shell:
-        'rm -f "$(dirname {output.summary:q})"/drawn_from_*.txt'
+        'rm -f "$(dirname {output.summary:q})"/drawn_from_{params.any_digest}.txt'
         ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
         " {params.options:q} --planned {params.planned} --cores {threads} > {log:q} 2>&1"
         " && sha256sum {input.dataset:q} {output.summary:q} {output.numbers:q} {output.provenance:q} {output.figures:q}"

@@ -13,9 +13,10 @@ rule tradeoff:
         **request["tradeoff"],
     params:
         study=exactly(study_words),
+        any_digest=any_digest,
         planned=made_from["tradeoff"],
     shell:
-        'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
+        'rm -f "$(dirname {output.dataset:q})"/made_from_{params.any_digest}.txt'
         " && brownpipe tradeoff {params.study} --plan {input.plan:q} --output {output.dataset:q}"
         " --planned {params.planned} --list-runs {output.made_from:q} > {log:q} 2>&1"
 
@@ -42,9 +43,10 @@ rule tradeoff_drawings:
         **request["tradeoff_drawings"],
     params:
         study=exactly(study_words),
+        any_digest=any_digest,
         planned=made_from["tradeoff"],
     shell:
-        'rm -f "$(dirname {output.table:q})"/drawn_from_*.txt'
+        'rm -f "$(dirname {output.table:q})"/drawn_from_{params.any_digest}.txt'
         ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.table:q})" --page {output.page:q}'
         " --planned {params.planned} > {log:q} 2>&1"
         " && sha256sum {input.dataset:q} {output.table:q} {output.numbers:q} {output.provenance:q} {output.figures:q}"
