@@ -26,12 +26,15 @@ rule all:
         summary=rules.figures.output.summary,
         dataset=rules.aggregate.output.dataset,
         page=rules.figures.output.page,
+        drawn_from=rules.figures.output.drawn_from,
     localrule: True  # on a cluster, too, its output is for the screen here
     params:
+        not_as_made=not_as_made,
         allow_failed=study.allow_failed,
         planned=made_from["aggregate"],
     shell:
-        'cat {input.summary:q} && echo figures and tables: "$(dirname {input.summary:q})"'
+        "sha256sum --check --quiet {input.drawn_from:q} >&2 || {{ {params.not_as_made}; }}"
+        ' && cat {input.summary:q} && echo figures and tables: "$(dirname {input.summary:q})"'
         " && echo all on one page: {input.page:q}"
         " && brownpipe inspect {input.dataset:q} --allow-failed {params.allow_failed} --planned {params.planned}"
 

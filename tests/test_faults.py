@@ -40,6 +40,8 @@ def original(tmp_path_factory):
         assert main(["aggregate", "--study", "mine.yaml", "--output", DATASET, "--list-runs", listed]) == DONE
         page = ["--figures", "health", "--page", f"{RESULTS}/report.html"]
         assert main(["figures", DATASET, "--output", FIGURES, *page]) == DONE
+        drawn = subprocess.run(["sha256sum", DATASET, *Path(FIGURES).iterdir()], stdout=subprocess.PIPE, check=True)
+        Path(FIGURES, "drawn_from_0.txt").write_bytes(drawn.stdout)
     return folder
 
 
@@ -164,7 +166,8 @@ def test_any_damage_is_found_and_nothing_else(study, faults):
 def test_what_is_wrong_is_said(study, capsys):
     _, first, second = sealed()
     made_from = next((RESULTS / "aggregate").glob("made_from_*.txt"))
-    for damaged, contents in ((RESULTS / "figures/provenance.json", "{"), (made_from, "runs/no seeds\n")):
+    drawn_from, summary = (RESULTS / "figures" / name for name in ("drawn_from_0.txt", "summary.txt"))
+    for damaged, contents in ((summary, "0.1"), (made_from, "runs/no seeds\n"), (made_from, ""), (drawn_from, "a")):
         before = damaged.read_text()
         damaged.write_text(contents)
         assert verify_results(RESULTS)[1] == [str(damaged)]
@@ -174,15 +177,16 @@ def test_what_is_wrong_is_said(study, capsys):
     flip(Path(first), random.Random(1))
     assert main(["verify", DATASET, first]) == FAILED
     assert f"{first}: " in capsys.readouterr().err
-    (RESULTS / "figures/health.png").unlink()
-    Path(second).unlink()
+    for absent in (DATASET, RESULTS / "figures/health.png", second):
+        Path(absent).unlink()
     for folder in (str(RESULTS), f"../{study.name}/results"):
         assert main(["verify", folder]) == FAILED
         assert capsys.readouterr().out.splitlines() == [
             f"{first}: is damaged; delete it and run the study again",
+            f"{DATASET}: is missing; run the study again",
             f"{RESULTS}/figures/health.png: is missing; run the study again",
             f"{Path(first).parent}: seeds 2-3: is missing; run the study again",
-            f"{folder}: 1 intact, 1 damaged, 2 missing",
+            f"{folder}: 0 intact, 1 damaged, 3 missing",
         ]
 
 

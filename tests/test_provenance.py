@@ -64,6 +64,7 @@ def test_figures_tables_summary_and_page_say_what_their_dataset_says(finished, c
     folder = finished / "results/s/figures"
     records = {name: origin.read_record(folder / name) for name in (*NAMES, "../report.html")}
     for name, record in records.items():
+        assert record | {"files": []} == records["msd.csv"] | {"files": []}
         assert record["dataset"]["sha256"] == seal_of(finished / PRODUCTS[0])
         assert record["dataset"]["made_from"] == json.loads(attributes["made_from"])
         assert record["dataset"]["options"] == json.loads(attributes["options"])

@@ -114,13 +114,6 @@ def test_the_page_is_well_formed_and_loads_nothing(written):
     assert len(elements.named("img")) == len(SHOWN)
 
 
-def test_the_page_says_what_it_was_made_from(results, written):
-    record = origin.read_record(results / "figures" / "report.html")
-    beside = json.loads((results / "figures" / origin.RECORD).read_text())
-    assert beside.pop("files")
-    assert record == beside
-
-
 @pytest.mark.slow
 def test_files_of_the_user_stay(results, tmp_path, capsys, monkeypatch):
     """Those of figures that are not drawn are left alone; in the place of a product they are refused."""

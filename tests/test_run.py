@@ -87,6 +87,9 @@ def test_run_starts_the_workflow_of_this_installation_and_passes_other_options_o
 def test_run_refuses_at_once(said, study, started, monkeypatch):
     line = "brownpipe: absent.yaml: cannot be read: No such file or directory\n"
     assert said("run", "absent.yaml") == (WRONG_REQUEST, "", line)
+    line = f"brownpipe: {study}: must be the only study; --config KEY=VALUE replaces its keys\n"
+    for other in (["other.yaml"], ["-n", "--configfile", "other.yaml"], ["--configfile=other.yaml"]):
+        assert said("run", study, *other) == (WRONG_REQUEST, "", line)
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # to root every folder is writable
     line = f"brownpipe: {Path.cwd()}: cannot be written to; run the study from another folder\n"
     assert said("run", study) == (FAILED, "", line) and not started

@@ -80,10 +80,10 @@ def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
 
 def test_title_note_and_panel_concern_the_figures_alone():
     study = small(title="Hot and cold", note="Two baths.", panel=["scene"])
-    assert figure_options(study) == ["--panel", "scene", "--title", "Hot and cold", "--note", "Two baths."]
-    assert figure_options(small()) == [] and figure_options(small(figures=["msd"])) == ["--figures", "msd"]
+    assert figure_options(study) == ["--panel=scene", "--title=Hot and cold", "--note=Two baths."]
+    assert figure_options(small()) == [] and figure_options(small(figures=["msd"])) == ["--figures=msd"]
     masses = small(vary={"disks.tracer.mass": [1, 3]}, panel="disks.tracer.mass")
-    assert figure_options(masses) == ["--panel", "tracer_mass"]
+    assert figure_options(masses) == ["--panel=tracer_mass"]
     before, after = digests(small()), digests(study)
     assert {step for step in before if before[step] != after[step]} == {"figures"}
 

@@ -11,8 +11,9 @@ import pytest
 import yaml
 
 import forked
+from brownpipe.errors import DONE, FAILED
 from brownpipe.storage.datasets import read_dataset
-from test_workflow import SCENE, snakemake
+from test_workflow import SCENE, age_backwards, snakemake
 
 STUDY = """\
 scenes: [scenes/full.yaml, scenes/half.yaml]
@@ -38,10 +39,10 @@ exec {} "$@"
 pytestmark = pytest.mark.slow
 
 
-def make(folder, *words):
+def make(folder, *words, status=DONE):
     """What snakemake printed."""
     path = f"{folder / 'bin'}:{forked.programs()}:{os.environ['PATH']}"
-    return snakemake(folder, *words, "tradeoff_figures", PATH=path)
+    return snakemake(folder, *words, "tradeoff_figures", status=status, PATH=path)
 
 
 @pytest.fixture(scope="module")
@@ -89,11 +90,16 @@ def test_seeds_are_as_many_as_the_tolerance_needs(finished):
 
 def test_nothing_is_run_again_until_the_tolerance_changes(finished, tmp_path):
     folder = shutil.copytree(finished[0], tmp_path / "copy")
+    age_backwards(folder)
 
     def planned():
         table = make(folder, "--dry-run").partition("Job stats:")[2]
         return dict(re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE))
 
     assert planned() == {"tradeoff_figures": "1", "total": "1"}  # only the table is shown again
+    (plan,) = (folder / "results/study/plan").iterdir()
+    plan.write_text(plan.read_text().replace("runs: ", "runs: 1"))
+    line = make(folder, "--dry-run", status=FAILED).splitlines()[-1]
+    assert line.startswith(f"brownpipe: results/study/plan/{plan.name}: is damaged, ") and "delete it" in line
     (folder / "study.yaml").write_text(STUDY.replace("20%", "15%"))
     assert planned().items() >= {"plan": "1", "tradeoff": "1"}.items()

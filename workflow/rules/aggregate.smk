@@ -1,7 +1,7 @@
 rule aggregate:
     input:
-        trajectories,
-        plan=plan_file,
+        ancient(trajectories),
+        plan=ancient(plan_file),
     output:
         dataset=f"{results}/aggregate/{study.name}.nc",
         made_from=f"{results}/aggregate/made_from_{made_from['aggregate']}.txt",
@@ -10,9 +10,10 @@ rule aggregate:
     resources:
         **request["aggregate"],
     params:
-        study=study_words,
+        study=exactly(study_words),
+        any_digest=any_digest,
         planned=made_from["aggregate"],
     shell:
-        'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
+        'rm -f "$(dirname {output.dataset:q})"/made_from_{params.any_digest}.txt'
         " && brownpipe aggregate --study {params.study} --plan {input.plan:q} --output {output.dataset:q}"
         " --planned {params.planned} --list-runs {output.made_from:q} > {log:q} 2>&1"

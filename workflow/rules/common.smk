@@ -2,9 +2,11 @@
 #
 # Files of runs stand in folders that are named after all that determines their runs, shared by all studies: a run that is
 # there is the one that is asked for. Later steps have the digest of what they are made from in the name of a file beside
-# their results, `made_from_DIGEST.txt`: if it is missing, the step is due. So nothing depends on times of modification or
-# on what Snakemake remembers (`rerun-triggers: input` in the profile).
-from brownpipe.study.workflow import forecast, read_workflow_study, remove_stale_locks
+# their results, `made_from_DIGEST.txt`: if it is missing, the step is due. `drawn_from_DIGEST.txt` lists dataset and files
+# of a drawing with their SHA-256: an older one that was put back is not shown. So nothing depends on times of modification
+# (inputs are `ancient`, and make a step due only where they are missing, even those that the step before it has read)
+# or on what Snakemake remembers (`rerun-triggers: input` in the profile).
+from brownpipe.study.workflow import ended_by_mistakes, forecast, read_workflow_study, remove_stale_locks
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import commands, digests, figure_options, files_of, requests
 from brownpipe.provenance import PACKAGE
@@ -16,15 +18,26 @@ study, study_words = read_workflow_study(configfiles, workflow.config_settings.c
 results = f"results/{study.name}"
 runs = "results/runs/{scene}/N{particles}/{engine}-{digest}/{first}-{last}"
 made_from = digests(study)
+any_digest = "[0-9a-f]" * len(made_from["plan"])
 simulations = commands(study)
 request = requests(study)
 captions = PACKAGE / "figures"
+not_as_made = "echo 'brownpipe: delete what is not as the study made it, and run the study again' >&2; exit 1"
 
 
 wildcard_constraints:
     digest="[0-9a-f]{8}",
     first=r"\d+",
     last=r"\d+",
+
+
+def exactly(words):
+    """Return words for a parameter of a rule such that Snakemake does not take braces in them for wildcards."""
+
+    def unchanged(wildcards):
+        return words
+
+    return unchanged
 
 
 # How many runs the tolerance of a study needs, by pilot runs; a study with `seeds` does without.
@@ -36,7 +49,7 @@ checkpoint plan:
     resources:
         **request["plan"],
     params:
-        study=study_words,
+        study=exactly(study_words),
     shell:
         "brownpipe plan {params.study} --count {output:q} > {log:q} 2>&1"
 
@@ -46,6 +59,7 @@ def plan_file(wildcards):
     return [] if study.tolerance is None else [checkpoints.plan.get().output[0]]
 
 
+@ended_by_mistakes()
 def trajectories(wildcards):
     """Return the files with the runs of the study: those that are there, and those to be made."""
     known = settled(study, *plan_file(wildcards)) if study.tolerance else study

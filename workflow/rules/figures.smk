@@ -1,7 +1,8 @@
 rule figures:
     input:
-        rules.aggregate.output.made_from,
-        dataset=rules.aggregate.output.dataset,
+        ancient(trajectories),
+        ancient(rules.aggregate.output.made_from),
+        dataset=ancient(rules.aggregate.output.dataset),
     output:
         summary=report(f"{results}/figures/summary.txt", caption="../report/summary.rst", category="Answer"),
         numbers=f"{results}/figures/summary.csv",
@@ -12,16 +13,19 @@ rule figures:
         ],
         others=expand("{results}/figures/{name}.{kind}", results=results, name=study.figures, kind=["png", "csv"]),
         page=f"{results}/report.html",
-        made_from=f"{results}/figures/made_from_{made_from['figures']}.txt",
+        drawn_from=f"{results}/figures/drawn_from_{made_from['figures']}.txt",
     log:
         f"{results}/logs/figures.log",
     threads: 2
     resources:
         **request["figures"],
     params:
-        options=figure_options(study),
+        options=exactly(figure_options(study)),
+        any_digest=any_digest,
         planned=made_from["aggregate"],
     shell:
-        'rm -f "$(dirname {output.summary:q})"/made_from_*.txt'
+        'rm -f "$(dirname {output.summary:q})"/drawn_from_{params.any_digest}.txt'
         ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
-        " {params.options:q} --planned {params.planned} --cores {threads} > {log:q} 2>&1 && touch {output.made_from:q}"
+        " {params.options:q} --planned {params.planned} --cores {threads} > {log:q} 2>&1"
+        " && sha256sum {input.dataset:q} {output.summary:q} {output.numbers:q} {output.provenance:q} {output.figures:q}"
+        " {output.others:q} {output.page:q} > {output.drawn_from:q}"

@@ -1,8 +1,8 @@
 # This rule measures CPU times, so no other job may run at the same time.
 rule tradeoff:
     input:
-        trajectories,
-        plan=plan_file,
+        ancient(trajectories),
+        plan=ancient(plan_file),
     output:
         dataset=f"{results}/tradeoff/{study.name}.nc",
         made_from=f"{results}/tradeoff/made_from_{made_from['tradeoff']}.txt",
@@ -12,18 +12,20 @@ rule tradeoff:
     resources:
         **request["tradeoff"],
     params:
-        study=study_words,
+        study=exactly(study_words),
+        any_digest=any_digest,
         planned=made_from["tradeoff"],
     shell:
-        'rm -f "$(dirname {output.dataset:q})"/made_from_*.txt'
+        'rm -f "$(dirname {output.dataset:q})"/made_from_{params.any_digest}.txt'
         " && brownpipe tradeoff {params.study} --plan {input.plan:q} --output {output.dataset:q}"
         " --planned {params.planned} --list-runs {output.made_from:q} > {log:q} 2>&1"
 
 
 rule tradeoff_drawings:
     input:
-        rules.tradeoff.output.made_from,
-        dataset=rules.tradeoff.output.dataset,
+        ancient(trajectories),
+        ancient(rules.tradeoff.output.made_from),
+        dataset=ancient(rules.tradeoff.output.dataset),
     output:
         table=report(f"{results}/tradeoff/tradeoff.txt", caption=f"{captions}/tradeoff.rst", category="Trade-off"),
         numbers=f"{results}/tradeoff/tradeoff.csv",
@@ -40,12 +42,15 @@ rule tradeoff_drawings:
     resources:
         **request["tradeoff_drawings"],
     params:
+        study=exactly(study_words),
+        any_digest=any_digest,
         planned=made_from["tradeoff"],
     shell:
-        'rm -f "$(dirname {output.table:q})"/drawn_from_*.txt'
+        'rm -f "$(dirname {output.table:q})"/drawn_from_{params.any_digest}.txt'
         ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.table:q})" --page {output.page:q}'
         " --planned {params.planned} > {log:q} 2>&1"
-        " && touch {output.drawn_from:q}"
+        " && sha256sum {input.dataset:q} {output.table:q} {output.numbers:q} {output.provenance:q} {output.figures:q}"
+        " {output.others:q} {output.page:q} > {output.drawn_from:q}"
 
 
 # As rule all does for the study, this asks for every file of the trade-off, and shows its answer at each run.
@@ -56,6 +61,10 @@ rule tradeoff_figures:
         trajectories,
         table=rules.tradeoff_drawings.output.table,
         page=rules.tradeoff_drawings.output.page,
+        drawn_from=rules.tradeoff_drawings.output.drawn_from,
     localrule: True
+    params:
+        not_as_made=not_as_made,
     shell:
-        "cat {input.table:q} && echo all on one page: {input.page:q}"
+        "sha256sum --check --quiet {input.drawn_from:q} >&2 || {{ {params.not_as_made}; }}"
+        " && cat {input.table:q} && echo all on one page: {input.page:q}"

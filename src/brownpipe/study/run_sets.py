@@ -112,8 +112,7 @@ def commands(study: Study) -> dict[str, str]:
     """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of its folder."""
     scenes = {name: shell_path(os.path.relpath(path)) for name, (path, _) in study.varied.items()}
     for name, (_, values) in study.varied.items():
-        assigned = [f"{key}={json.dumps(value)}" for key, value in values.items()]
-        scenes[name] += "".join(f" --value {shlex.quote(word)}" for word in assigned)
+        scenes[name] += "".join(f" --value {shlex.quote(f'{key}={json.dumps(one)}')}" for key, one in values.items())
     names = shell_path(",".join(study.observables))
     measured = f" --observables {names} --average {study.average}" if study.observables else ""
     return {
@@ -137,7 +136,7 @@ def figure_options(study: Study) -> list[str]:
         "--title": study.title,
         "--note": study.note,
     }
-    return [word for option, value in options.items() if value for word in (option, str(value))]
+    return [f"{option}={value}" for option, value in options.items() if value]
 
 
 def digests(study: Study) -> dict[str, str]:

@@ -1,14 +1,13 @@
 """Whether all that a study has made is there and intact: `brownpipe verify`."""
 
-import json
-import os
 from collections.abc import Sequence
+from hashlib import sha256
+from os.path import abspath, relpath
 from pathlib import Path
 
 import numpy as np
 
 from brownpipe.errors import StorageError, WrongFileError
-from brownpipe.figures.origin import RECORD
 from brownpipe.progress import tracked
 from brownpipe.scene.seeds import brief_seed_text, read_seeds
 from brownpipe.storage.datasets import read_contents
@@ -16,38 +15,38 @@ from brownpipe.storage.store import read_stored, stored_batches, without
 
 
 def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]:
-    """Read every dataset of a study and every file of its runs, and look for figures and runs that are missing.
+    """Read every dataset of a study, its figures and every file of its runs, and look for what is missing.
 
-    What there has to be stands beside the results, of one or more studies: the runs in `made_from_*.txt`, the figures
-    in `provenance.json`. Returns the paths of intact, damaged and missing files; of missing runs their folder and
-    seeds. A file that holds other runs than its name says is damaged. Raises WrongFileError if there is no such folder,
-    or nothing in it that can be verified. Nothing is written.
+    What there has to be stands beside the results, of one or more studies: the runs in `made_from_*.txt`, dataset and
+    figures with their SHA-256 in `drawn_from_*.txt`. Returns the paths of intact, damaged and missing files; of missing
+    runs their folder and seeds. A file that holds other runs than its name says is damaged. Raises WrongFileError if
+    there is no such folder, or nothing in it that can be verified. Nothing is written.
     """
-    paths = sorted(Path(os.path.abspath(folder)).rglob("*"))
-    runs, figures, damaged = set[tuple[Path, Sequence[int]]](), list[Path](), set[Path]()
+    paths = sorted(Path(abspath(folder)).rglob("*"))
+    runs, drawn, damaged = set[tuple[Path, Sequence[int]]](), set[tuple[Path, str]](), set[Path]()
     for record in paths:
         try:
             if record.match("made_from_*.txt"):
-                lines = (line.rsplit(" ", 1) for line in record.read_text().splitlines())
+                lines = (line.rsplit(" ", 1) for line in record.read_text().splitlines() or [""])
                 runs |= {(record.parents[3] / where, read_seeds(text)) for where, text in lines}
-            elif record.name == RECORD:
-                figures += [record.parent / name for name in json.loads(record.read_text())["files"]]
-        except (LookupError, TypeError, ValueError):
+            elif record.match("drawn_from_*.txt"):
+                lines = (line.split("  ", 1) for line in record.read_text().splitlines() or [""])
+                drawn |= {(record.parents[3] / name, digest) for digest, name in lines}
+        except ValueError:
             damaged.add(record)
     files, stored = {path for path in paths if path.suffix in (".h5", ".nc")}, set[Path]()
     if not (files or runs or damaged):
         raise WrongFileError(f"{folder}: has no dataset and no list of runs; must be results, results/STUDY or files")
-    missing = [os.path.relpath(path) for path in figures if not path.is_file()]
+    missing = [relpath(path) for path in sorted({path for path, _ in drawn}) if not path.is_file()]
     for place, asked in sorted(runs, key=str):
-        seeds = np.asarray(asked)
-        batches = stored_batches(place, seeds)
+        batches = stored_batches(place, seeds := np.asarray(asked))
         stored |= {place / f"{first}-{last}.h5" for first, last in batches}
         if len(left := without(seeds, batches)):
-            missing.append(f"{os.path.relpath(place)}: seeds {brief_seed_text(left)}")
+            missing.append(f"{relpath(place)}: seeds {brief_seed_text(left)}")
     for file in tracked(sorted(files | stored), "files"):
         try:
             (read_stored if file in stored else read_contents)(file)
         except StorageError:
             damaged.add(file)
-    intact = sorted((files | stored) - damaged)
-    return [*map(os.path.relpath, intact)], [*map(os.path.relpath, sorted(damaged))], missing
+    damaged |= {path for path, digest in drawn if path.is_file() and sha256(path.read_bytes()).hexdigest() != digest}
+    return [*map(relpath, sorted((files | stored) - damaged))], [*map(relpath, sorted(damaged))], missing

@@ -9,14 +9,14 @@ import os
 import shlex
 import sys
 import sysconfig
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from logging import Logger
 from pathlib import Path
 from typing import Any, NoReturn
 
-from brownpipe.errors import WRONG_REQUEST, RequestError
+from brownpipe.errors import BrownpipeError, RequestError
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import read_yaml, scalar
 from brownpipe.study.run_sets import run_sets, seconds_of_jobs
@@ -36,21 +36,26 @@ def pipeline_folder() -> Path:
 # -- for the Snakefile ----------------------------------------------------------------------------------------------
 
 
+@contextmanager
+def ended_by_mistakes() -> Iterator[None]:
+    """End the process with one line, not with a traceback of Snakemake, for a mistake or a file that is damaged."""
+    try:
+        yield
+    except BrownpipeError as error:
+        print(f"brownpipe: {error}", file=sys.stderr)
+        sys.exit(error.exit_status)
+
+
+@ended_by_mistakes()
 def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object]) -> tuple[Study, str]:
     """Return the study of --configfile and --config, and the words that name it in commands of brownpipe.
 
-    Keys of later files replace those of the first, as Snakemake has it. Ends the process with one line for a mistake.
+    Keys of later files replace those of the first, as Snakemake has it.
     """
     first, *others = (os.path.relpath(file) for file in files)
-    try:
-        replaced: dict[str, object] = {}
-        for file in others:
-            replaced |= read_yaml(file)
-        replaced |= from_command_line(dict(config))
-        study = read_study(first, replaced)
-    except RequestError as error:
-        print(f"brownpipe: {error}", file=sys.stderr)
-        sys.exit(WRONG_REQUEST)
+    replaced = {key: value for file in others for key, value in read_yaml(file).items()}
+    replaced |= from_command_line(dict(config))
+    study = read_study(first, replaced)
     words = [shlex.quote(f"{key}={json.dumps(value)}") for key, value in replaced.items()]
     return study, " ".join([shell_path(first), *(["--config", *words] if words else [])])
 
@@ -87,9 +92,8 @@ def forecast(study: Study, jobs: Sequence[Any], logger: Logger) -> None:
     costs = {runs.key: runs.cost for runs in run_sets(study)}
     runs = {job.output[0]: int(job.wildcards.last) - int(job.wildcards.first) + 1 for job in jobs}
     seconds = {job.output[0]: seconds_of_jobs(costs[job.wildcards.digest], runs[job.output[0]]) for job in jobs}
-    total = in_time(sum(seconds.values()))
-    text = f"{counted(sum(runs.values()), 'run')} in {counted(len(jobs), 'job')}, some {total} of CPU"
-    logger.info(f"brownpipe: the study {study.name}: {text}", extra={"runs": runs, "seconds": seconds})
+    text = f"{counted(sum(runs.values()), 'run')} in {counted(len(jobs), 'job')}, some {in_time(sum(seconds.values()))}"
+    logger.info(f"brownpipe: the study {study.name}: {text} of CPU", extra={"runs": runs, "seconds": seconds})
 
 
 # -- brownpipe run --------------------------------------------------------------------------------------------------
@@ -100,19 +104,21 @@ def run_study(study_file: str, cores: int | None, profile: str | None, further: 
 
     cores: jobs at the same time (None: all cores, or as many as the profile says). profile: where the jobs run
     (`profile_folder`); None: on this machine. further: other arguments of Snakemake, such as targets.
-    Raises RequestError for a file that is no YAML and for a profile that cannot be used, PermissionError if the folder
-    cannot be written to. The Snakefile refuses all other mistakes.
+    Raises RequestError for a file that is no YAML, a second study and a profile that cannot be used, PermissionError if
+    the folder cannot be written to. The Snakefile refuses all other mistakes.
     """
     read_yaml(study_file)
+    is_second = bool(further) and further[0].endswith(".yaml") and "=" not in further[0]
+    if is_second or any(word.startswith("--configfile") for word in further):
+        raise RequestError(f"{study_file}: must be the only study; --config KEY=VALUE replaces its keys")
     if not os.access(".", os.W_OK):
         raise PermissionError(f"{Path.cwd()}: cannot be written to; run the study from another folder")
     place = ["--cores", str(cores or "all")]
     if profile is not None:
         place = ["--profile", str(profile_folder(profile)), *(["--jobs", str(cores)] if cores else [])]
     path = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", os.defpath)])
-    snakefile = str(pipeline_folder() / "Snakefile")
-    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", snakefile, "--configfile", study_file]
-    os.execve(sys.executable, [*command, *place, *further], os.environ | {"PATH": path})
+    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(pipeline_folder() / "Snakefile")]
+    os.execve(command[0], [*command, "--configfile", study_file, *place, *further], os.environ | {"PATH": path})
 
 
 def profile_folder(profile: str) -> Path:
@@ -120,8 +126,7 @@ def profile_folder(profile: str) -> Path:
 
     Raises RequestError if it has no config.yaml, or if Snakemake's plugin for its executor is not installed.
     """
-    given = Path(profile).absolute()
-    folder = given if given.is_dir() else pipeline_folder() / "profiles" / profile
+    folder = Path(profile).absolute() if Path(profile).is_dir() else pipeline_folder() / "profiles" / profile
     executor = str(dict(read_yaml(folder / "config.yaml")).get("executor", "local"))
     if executor != "local" and not find_spec(f"snakemake_executor_plugin_{executor.replace('-', '_')}"):
         raise RequestError(f"--profile {profile}: needs snakemake-executor-plugin-{executor}; install it by pip")

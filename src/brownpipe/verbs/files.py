@@ -90,7 +90,7 @@ def add_verify(add: Callable) -> None:
 
 
 def verify(arguments: Namespace) -> int:
-    """Read every trajectory file and dataset of a study and verify its checksum.
+    """Read every trajectory file, dataset and figure of a study and verify its checksum.
 
     Names every file that is damaged, and runs and figures that are missing; then the exit status is 1. To make damaged
     files again, delete them and run the study. Nothing is written.
