@@ -296,10 +296,3 @@ def test_every_lint_left_has_a_reason():
     assert lints
     reasons = " ".join((ROOT / "CONTRIBUTING.md").read_text().split())
     assert [lint for lint in lints if lint not in reasons] == []
-
-
-@pytest.mark.parametrize("file", sorted((ROOT / "workflow" / "rules").iterdir()), ids=lambda path: path.name)
-def test_the_workflow_only_connects(file):
-    """Only what several rules need has functions, in common.smk."""
-    pattern = r"^\s*(?:run:|script:)|\blambda\b" + ("" if file.name == "common.smk" else r"|^\s*def\b")
-    assert not re.search(pattern, file.read_text(), re.MULTILINE)

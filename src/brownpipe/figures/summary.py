@@ -209,8 +209,7 @@ def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], t
         yield "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D of diffusion."
     for case in cases:
         if has(case, "drift_diffusion"):
-            added = f"the drift of all disks adds {case.drift_diffusion:.2g} to D by the end of a run"
-            yield f"{title_of(case)}: the total momentum is not zero; {added}."
+            yield f"{title_of(case)}: the drift of all disks adds {case.drift_diffusion:.2g} to D by the end of a run."
     yield from _tests_of_equilibrium(cases)
     if tests:
         times = {at_last_distribution(case).displacement_time.item() for case in cases if has(case, "msd")}
