@@ -31,12 +31,11 @@ rule all:
     params:
         not_as_made=not_as_made,
         allow_failed=study.allow_failed,
-        planned=made_from["aggregate"],
     shell:
         "sha256sum --check --quiet {input.drawn_from:q} >&2 || {{ {params.not_as_made}; }}"
         ' && cat {input.summary:q} && echo figures and tables: "$(dirname {input.summary:q})"'
         " && echo all on one page: {input.page:q}"
-        " && brownpipe inspect {input.dataset:q} --allow-failed {params.allow_failed} --planned {params.planned}"
+        " && brownpipe inspect {input.dataset:q} --allow-failed {params.allow_failed}"
 
 
 onstart:

@@ -229,7 +229,6 @@ REFUSED = [  # options, what the message must contain
     (["RUNS", "--seed", "4"], "--seed 4: is not in the file; must be of 3,5-6"),
     (["RUNS", "--variables"], "is a trajectory file (of `brownpipe simulate`), not a dataset"),
     (["RUNS", "--scene", "--reproduce"], "--scene: must not be given with --reproduce"),
-    (["small.nc", "--planned", "f00d"], "--planned: must be given with --allow-failed"),
     (["RUNS", "--variables", "--seed", "0"], "--variables: must not be given with --seed"),
     (["small.nc", "--scene"], "is a dataset (of `brownpipe aggregate`), not a trajectory file"),
     (["runs.checkpoint"], "is the checkpoint of unfinished runs (repeat the command that wrote it"),

@@ -42,7 +42,6 @@ rule tradeoff_drawings:
     resources:
         **request["tradeoff_drawings"],
     params:
-        study=exactly(study_words),
         any_digest=any_digest,
         planned=made_from["tradeoff"],
     shell:

@@ -192,13 +192,13 @@ def describe_product(path: str | Path) -> list[str]:
     return lines + [f"runs         {one['command']}" for one in runs]
 
 
-def failed_runs(path: str | Path, planned: str | None = None) -> tuple[int, int, str]:
+def failed_runs(path: str | Path) -> tuple[int, int, str]:
     """Return how many runs of a dataset failed, how many it has with those, and the cases and seeds in words.
 
     Raises StorageError if the file is damaged, WrongFileError if it is no dataset of `brownpipe aggregate` with the
     labels of its runs.
     """
-    status = read_dataset(path, planned).get("run_status")
+    status = read_dataset(path).get("run_status")
     if status is None or not {*EACH, "seed"} <= set(status.dims):
         raise WrongFileError(f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate")
     cases = []

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
-from brownpipe.errors import WrongFileError
 from brownpipe.provenance import PACKAGE, made_with
 from brownpipe.storage.files import DATASET, TRAJECTORIES, reading, write_sealed
 from brownpipe.storage.trajectories import SMALL, Trajectories, runs_record, trajectories_in
@@ -35,21 +34,17 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
     encoding = {name: {"zlib": True, "shuffle": True} for name in large if dataset[name].dtype.kind in "iuf"}
     # Coordinates first: h5netcdf connects each variable anew to those that come after it, a third of the CPU time.
     ordered = dataset.drop_vars(dataset.data_vars).assign(dataset.data_vars)
-    write_sealed(path, ordered.drop_encoding().to_netcdf(engine="h5netcdf", encoding=encoding))
+    image = ordered.drop_encoding().to_netcdf(engine="h5netcdf", encoding=encoding)
+    write_sealed(path, image)
 
 
-def read_dataset(path: str | Path, planned: str | None = None) -> "xarray.Dataset":
+def read_dataset(path: str | Path) -> "xarray.Dataset":
     """Return the dataset of a file, loaded into memory after its seal is verified.
 
-    planned: the digest of what it has to be made from, that of a study as it is.
-    Raises StorageError, which says how to make the file again; WrongFileError if it does not exist or is no dataset, or
-    of another study.
+    Raises StorageError, which says how to make the file again; WrongFileError if it does not exist or is no dataset.
     """
     with reading(path, DATASET) as file:
-        dataset = _dataset_in(file)
-    if planned not in (None, dataset.attrs.get("planned")):
-        raise WrongFileError(f"{path}: is not of this study as it is; delete it and run the study again")
-    return dataset
+        return _dataset_in(file)
 
 
 def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
@@ -63,7 +58,9 @@ class LookedUpOnce(h5py.File):
 
     def __getitem__(self, name: str) -> h5py.Dataset:
         found = self.__dict__.setdefault("found", {})
-        return found[name] if name in found else found.setdefault(name, super().__getitem__(name))
+        if name not in found:
+            found[name] = super().__getitem__(name)
+        return found[name]
 
 
 def _dataset_in(file: h5py.File) -> "xarray.Dataset":
@@ -82,7 +79,8 @@ def origin_attributes(step: str, runs: Iterable[tuple[Trajectories, np.ndarray]]
 
     runs: of each scene, number of disks and engine the contents of one of its files, and all its seeds (S,).
     """
-    told = {"options": options, "made_from": [runs_record(contents, seeds) for contents, seeds in runs]}
+    records = [runs_record(contents, seeds) for contents, seeds in runs]
+    told = {"options": options, "made_from": records}
     return made_by(step) | {name: json.dumps(one, sort_keys=True, allow_nan=False) for name, one in told.items()}
 
 

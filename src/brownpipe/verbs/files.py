@@ -30,7 +30,6 @@ def add_inspect(add: Callable) -> None:
     add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
     allowed = "of a dataset, say only which runs failed; exit status 1 if they are more than N"
     add("--allow-failed", type=typed(Count), metavar="N", help=allowed)
-    add("--planned", metavar="SHA256", help="with --allow-failed, refuse a dataset other than that of a study as it is")
     add("--variables", action="store_true", help="list the variables of a dataset with dimensions, units and meaning")
 
 
@@ -45,10 +44,8 @@ def inspect(arguments: Namespace) -> int:
     example: brownpipe inspect seed17.h5 --seed 17
     """
     refuse_together(arguments, "scene", "variables", "reproduce", "allow_failed", "seed", but=["reproduce", "seed"])
-    if arguments.planned is not None and arguments.allow_failed is None:
-        raise RequestError("--planned: must be given with --allow-failed")
     if arguments.allow_failed is not None:
-        return _failed(arguments.file, arguments.allow_failed, arguments.planned)
+        return _failed(arguments.file, arguments.allow_failed)
     if arguments.reproduce:
         return _reproduce(arguments)
     if arguments.scene:
@@ -63,9 +60,9 @@ def inspect(arguments: Namespace) -> int:
     return DONE
 
 
-def _failed(path: str, allowed: int, planned: str | None) -> int:
+def _failed(path: str, allowed: int) -> int:
     """Say which runs of a dataset failed, if any."""
-    failed, runs, cases = failed_runs(path, planned)
+    failed, runs, cases = failed_runs(path)
     if not failed:
         return DONE
     status = FAILED if failed > allowed else DONE

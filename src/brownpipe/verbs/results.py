@@ -106,7 +106,9 @@ def figures(arguments: Namespace) -> None:
     output = folder(arguments.output)
     options = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
     given = {name: value for name, value in options.items() if value is not None}
-    dataset = read_dataset(arguments.dataset, arguments.planned)
+    dataset = read_dataset(arguments.dataset)
+    if arguments.planned not in (None, dataset.attrs.get("planned")):
+        raise RequestError(f"{arguments.dataset}: is not of this study as it is; delete it and run the study again")
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
         record = record_of(dataset, seal_of(arguments.dataset), given)
