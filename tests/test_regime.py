@@ -58,7 +58,7 @@ def test_check_says_what_the_centre_of_mass_does_to_d(tmp_path):
         text = describe_scene_or_study(str(tmp_path / "one.yaml"))
         return next(line for line in text.splitlines() if line.startswith("momentum"))
 
-    assert "D is 0.562 = (1 - m/M)^2 times" in line(True)  # 24^2/32^2
+    assert "D is (1 - m/M)^2 = 0.562 times" in line(True)  # 24^2/32^2
     expected = 1.5 / 8 / friction.friction_rate(scene(), "enskog")
     assert f"adds 0.19 to a D of {expected:.2g} " in line(False)  # kT t/M = 1.5 * 4/32
 

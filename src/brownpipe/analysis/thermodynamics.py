@@ -48,13 +48,12 @@ def compressibility_from_rate(scene: Scene, rate: np.ndarray, kt: np.ndarray) ->
     return 1.0 + mean_root(scene) * rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
 
 
-def enskog(scene: Scene, with_bath: bool = True) -> dict[str, float]:
+def enskog(scene: Scene) -> dict[str, float]:
     """Return collision rates, contact value, compressibility and the tracer's diffusion coefficient by Enskog's theory.
 
     At the mean density of the box, with or without walls; {} without a temperature or beyond the packing fraction
     DENSEST. The tracer's rate and contact value are those of the langevin engine (`friction.partners_of`), and so is
-    its diffusion coefficient kT/(m gamma), unless there is a bath and the total momentum stays zero
-    (`friction.bath_share`).
+    its diffusion coefficient f^2 kT/(m gamma), f of `friction.bath_share`.
     """
     kt = scene.velocities and scene.velocities.temperature
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
@@ -69,7 +68,7 @@ def enskog(scene: Scene, with_bath: bool = True) -> dict[str, float]:
         "enskog_tracer_collision_rate": partners.rate.sum(),
         "enskog_contact_value": partners.contact_value[np.argmax(friction.bath_of(scene).number)],
         "enskog_compressibility": theory.mixture_compressibility(n, 2 * radius),
-        "enskog_diffusion": (friction.bath_share(scene) if with_bath else 1.0) ** 2 * kt / (mass[0] * gamma),
+        "enskog_diffusion": friction.bath_share(scene) ** 2 * kt / (mass[0] * gamma),
     }
 
 
@@ -100,9 +99,8 @@ def columns(case: Case, runs: Ensemble) -> Columns:
 def results(case: Case, averages: Averages) -> dict[str, float | Estimate]:
     """Return averages, Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
     means = {name: averages.estimate(name).unless_alike() for name in VARIABLES if name in averages.places}
-    whole = case.engine.definition.moves_all_disks
-    added = drift_diffusion(case.scene)
-    return means | enskog(case.scene, whole) | ({"drift_diffusion": added} if whole and added > 0 else {})
+    whole, added = case.engine.definition.moves_all_disks, drift_diffusion(case.scene)
+    return means | enskog(case.scene) | ({"drift_diffusion": added} if whole and added > 0 else {})
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"

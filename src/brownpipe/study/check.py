@@ -64,8 +64,7 @@ def _momentum(scene: Scene) -> str | None:
     if not scene.box.periodic or scene.listed or scene.particles < 2:
         return None
     if scene.velocities.zero_momentum:
-        factor = friction.bath_share(scene) ** 2
-        return f"zero in total: D is {factor:.3g} = (1 - m/M)^2 times that without recoil of the bath"
+        return f"zero in total: D is (1 - m/M)^2 = {friction.bath_share(scene) ** 2:.3g} times that without recoil"
     growth = friction.drift_diffusion(scene)
     mass, temperature = friction.followed(scene).mass, friction.bath_of(scene).temperature
     expected = temperature / mass * diffusive_from(scene) / DECAY_TIMES

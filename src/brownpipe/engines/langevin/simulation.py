@@ -2,6 +2,9 @@
 
     dx = v dt,    dv = -gamma v dt + sqrt(2 gamma kT/m) dW        (G. E. Uhlenbeck & L. S. Ornstein, 1930)
 
+Where the total momentum stays zero, the bath recoils: friction acts on the velocity relative to the bath, v/f, with f
+of `friction.bath_share`. The rate is then gamma/f and <v^2> of equilibrium 2 f kT/m; the noise is the same.
+
 The step is exact for any length (D. T. Gillespie, Phys. Rev. E 54, 2084 (1996)), so one step leads from sample to
 sample: there is no time-step error. Walls need no extra step: equation and noise are invariant under reflection, and a
 reflected path is the mirror image of a path through the wall. The free path is computed and, at each sample, folded
@@ -21,7 +24,7 @@ import numpy as np
 from brownpipe import progress
 from brownpipe.engines.ensemble import Ensemble, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.friction import bath_of, followed, friction_rate, moving_disks, rate_at_temperature
+from brownpipe.engines.friction import bath_of, bath_share, followed, friction_rate, moving_disks, rate_at_temperature
 from brownpipe.engines.initial_state import draw_tracer, noise
 from brownpipe.engines.kernels import compile_all, entry_point
 from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
@@ -56,7 +59,7 @@ def simulate(
     steps = np.diff(scene.times, prepend=-before)
     if not gamma * float(steps.max()) < np.inf:
         raise RequestError(f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308")
-    weights = step_weights(steps, gamma, bath_of(scene).temperature / followed(scene).mass)
+    weights = step_weights(steps, gamma, bath_share(scene) * bath_of(scene).temperature / followed(scene).mass)
     batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
     no_path = np.empty((0, 2, 2))
@@ -74,9 +77,10 @@ def simulate(
 
 
 def rate_of(scene: Scene, friction: str) -> float:
-    """Return gamma [1/time] as `friction.friction_rate` does; for `measured`, after runs of the exact engine."""
+    """Return the rate gamma/f [1/time] at which the velocity decays; for `measured`, after runs of the exact engine."""
     rate_scene = scene_of_rate(scene, friction)
-    return friction_rate(scene, friction, None if rate_scene is None else _collision_rate(rate_scene))
+    gamma = friction_rate(scene, friction, None if rate_scene is None else _collision_rate(rate_scene))
+    return gamma / bath_share(scene)
 
 
 def _collision_rate(scene: Scene) -> float:
