@@ -195,13 +195,13 @@ def _per_lone(around_lone: np.ndarray) -> np.ndarray:
 def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
     """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least that of Poisson.
 
-    Without it, that of three pairs in ten runs has the expected number in 78 % of ensembles.
+    The bootstrap has none for up to three pairs, and too short ones for some more.
     """
     estimate = averages.estimate("pair_distribution").scaled(_per_lone(around_lone))
     pairs, one = averages.totals["pairs"], averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone)
     *_, contact = pairs_in(case.scene)
     beyond = bin_edges(case.scene)[1:] > contact[:, None]
-    few = (pairs < FEW) & beyond & np.isfinite(estimate.low)
+    few = (pairs < FEW) & beyond & (averages.runs >= resampling.FEWEST_FOR_INTERVAL)
     low, high = (np.where(few, end * one, np.nan) for end in resampling.wilson_interval(pairs))
     return estimate._replace(low=np.fmin(estimate.low, low), high=np.fmax(estimate.high, high))
 

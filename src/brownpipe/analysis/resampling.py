@@ -38,7 +38,7 @@ class Estimate(NamedTuple):
 
     mean: np.ndarray
     standard_error: np.ndarray  # NaN for a single run
-    low: np.ndarray  # 95 % interval; NaN for fewer than FEWEST_FOR_INTERVAL runs
+    low: np.ndarray  # 95 % interval; NaN for fewer than FEWEST_FOR_INTERVAL runs, or events in up to three of them
     high: np.ndarray
 
     def at(self, index: int | tuple) -> "Estimate":
@@ -131,7 +131,8 @@ def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)
 
     r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard error, which makes
     the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 10 runs
-    (B. Efron, Can. J. Stat. 9, 139 (1981)). NaN ends below FEWEST_FOR_INTERVAL runs.
+    (B. Efron, Can. J. Stat. 9, 139 (1981)). NaN ends below FEWEST_FOR_INTERVAL runs, and where the runs are alike in
+    2.5 % of the replicates, as if only three runs have an event: for such a replicate t is infinite.
     """
     if len(sums[0].pivot) > _AT_ONCE:
         chunks = [slice(start, start + _AT_ONCE) for start in range(0, len(sums[0].pivot), _AT_ONCE)]
@@ -141,12 +142,13 @@ def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)
     value, variance = of(*means, *variances)
     error = np.sqrt(variance / _or_nan(sums[0].weight - 1)[:, None])
     whole = value[0].copy(), error[0].copy()  # of all runs; views would keep the replicates in memory
-    if sums[0].weight[0] < FEWEST_FOR_INTERVAL:
-        return Estimate(*whole, *np.full((2, *value[0].shape), np.nan))
-    t = np.divide(value[1:] - value[0], error[1:], out=np.zeros_like(value[1:]), where=error[1:] > ALIKE * error[0])
+    deviation, tail = value[1:] - value[0], (REPLICATES + 1) // 40
+    t = np.where(error[0] > 0.0, np.copysign(np.inf, deviation), 0.0)  # of replicates of runs that are alike
+    np.divide(deviation, error[1:], out=t, where=error[1:] > ALIKE * error[0])
     t.sort(axis=0)
-    tail = (REPLICATES + 1) // 40
-    return Estimate(*whole, value[0] - t[-tail] * error[0], value[0] - t[tail - 1] * error[0])
+    ends = value[0] - t[[-tail, tail - 1]] * error[0]
+    is_known = np.isfinite(ends).all(axis=0) & (sums[0].weight[0] >= FEWEST_FOR_INTERVAL)
+    return Estimate(*whole, *np.where(is_known, ends, np.nan))
 
 
 def _or_nan(count: np.ndarray) -> np.ndarray:
