@@ -75,7 +75,7 @@ def test_bias_and_what_is_not_known_of_it_count_as_error(study_file, here, monke
     monkeypatch.setattr(tradeoff, "compare", lambda *_: values)
     study = read_study(study_file(seeds=5))
     needed = [plan.performance_of(study, "msd", tolerance)[0][0].runs for tolerance in (0.02, 0.03)]
-    assert needed == [None, math.ceil(1 / (0.03**2 - 0.018**2 - 0.015**2))]
+    assert needed == [None, math.ceil((2.26216 / 1.95996) ** 2 / (0.03**2 - 0.018**2 - 0.015**2))]  # Student's, normal
 
 
 def test_one_engine_for_all_cases_has_the_most_runs_of_any():

@@ -170,7 +170,8 @@ def performance_of(study: Study, target: str, tolerance: float) -> tuple[list[Pe
             runs, cost, *_ = of_engine[engine]
             values = tradeoff.compare(runs, of_engine[REFERENCE].runs, study.fit_windows[0], cost.seconds)
             bias, error, spread = (float(values[name]) for name in names)
-            needed = tradeoff.runs_for(tolerance, bias**2 + error**2, spread, runs.share_sound)
+            pilot = np.inf if target == DISTRIBUTION else len(runs.seeds)
+            needed = tradeoff.runs_for(tolerance, bias**2 + error**2, spread, runs.share_sound, pilot)
             found.append(Performance(case, engine, bias, error, needed, cost))
         pilots += of_engine.values()
     return found, pilots

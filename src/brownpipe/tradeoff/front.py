@@ -45,15 +45,22 @@ def total_error(setting: MeasuredSetting, cpu_time: np.ndarray | float) -> np.nd
     return np.where(cpu_time >= FEWEST_RUNS * setting.seconds, error, np.nan)
 
 
-def runs_for(tolerance: float, bias_square: float, spread: float, share_sound: float = 1.0) -> int | None:
+def runs_for(
+    tolerance: float, bias_square: float, spread: float, share_sound: float = 1.0, pilot: float = np.inf
+) -> int | None:
     """Return the number of runs whose total error is `tolerance`; None if the bias alone is too large.
 
     `share_sound` is the share of runs that do not fail; those expected to fail are added, if more than 0.001 of a run.
+    The spread is that of `pilot` runs: the fewer they are, the larger it is taken, by Student's quantile over the
+    normal one (C. Stein, Ann. Math. Stat. 16, 243 (1945)).
     """
+    from scipy.special import stdtrit
+
     variance = tolerance**2 - bias_square
     if variance <= 0.0:
         return None
-    sound = max(FEWEST_RUNS, int(np.ceil(spread**2 / variance * (1 - 1e-12))))
+    student, normal = stdtrit([pilot - 1, np.inf], 0.975)
+    sound = max(FEWEST_RUNS, int(np.ceil((spread * student / normal) ** 2 / variance * (1 - 1e-12))))
     return sound + max(0, int(np.ceil(sound * (1.0 / share_sound - 1.0) - 1e-3)))
 
 
