@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from brownpipe.cli import main
-from brownpipe.errors import DONE
+from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.figures import origin
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene import parse_scene, read_scene
@@ -88,7 +88,8 @@ def test_products_name_no_machine_user_folder_or_date(product, finished):
 
 def test_movies_and_exports_say_how_their_run_is_made_again(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["simulate", str(SCENE), "--particles", "3", "--seeds", "4-5", "--record", "all"]) == DONE
+    simulate = ["simulate", str(SCENE), "--particles", "3", "--record", "all", "--seeds"]
+    assert main([*simulate, "4-5"]) == DONE and main([*simulate, "6"]) == WRONG_REQUEST  # the file is there
     command = "brownpipe simulate harrison2020.yaml --particles 3 --seeds 5 --engine exact --record all"
     for name in ("m.gif", "m.png"):
         assert main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", name]) == DONE
