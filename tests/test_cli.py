@@ -282,7 +282,8 @@ def test_runs_that_fail_their_health_check(runs, failed, status, said, monkeypat
 # -- what it costs to start -----------------------------------------------------------------------------------------
 
 COMMANDS = "from brownpipe.cli import main; assert [*map(main, {})] == {}"
-ALL_ENGINES = [["simulate", SCENE, "--particles", "10", *engine] for engine in ([], STEP, [*LANGEVIN, "enskog"])]
+TEN = ["simulate", SCENE, "--particles", "10", "--output", "x.h5"]
+ALL_ENGINES = [[*TEN, *engine] for engine in ([], STEP, [*LANGEVIN, "enskog"])]
 READERS = [["inspect", "RUNS"], ["aggregate", "RUNS", "--output", "a.nc"]]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from brownpipe.cli import main
-from brownpipe.errors import DONE
+from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.figures import origin
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene import parse_scene, read_scene
@@ -72,7 +72,7 @@ def test_figures_tables_summary_and_page_say_what_their_dataset_says(finished, c
         assert record["made_by"]["matplotlib_version"] and record["made_by"]["python"]
         assert main(["inspect", str(folder / name)]) == DONE
         command = "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
-        assert capsys.readouterr().out.endswith(f"runs         {command}\n")
+        assert f"runs         {command}\nscenes       are in" in capsys.readouterr().out
     assert records["msd.csv"]["files"] == sorted(set(NAMES) - {"provenance.json"})
     made, where = (folder / "summary.txt").read_text().splitlines()[-2:]
     assert made.startswith("Made by brownpipe ") and where.endswith("provenance.json")
@@ -88,13 +88,14 @@ def test_products_name_no_machine_user_folder_or_date(product, finished):
 
 def test_movies_and_exports_say_how_their_run_is_made_again(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["simulate", str(SCENE), "--particles", "3", "--seeds", "4-5", "--record", "all"]) == DONE
+    simulate = ["simulate", str(SCENE), "--particles", "3", "--record", "all", "--seeds"]
+    assert main([*simulate, "4-5"]) == DONE and main([*simulate, "6"]) == WRONG_REQUEST  # the file is there
     command = "brownpipe simulate harrison2020.yaml --particles 3 --seeds 5 --engine exact --record all"
     for name in ("m.gif", "m.png"):
         assert main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", name]) == DONE
         assert origin.read_record(name)["movie"] == {"seed": 5, "frames": 2, "fps": 25.0}
         capsys.readouterr()
-        assert main(["inspect", name]) == DONE and capsys.readouterr().out.endswith(f"runs         {command}\n")
+        assert main(["inspect", name]) == DONE and f"runs         {command}\nscenes       " in capsys.readouterr().out
     assert main(["export", "harrison2020.h5", "--seed", "5", "--to", "xyz"]) == DONE
     assert Path("harrison2020.xyz").read_text().count(f'command="{command}"') == 1
 

@@ -77,7 +77,7 @@ def planned(folder, *arguments, **more):
     """How many jobs of each rule a dry run would start."""
     text = snakemake(folder, "--dry-run", *arguments, **more)
     counts = re.findall(r"^(simulate|aggregate|figures) +(\d+)$", text.partition("Job stats:")[2], re.MULTILINE)
-    assert counts or re.search(r"^all +1$", text, re.MULTILINE)  # nothing but to show the answer again
+    assert re.search(r"^all +1$", text, re.MULTILINE)  # the answer is always shown
     return dict.fromkeys(("simulate", "aggregate", "figures"), 0) | {rule: int(count) for rule, count in counts}
 
 
@@ -273,6 +273,8 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
         assert "or if there is none: brownpipe run STUDY --unlock" in snakemake(study, *words, status=FAILED)
     snakemake(study, *words)
     assert file.is_file()
+    shutil.rmtree(study / "results/study/figures")  # killed while a job went on, which is now made again: forced
+    assert planned(study, "--forcerun", "aggregate") == ANALYSIS
 
 
 # -- what goes wrong ------------------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 rule figures:
     input:
         ancient(trajectories),
-        ancient(rules.aggregate.output.made_from),
-        dataset=ancient(rules.aggregate.output.dataset),
+        ancient(str(rules.aggregate.output.made_from)),
+        dataset=ancient(str(rules.aggregate.output.dataset)),
     output:
         summary=report(f"{results}/figures/summary.txt", caption="../report/summary.rst", category="Answer"),
         numbers=f"{results}/figures/summary.csv",

@@ -24,8 +24,8 @@ rule tradeoff:
 rule tradeoff_drawings:
     input:
         ancient(trajectories),
-        ancient(rules.tradeoff.output.made_from),
-        dataset=ancient(rules.tradeoff.output.dataset),
+        ancient(str(rules.tradeoff.output.made_from)),
+        dataset=ancient(str(rules.tradeoff.output.dataset)),
     output:
         table=report(f"{results}/tradeoff/tradeoff.txt", caption=f"{captions}/tradeoff.rst", category="Trade-off"),
         numbers=f"{results}/tradeoff/tradeoff.csv",

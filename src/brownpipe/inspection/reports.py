@@ -186,10 +186,10 @@ def describe_product(path: str | Path) -> list[str]:
     if record is None:
         raise WrongFileError(f"{path}: does not say what it was made from, and no {RECORD} beside it does")
     dataset = record.get("dataset", {})
-    runs = [*dataset.get("made_from", []), *record.get("made_from", [])]
     lines = [f"{path}  made by {installation_in_words(record['made_by'])}"]
     lines += [f"dataset      {dataset['sha256'][:DIGITS]}"] if dataset else []
-    return lines + [f"runs         {one['command']}" for one in runs]
+    lines += [f"runs         {one['command']}" for one in (*dataset.get("made_from", ()), *record.get("made_from", ()))]
+    return [*lines, "scenes       are in the files of runs: brownpipe inspect FILE.h5 --scene > SCENE.yaml"]
 
 
 def failed_runs(path: str | Path) -> tuple[int, int, str]:
