@@ -90,6 +90,17 @@ def said(capsys):
     return run
 
 
+@pytest.fixture
+def fewer_replicates(monkeypatch):
+    """A fifth of the replicates of the bootstrap: ends of an interval scatter more, and cover the truth as often."""
+    from brownpipe.analysis import resampling
+
+    resampling._weights.cache_clear()
+    monkeypatch.setattr(resampling, "REPLICATES", 399)
+    yield
+    resampling._weights.cache_clear()
+
+
 class Faults:
     """Random faults: moments, bytes, inputs. A failing test shows its seed, and --fault-seed repeats it."""
 

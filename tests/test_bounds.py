@@ -32,20 +32,25 @@ class Checked(np.ndarray):
 
     def __getitem__(self, index):
         _refuse_outside(self, index)
-        return super().__getitem__(index)
+        return ITEM(self, index)
 
     def __setitem__(self, index, value):
         _refuse_outside(self, index)
-        super().__setitem__(index, value)
+        SET_ITEM(self, index, value)
+
+
+ITEM, SET_ITEM = np.ndarray.__getitem__, np.ndarray.__setitem__
 
 
 def _refuse_outside(array, index):
+    if isinstance(index, INTEGER) and 0 <= index < len(array):  # nearly all of them
+        return
     each = index if isinstance(index, tuple) else (index,)
     if Ellipsis in [one for one in each if not isinstance(one, np.ndarray)]:
         at = next(k for k, one in enumerate(each) if one is Ellipsis)
         each = (*each[:at], *(slice(None),) * (array.ndim - len(each) + 1), *each[at + 1 :])
     for axis, (given, size) in enumerate(zip(each, array.shape, strict=False)):
-        if isinstance(given, INTEGER):  # nearly all of them
+        if isinstance(given, INTEGER):
             inside = 0 <= given < size
         elif isinstance(given, slice):
             inside = (given.start or 0) >= 0 and (given.stop is None or given.stop <= size)

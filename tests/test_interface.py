@@ -3,6 +3,7 @@
 import io
 import math
 import multiprocessing
+import os
 import subprocess
 import sys
 import time
@@ -17,6 +18,7 @@ import yaml
 from PIL import Image
 
 import brownpipe as bp
+import forked
 from brownpipe import progress
 from brownpipe.cli import main
 from brownpipe.engines import Engine
@@ -24,7 +26,8 @@ from brownpipe.engines.exact import run as exact_run
 from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
 from synthetic import render
 
-SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
+ROOT = Path(__file__).parents[1]
+SCENE, SNAKEFILE = str(ROOT / "config" / "scenes" / "harrison2020.yaml"), ROOT / "Snakefile"
 KEYS = yaml.safe_load(Path(SCENE).read_text())
 
 
@@ -251,7 +254,18 @@ def test_runs_on_several_cores_are_the_same(runs):
 
 @pytest.mark.slow
 def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
-    """By the same digest of what determines runs; nothing is written to the store."""
+    """By the same digest of what determines runs; nothing is written to the store.
+
+    The processes are forked ones: `brownpipe run` becomes this Snakemake in tests/test_run.py, runs in test_wheel.py.
+    """
+
+    def forked_run(words):
+        assert words == [sys.executable, "-P", "-m", "brownpipe", "run", "study.yaml", "-j", "1", "--config", "seeds=6"]
+        further = ["--configfile", "study.yaml", "--cores", "1", "--config", "seeds=6"]
+        path = {"PATH": f"{forked.programs()}:{os.environ['PATH']}"}
+        return forked.snakemake("--snakefile", SNAKEFILE, *further, cwd=tmp_path, env=os.environ | path)
+
+    monkeypatch.setattr(progress, "relayed", forked_run)
     monkeypatch.chdir(tmp_path)
     Path("study.yaml").write_text(
         f"scenes: {SCENE}\nparticles: 20\nseeds: 60\nfit_windows: [[0.1, 1]]\nfigures: health\n"
