@@ -6,6 +6,7 @@ import random
 import re
 import signal
 import sys
+from functools import cache
 
 import pytest
 
@@ -95,10 +96,8 @@ def fewer_replicates(monkeypatch):
     """A fifth of the replicates of the bootstrap: ends of an interval scatter more, and cover the truth as often."""
     from brownpipe.analysis import resampling
 
-    resampling._weights.cache_clear()
     monkeypatch.setattr(resampling, "REPLICATES", 399)
-    yield
-    resampling._weights.cache_clear()
+    monkeypatch.setattr(resampling, "_weights", cache(resampling._weights.__wrapped__))
 
 
 class Faults:

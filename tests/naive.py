@@ -23,8 +23,7 @@ def pair_time(r, v, sigma):
     """
     rv, vv, rr = dot(r, v), dot(v, v), dot(r, r)
     root = rv**2 - vv * (rr - sigma**2)
-    meets = np.nonzero((rv < 0) & (root > 0))
-    t = np.full(root.shape, np.inf)
+    t, meets = np.full(root.shape, np.inf), np.nonzero((rv < 0) & (root > 0))
     t[meets] = np.maximum((-rv[meets] - np.sqrt(root[meets])) / vv[meets[-1]], 0)
     return t
 
@@ -49,8 +48,7 @@ def run(state, box, duration, most=np.inf):
 
     events: a list of (time, a, b, impulse given to a), b a disk or a wall.
     """
-    x, v = (np.array(each, dtype=float).T.copy() for each in (state.position, state.velocity))  # (2, N)
-    radius, mass = state.radius, state.mass
+    x, v, radius, mass = (np.array(each.T, dtype=float, order="C") for each in state)  # (2, N), (N,)
     (low, high), size = np.array((box.x, box.y)).T[..., None], np.array((box.width, box.height))  # (2, 1)
     a, b = np.triu_indices(len(radius), 1)
     sigma = radius[a] + radius[b]

@@ -32,14 +32,11 @@ class Checked(np.ndarray):
 
     def __getitem__(self, index):
         _refuse_outside(self, index)
-        return ITEM(self, index)
+        return super().__getitem__(index)
 
     def __setitem__(self, index, value):
         _refuse_outside(self, index)
-        SET_ITEM(self, index, value)
-
-
-ITEM, SET_ITEM = np.ndarray.__getitem__, np.ndarray.__setitem__
+        super().__setitem__(index, value)
 
 
 def _refuse_outside(array, index):
