@@ -6,6 +6,7 @@ import random
 import re
 import signal
 import sys
+from functools import cache
 
 import pytest
 
@@ -88,6 +89,15 @@ def said(capsys):
         return status, out, re.sub("^brownpipe: (compiling|waiting) .*\n", "", err, flags=re.MULTILINE)
 
     return run
+
+
+@pytest.fixture
+def fewer_replicates(monkeypatch):
+    """A fifth of the replicates of the bootstrap: ends of an interval scatter more, and cover the truth as often."""
+    from brownpipe.analysis import resampling
+
+    monkeypatch.setattr(resampling, "REPLICATES", 399)
+    monkeypatch.setattr(resampling, "_weights", cache(resampling._weights.__wrapped__))
 
 
 class Faults:

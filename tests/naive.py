@@ -12,24 +12,24 @@ LEFT, RIGHT, BOTTOM, TOP = -1, -2, -3, -4
 
 
 def dot(u, v):
-    """Scalar products of vectors (..., 2); np.sum takes several times as long over an axis of two."""
-    return u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1]
+    """Scalar products of vectors (2, ..., n)."""
+    return u[0] * v[0] + u[1] * v[1]
 
 
 def pair_time(r, v, sigma):
-    """Eqs. (1)-(3): when abs(r + v t) = sigma, for r = r_a - r_b and v = v_a - v_b, (..., 2); inf if never.
+    """Eqs. (1)-(3): when abs(r + v t) = sigma, for r = r_a - r_b, (2, ..., n), and v = v_a - v_b, (2, n); inf if never.
 
     One departure: eq. (1) gives a negative time to an approaching pair that round-off left overlapped. It is 0 here.
     """
     rv, vv, rr = dot(r, v), dot(v, v), dot(r, r)
     root = rv**2 - vv * (rr - sigma**2)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        t = (-rv - np.sqrt(root)) / vv
-    return np.where((rv < 0) & (root > 0), np.maximum(t, 0), np.inf)
+    t, meets = np.full(root.shape, np.inf), np.nonzero((rv < 0) & (root > 0))
+    t[meets] = np.maximum((-rv[meets] - np.sqrt(root[meets])) / vv[meets[-1]], 0)
+    return t
 
 
 def wall_time(position, velocity, margin, low, high):
-    """Eq. (4): when a coordinate is a margin from the wall that it moves to; arrays (N, 2)."""
+    """Eq. (4): when a coordinate is a margin from the wall that it moves to; arrays (2, N)."""
     wall = np.where(velocity > 0, high - margin, low + margin)
     with np.errstate(invalid="ignore", divide="ignore"):
         t = (wall - position) / velocity
@@ -48,15 +48,17 @@ def run(state, box, duration, most=np.inf):
 
     events: a list of (time, a, b, impulse given to a), b a disk or a wall.
     """
-    x, v, radius, mass = (np.array(each, dtype=float) for each in state)
-    (low, high), size = np.array((box.x, box.y)).T, np.array((box.width, box.height))
-    a, b = np.triu_indices(len(x), 1)
+    x, v, radius, mass = (np.array(each.T, dtype=float, order="C") for each in state)  # (2, N), (N,)
+    (low, high), size = np.array((box.x, box.y)).T[..., None], np.array((box.width, box.height))  # (2, 1)
+    a, b = np.triu_indices(len(radius), 1)
+    sigma = radius[a] + radius[b]
     images = [np.zeros(2)] if not box.periodic else [size * step for step in product((0, -1, 1), repeat=2)]
-    images = np.array(images)[:, None]  # (1 or 9, 1, 2)
-    margin = 0.0 if box.periodic else radius[:, None]
+    images = np.array(images).T[..., None].copy()  # (2, 1 or 9, 1)
+    margin = 0.0 if box.periodic else radius
     now, events = 0.0, []
     while len(events) < most:
-        pairs = pair_time(x[a] - x[b] + images, v[a] - v[b], radius[a] + radius[b])
+        r, u = (each.take(a, axis=1) - each.take(b, axis=1) for each in (x, v))
+        pairs = pair_time(r[:, None] + images, u, sigma)
         walls = wall_time(x, v, margin, low, high)
         t_pair, t_wall = pairs.min(initial=np.inf), walls.min(initial=np.inf)
         t = min(t_pair, t_wall)
@@ -68,16 +70,16 @@ def run(state, box, duration, most=np.inf):
         if t_pair <= t_wall:
             image, pair = np.unravel_index(np.argmin(pairs), pairs.shape)
             i, k = a[pair], b[pair]
-            before = v[i].copy()
-            v[i], v[k] = collide(x[i] - x[k] + images[image, 0], v[i], v[k], mass[i], mass[k])
-            events.append((now, i, k, mass[i] * (v[i] - before)))
+            before = v[:, i].copy()
+            v[:, i], v[:, k] = collide(x[:, i] - x[:, k] + images[:, image, 0], before, v[:, k], mass[i], mass[k])
+            events.append((now, i, k, mass[i] * (v[:, i] - before)))
             continue
-        i, axis = np.unravel_index(np.argmin(walls), walls.shape)
-        upper = v[i, axis] > 0
+        axis, i = np.unravel_index(np.argmin(walls), walls.shape)
+        upper = v[axis, i] > 0
         if box.periodic:
-            x[i, axis] = low[axis] if upper else high[axis]
+            x[axis, i] = low[axis, 0] if upper else high[axis, 0]
             continue
-        before = v[i].copy()
-        v[i, axis] = -v[i, axis]  # eqs. (9)-(10)
-        events.append((now, i, (LEFT, RIGHT, BOTTOM, TOP)[2 * axis + upper], mass[i] * (v[i] - before)))
-    return events, x, v
+        before = v[:, i].copy()
+        v[axis, i] = -v[axis, i]  # eqs. (9)-(10)
+        events.append((now, i, (LEFT, RIGHT, BOTTOM, TOP)[2 * axis + upper], mass[i] * (v[:, i] - before)))
+    return events, x.T, v.T

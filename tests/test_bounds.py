@@ -40,12 +40,14 @@ class Checked(np.ndarray):
 
 
 def _refuse_outside(array, index):
+    if isinstance(index, INTEGER) and 0 <= index < len(array):  # nearly all of them
+        return
     each = index if isinstance(index, tuple) else (index,)
     if Ellipsis in [one for one in each if not isinstance(one, np.ndarray)]:
         at = next(k for k, one in enumerate(each) if one is Ellipsis)
         each = (*each[:at], *(slice(None),) * (array.ndim - len(each) + 1), *each[at + 1 :])
     for axis, (given, size) in enumerate(zip(each, array.shape, strict=False)):
-        if isinstance(given, INTEGER):  # nearly all of them
+        if isinstance(given, INTEGER):
             inside = 0 <= given < size
         elif isinstance(given, slice):
             inside = (given.start or 0) >= 0 and (given.stop is None or given.stop <= size)

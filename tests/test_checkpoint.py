@@ -234,7 +234,7 @@ def test_without_the_option_a_checkpoint_is_left_alone(kept, capsys):
 @pytest.mark.slow
 def test_killed_at_any_moment():
     """In the middle of a run, or, as a checkpoint is due at every block, most likely while one is written."""
-    Path("some.yaml").write_text(SCENE.replace("DURATION", "1.5e4"))
+    Path("some.yaml").write_text(SCENE.replace("DURATION", "6e3"))
     argv = ["simulate", "some.yaml", "--seeds", "3-4", "--output", "x.h5", "--checkpoint-every"]
     for seconds, delay in (("1e-9", 0.0), ("0.1", 0.05), ("1e-9", 0.0371)):
         before = KEPT.stat().st_mtime_ns if KEPT.exists() else 0

@@ -54,7 +54,7 @@ def test_pair_time_is_that_of_the_slow_twin():
     r, v = rng.uniform(-3, 3, (5000, 2)), rng.standard_normal((5000, 2))
     sigma = rng.uniform(0.1, 0.99, 5000) * np.minimum(2, np.hypot(*r.T))
     times = np.array([pair_time(*a, *b, s) for a, b, s in zip(r.tolist(), v.tolist(), sigma.tolist(), strict=True)])
-    expected = naive.pair_time(r, v, sigma)
+    expected = naive.pair_time(r.T, v.T, sigma)
     assert np.array_equal(np.isinf(times), np.isinf(expected))
     hit = np.isfinite(times)
     assert 500 < hit.sum() < 4500
@@ -75,7 +75,7 @@ def test_no_grazing_hit_is_missed_and_no_miss_is_hit(distance):
         assert math.isfinite(pair_time(*hit)) == math.isfinite(exact_time(*hit)) is True
         assert pair_time(*miss) == math.inf
         assert abs(pair_time(*hit) - exact_time(*hit)) < 1.5e-6 * max(1, distance / 10)
-        missed += bool(np.isinf(naive.pair_time(*np.array(hit[:4]).reshape(2, 2), 1.0)))
+        missed += bool(np.isinf(naive.pair_time(*np.array(hit[:4]).reshape(2, 2, 1), 1.0)))
     assert (missed > 50) == (distance == 1000.0)  # the formula as printed
 
 

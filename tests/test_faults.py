@@ -149,10 +149,10 @@ def append(path, chance):
 @pytest.mark.slow
 def test_any_damage_is_found_and_nothing_else(study, faults):
     assert verify_results(RESULTS) == (sealed(), [], [])
-    for _ in range(6):
+    for harm in (flip, cut, append) * 4:
         file = faults.random.choice(sealed())
         before = Path(file).read_bytes()
-        faults.random.choice((flip, cut, append))(Path(file), faults.random)
+        harm(Path(file), faults.random)
         assert verify_results(RESULTS)[1] == [file], faults.seed
         Path(file).write_bytes(before)
     first, second = map(Path, sealed()[1:])

@@ -642,28 +642,20 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
 
 
 @pytest.mark.slow
-def test_one_run_is_drawn_without_a_warning(tmp_path, run_through):
-    trajectories = make_runs(make_scene(duration=0.4), [0])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        dataset = aggregate([write(tmp_path, trajectories)])
-        assert len(render(dataset, tmp_path)) == len(OF_ALL) + 3 * len(OF_TRAJECTORIES)
-    assert "plain" in summary(dataset)
-    legends = [axes.get_legend() for figure in run_through for axes in figure.axes]
-    assert not any("nan" in text.get_text() for legend in legends if legend for text in legend.get_texts())
-
-
-@pytest.mark.slow
-def test_disk_at_rest_and_no_disk(tmp_path, run_through):
-    trajectories = make_runs(make_scene(), range(12))
-    rest = trajectories.ensemble._replace(tracer=Track(0 * trajectories.ensemble.tracer.position))
-    nothing = trajectories.ensemble._replace(tracer=None)
-    for ensemble, shown in ((rest, len(OF_TRAJECTORIES)), (nothing, 2)):
+def test_one_run_a_disk_at_rest_and_no_disk_are_drawn_without_a_warning(tmp_path, run_through):
+    made = make_runs(make_scene(), range(12))
+    rest = made._replace(ensemble=made.ensemble._replace(tracer=Track(0 * made.ensemble.tracer.position)))
+    nothing = made._replace(ensemble=made.ensemble._replace(tracer=None))
+    cases_drawn = (nothing, 2), (rest, len(OF_TRAJECTORIES)), (make_runs(make_scene(), [0]), len(OF_TRAJECTORIES))
+    for runs, shown in cases_drawn:
+        run_through.clear()
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            dataset = aggregate([write(tmp_path, trajectories._replace(ensemble=ensemble))])
+            dataset = aggregate([write(tmp_path, runs)])
             assert len(render(dataset, tmp_path)) == len(OF_ALL) + 3 * shown
         assert "plain" in summary(dataset)
+    legends = [axes.get_legend() for figure in run_through for axes in figure.axes]
+    assert not any("nan" in text.get_text() for legend in legends if legend for text in legend.get_texts())
 
 
 def test_numbers_are_written_to_their_error():

@@ -242,14 +242,14 @@ def test_where_some_runs_find_no_place_these_grow():
     """Of equal disks at a packing fraction of 0.52 in a small box, 6 % get stuck."""
     scenes = [dense(box(10, 10, P), [(66, 0.5, 1)], how) for how in ("auto", "random")]
     stuck = 0
-    for seed in range(100):
+    for seed in range(50):
         state = draw(scenes[0], seed)
         assert_sound(scenes[0], state)
         try:
             assert np.array_equal(state.position, draw(scenes[1], seed).position)
         except PlacementError:
             stuck += 1
-    assert 0 < stuck < 20
+    assert 0 < stuck < 10
 
 
 @pytest.mark.slow

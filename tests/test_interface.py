@@ -3,6 +3,7 @@
 import io
 import math
 import multiprocessing
+import os
 import subprocess
 import sys
 import time
@@ -17,14 +18,16 @@ import yaml
 from PIL import Image
 
 import brownpipe as bp
+import forked
 from brownpipe import progress
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
 from synthetic import render
+from test_workflow import ROOT, environment
 
-SCENE = str(Path(__file__).parents[1] / "config" / "scenes" / "harrison2020.yaml")
+SCENE = str(ROOT / "config" / "scenes" / "harrison2020.yaml")
 KEYS = yaml.safe_load(Path(SCENE).read_text())
 
 
@@ -251,8 +254,15 @@ def test_runs_on_several_cores_are_the_same(runs):
 
 @pytest.mark.slow
 def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
-    """By the same digest of what determines runs; nothing is written to the store."""
+    """By the same digest of what determines runs; nothing is written to the store. `brownpipe run`: test_wheel.py."""
     monkeypatch.chdir(tmp_path)
+
+    def forked_run(words):
+        assert words[1:-2] == ["-P", "-m", "brownpipe", "run", "study.yaml", "-j", "1"]
+        words = ["--snakefile", ROOT / "Snakefile", "--configfile", "study.yaml", "--cores", "1", *words[-2:]]
+        return forked.snakemake(*words, cwd=tmp_path, env=environment(PATH=f"{forked.programs()}:{os.environ['PATH']}"))
+
+    monkeypatch.setattr(progress, "relayed", forked_run)
     Path("study.yaml").write_text(
         f"scenes: {SCENE}\nparticles: 20\nseeds: 60\nfit_windows: [[0.1, 1]]\nfigures: health\n"
     )

@@ -108,29 +108,30 @@ def follows(package, *words, **environment):
 
 
 @pytest.mark.slow
-def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied):
+def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied, monkeypatch):
     said, first, changed, result = follows(copied)
     assert said == "compiling" and first.startswith(str(copied / "__pycache__" / "kernels-"))
     assert follows(copied) == [first, changed, result]
-    with open(copied / "engines" / "units.py", "a") as file:
-        file.write("# edited\n")
-    said, folder, *_ = follows(copied)
-    assert said == "compiling" and folder != first
     *said, _, usual, same = follows(copied, "untested", NUMBA_CPU_NAME="generic")
     assert said[0] == "kernels", "the line of a version of Numba that was not tested"
     assert "compiling" in said, "there is code, but for another processor"
     assert usual == "numba.core.codegen" and same == result
     assert changed == ("brownpipe.engines.compiler" if compiler.is_tested() else usual)
+    monkeypatch.setattr(kernels, "PACKAGE", copied)
+    with open(copied / "engines" / "units.py", "a") as file:
+        file.write("# edited\n")
+    assert kernels._folder().parent == copied / "__pycache__" and not [*kernels._folder().rglob("*.nb?")]
 
 
-@pytest.mark.slow
-def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(copied, tmp_path):
+def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(copied, tmp_path, monkeypatch):
     """Here a file is in the place of the folder, as root can write to any."""
     (copied / "__pycache__").touch()
-    own = {"XDG_CACHE_HOME": str(tmp_path / "own"), "PYTHONDONTWRITEBYTECODE": "1"}
-    said, folder, *_ = follows(copied, **own)
-    assert said == "compiling" and folder.startswith(str(tmp_path / "own" / "brownpipe" / "kernels-"))
-    assert follows(copied, **own | {"XDG_CACHE_HOME": "/dev/null"})[:3] == ["compiling", "machine", "None"]
+    monkeypatch.setattr(kernels, "PACKAGE", copied)
+    monkeypatch.setattr(kernels.config, "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "own"))
+    assert kernels._folder().parent == tmp_path / "own" / "brownpipe"
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    assert kernels._folder() is None
 
 
 @pytest.fixture
@@ -166,3 +167,8 @@ def test_if_machine_code_cannot_be_written_the_run_goes_on(kept, monkeypatch):
 
     monkeypatch.setattr(os, "replace", full)
     assert [is_compiled_again(kept()) for _ in range(2)] == [True, True]
+    said = []
+    monkeypatch.setattr(kernels, "FOLDER", None)
+    monkeypatch.setattr(kernels, "_say_once", said.append)
+    kernels.compile_all(lambda: kept()(outer()))
+    assert {line.partition(" ")[0] for line in said} == {"compiling", "machine"}

@@ -214,7 +214,7 @@ def plain_bonds(scene, position):
 @pytest.mark.slow
 @pytest.mark.parametrize("boundary", [W, P])
 def test_orientational_order_is_that_of_neighbours_one_by_one(boundary):
-    scene = make(boundary, duration=0.4)
+    scene = make(boundary, duration=0.2)
     run = made_up(scene)
     if boundary == P:
         run.whole.position[:, 2] -= 0.5  # it is an image of disk 1

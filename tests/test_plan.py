@@ -200,7 +200,7 @@ def test_only_engines_of_the_study_are_considered_in_their_order(study_file, her
 
 
 @pytest.mark.slow
-def test_intervals_cover_the_truth_although_pilot_runs_decide_their_number():
+def test_intervals_cover_the_truth_although_pilot_runs_decide_their_number(fewer_replicates):
     """Two-stage sampling of r^2, exponential with mean 1, to 4 %, with pilots of 100 runs.
 
     400 studies know a coverage of 95 % to 1.1 %, and a bias to a twentieth of the tolerance.

@@ -123,7 +123,7 @@ def test_everything_declared_is_there_and_the_answer_is_printed_last(finished):
 
 
 def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_other_batches(finished, tmp_path):
-    """Zone, language and the order of Python's sets are others where figures are drawn."""
+    """Zone, language and the order of Python's sets are others where figures are drawn, on two cores, too."""
     folder = write_study(tmp_path / "a folder of another name")
     (folder / "study.yaml").write_text(STUDY.replace("batch: 10", "batch: 5"))
     mine, older = (folder / f"results/study/aggregate/made_from_{of}.txt" for of in ("me", "0123456789ab"))
@@ -133,7 +133,7 @@ def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_ot
     assert mine.is_file() and not older.exists()
     (folder / "results/study/figures/msd.svg").unlink()
     elsewhere = {"TZ": "Asia/Kathmandu", "LC_ALL": "C.UTF-8", "LANG": "de_DE.UTF-8", "PYTHONHASHSEED": "7"}
-    again = f"brownpipe {' '.join(due(folder, 'figures'))}"
+    again = f"brownpipe {' '.join(due(folder, 'figures'))} --cores 2"
     subprocess.run(again, shell=True, cwd=folder, env=environment(**elsewhere), check=True, timeout=300)
     one, two = (contents(each, "*.nc", *PICTURES) for each in (finished[0], folder))
     assert one.keys() == two.keys() and len(one) >= 10

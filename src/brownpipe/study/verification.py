@@ -10,7 +10,7 @@ import numpy as np
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.progress import tracked
 from brownpipe.scene.seeds import brief_seed_text, read_seeds
-from brownpipe.storage.datasets import read_contents
+from brownpipe.storage.files import verified
 from brownpipe.storage.store import read_stored, stored_batches, without
 
 
@@ -45,8 +45,8 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
             missing.append(f"{relpath(place)}: seeds {brief_seed_text(left)}")
     for file in tracked(sorted(files | stored), "files"):
         try:
-            (read_stored if file in stored else read_contents)(file)
-        except StorageError:
+            (read_stored if file in stored else verified)(file)
+        except (OSError, StorageError):
             damaged.add(file)
     damaged |= {path for path, digest in drawn if path.is_file() and sha256(path.read_bytes()).hexdigest() != digest}
     return [*map(relpath, sorted((files | stored) - damaged))], [*map(relpath, sorted(damaged))], missing
