@@ -16,8 +16,8 @@ from brownpipe.observables import OBSERVABLES
 from brownpipe.observables.own import identity
 from brownpipe.provenance import made_with
 from brownpipe.scene import Scene
-from brownpipe.scene.reading import Count, Positive, read_yaml
-from brownpipe.scene.seeds import read_seeds, seed_text
+from brownpipe.scene.reading import Count, Positive, read_yaml, validated
+from brownpipe.scene.seeds import Seeds, seed_text
 from brownpipe.scene.variation import scene_with
 from brownpipe.storage.files import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.store import runs_digest
@@ -71,7 +71,7 @@ def simulate(arguments: Namespace) -> int:
     began = time.process_time()
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
-    seeds = read_seeds(arguments.seeds)
+    seeds = validated(Seeds, arguments.seeds, key="seeds")
     scene = scene_with(read_yaml(arguments.scene), arguments.scene, dict(arguments.values), arguments.particles)
     measures: dict[str, Any] = {"observables": tuple(arguments.observables), "average": arguments.average}
     cost = forecast_of_runs(engine, scene, seeds, record, *measures.values())
