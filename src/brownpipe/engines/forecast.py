@@ -170,29 +170,23 @@ def pair_rate(scene: Scene) -> float:
 
     `theory.collision_rate` with sqrt(kT/mu) = hypot(speed_i, speed_j), the standard deviation of a component of the
     relative velocity. This also holds for species of different temperatures.
+
+    Above DENSEST disks collide more often than in the fluid of that packing fraction: by the free volume of a crystal
+    of equal disks, Z = 1 + 2 phi chi = s/(s - 2 R) for neighbours at the distance s (Z. W. Salsburg & W. W. Wood, J.
+    Chem. Phys. 37, 798 (1962)). Rows that the box compresses collide more often.
     """
-    table, speed, rate = species_table(scene), speeds(scene), 0.0
+    table, speed, rate, phi = species_table(scene), speeds(scene), 0.0, scene.packing_fraction
     density, diameter = table.number / scene.box.area, 2 * table.radius
-    fluid = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
+    fluid = min(1.0, DENSEST / max(phi, 1e-300))
     for i, radius in enumerate(table.radius):
         partners = (table.number - (np.arange(len(speed)) == i)) / scene.box.area
         contact = theory.contact_value_mixture(diameter[i], diameter, fluid * density, diameter)
         rates = theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0)
         rate += table.number[i] * (rates * np.hypot(speed[i], speed)).sum() / 2
-    return float(rate) * _crowding(scene)
-
-
-def _crowding(scene: Scene) -> float:
-    """Return how many times as often disks collide above DENSEST as in the fluid of that packing fraction.
-
-    By the free volume of a crystal of equal disks, Z = 1 + 2 phi chi = s/(s - 2 R) for neighbours at the distance s (Z.
-    W. Salsburg & W. W. Wood, J. Chem. Phys. 37, 798 (1962)). Rows that the box compresses collide more often.
-    """
-    phi = scene.packing_fraction
     if phi <= DENSEST:
-        return 1.0
+        return float(rate)
     gap = max(1 - math.sqrt(phi / HEXAGONAL_PACKING), SMALLEST_GAP)  # relative to the distance
-    return (1 / gap - 1) / (2 * phi) / theory.contact_value(DENSEST)
+    return float(rate) * ((1 / gap - 1) / (2 * phi) / theory.contact_value(DENSEST))
 
 
 def wall_rate(scene: Scene) -> float:
