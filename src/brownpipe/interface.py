@@ -31,7 +31,7 @@ from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import SHAPE, summary_table
 from brownpipe.observables.own import named
 from brownpipe.processes import calculated
-from brownpipe.provenance import modules_of, source_digest
+from brownpipe.provenance import source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene
 from brownpipe.scene import read_scene as scene_of_file
@@ -150,7 +150,7 @@ def simulate(
     refuse_taken(ensemble.own)
     if failed := failures(ensemble):
         warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=2)
-    return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))
+    return to_tree(Trajectories(scene, chosen, ensemble, source_digest("simulate", chosen.name)))
 
 
 def analyse(

@@ -144,7 +144,7 @@ def digests(study: Study) -> dict[str, str]:
     unknown = {"seeds": ()} if study.tolerance else {}
     runs = [*listed_runs(study.model_copy(update=unknown)), study.tolerance, study.target, study.fit_windows[0]]
     keys = study.model_dump(include={"fit_windows", "displacement_times", "rings", "vary", "vary_together"})
-    found = {step: source_digest(*modules) for step, modules in STEPS.items()}
+    found = {step: source_digest(step) for step in STEPS}
     # The dataset says if windows were asked for.
     aggregate = digest_of(runs, (keys, "fit_windows" in study.model_fields_set), found["aggregate"])
     tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])
