@@ -16,7 +16,7 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,6 +66,11 @@ def movie_record(trajectories: Trajectories, recorded: str, seed: int, **options
 def metadata(record: Record) -> dict[str, str]:
     """Return the metadata of a PNG or SVG with this record, as matplotlib takes them."""
     return {"Description": "Made by brownpipe.", "Source": json.dumps(record, sort_keys=True)}
+
+
+def record_text(record: Record, names: Iterable[str]) -> str:
+    """Return the text of `provenance.json`: the record, and the files in the folder that it belongs to."""
+    return json.dumps({"files": sorted(names)} | record, indent=1, sort_keys=True) + "\n"
 
 
 def closing_lines(record: Record) -> str:

@@ -1,6 +1,5 @@
 """Everything that `brownpipe figures` writes of a dataset: figures, tables, text, a page, and their record."""
 
-import json
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from xarray import Dataset
 from brownpipe.errors import FigureError, WrongFileError
 from brownpipe.figures import render, tradeoff
 from brownpipe.figures.cases import cases_shown
-from brownpipe.figures.origin import RECORD, Record, closing_lines, metadata, read_record
+from brownpipe.figures.origin import RECORD, Record, closing_lines, metadata, read_record, record_text
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.processes import calculated
 from brownpipe.report.page import page_of_study, page_of_tradeoff
@@ -46,8 +45,7 @@ def write(
     files |= {f"{one}.csv": table.to_csv(index=False, lineterminator="\n").encode() for one, table in tables.items()}
     files[name] = (text + closing_lines(record)).encode()
     products = {folder / name: contents for name, contents in files.items()}
-    listed = {"files": sorted(files)} | record
-    products[folder / RECORD] = (json.dumps(listed, indent=1, sort_keys=True) + "\n").encode()
+    products[folder / RECORD] = record_text(record, files).encode()
     if page is not None:
         products[Path(page)] = page_of(dataset, drawings, record)
     for path in products:

@@ -115,9 +115,7 @@ def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) 
     dims = dims_of(group.name, name, own)
     values = values.astype(object) if values.dtype.kind == "U" else values  # text, as h5py takes it
     filters: dict[str, Any] = {}
-    if (
-        values.nbytes > SMALL and values.dtype.kind in "iuf"
-    ):  # a chunk: as much of a run as fits, then more runs
+    if values.nbytes > SMALL and values.dtype.kind in "iuf":  # a chunk: as much of a run as fits, then more runs
         chunks, items = dict.fromkeys(dims, 1), CHUNK_BYTES // values.itemsize
         for dim, size in sorted(zip(dims[::-1], values.shape[::-1], strict=True), key=lambda pair: pair[0] == "seed"):
             chunks[dim] = max(1, min(size, items))

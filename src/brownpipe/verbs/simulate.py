@@ -25,7 +25,7 @@ from brownpipe.storage.trajectories import write_trajectories
 from brownpipe.study import forecast_of_runs
 from brownpipe.text import counted, in_time
 from brownpipe.verbs.options import add_particles, key_value, several, typed
-from brownpipe.verbs.output import HDF5, refuse_if_too_large, say, show, writable
+from brownpipe.verbs.output import HDF5, say, show, writable
 
 
 def add_simulate(add: Callable) -> None:
@@ -78,8 +78,8 @@ def simulate(arguments: Namespace) -> int:
     digest = runs_digest(scene, engine, record, **measures)
     if arguments.planned not in (None, digest):
         raise RequestError(f"{arguments.scene}: has changed since the study was planned; run the study again")
-    output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5)
-    refuse_if_too_large(output, len(seeds) * cost.recorded)
+    size = len(seeds) * cost.recorded
+    output = writable(arguments.output or f"{scene.name}.h5", arguments.scene, suffixes=HDF5, size=size)
 
     for caution in engine.cautions(scene, arguments.observables):
         say(caution, DONE)
