@@ -14,7 +14,7 @@ import numpy as np
 from brownpipe.engines import Engine, recorded
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError
-from brownpipe.observables import observables_making
+from brownpipe.observables import OBSERVABLES
 from brownpipe.observables.own import Own, own_arrays
 from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene, parse_scene
@@ -49,9 +49,10 @@ class Trajectories(NamedTuple):
     @property
     def measured(self) -> tuple[str, ...] | None:
         """The observables that were measured in the runs; None if none of them came to its end."""
-        names = self.ensemble.observables.keys()
+        arrays = self.ensemble.observables.keys()
+        listed = [name for name, observable in OBSERVABLES.items() if next(iter(observable.arrays)) in arrays]
         own = dict.fromkeys(array.observable for array in self.ensemble.own.values())
-        return None if names <= {"failed"} else (*observables_making(names), *own)
+        return None if arrays <= {"failed"} else (*listed, *own)
 
     @property
     def attributes(self) -> dict:
