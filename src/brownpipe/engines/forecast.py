@@ -209,25 +209,19 @@ def crossing_rate(scene: Scene) -> float:
     return path_rate(scene) / math.sqrt(scene.box.area / max(scene.particles, 1))
 
 
-def mean_free_path(scene: Scene) -> float:
-    """Return the mean free path [length] between collisions with disks: mean speed over mean collision rate.
-
-    An average over all disks; inf if none collide.
-    """
-    rate = 2 * pair_rate(scene)
-    return path_rate(scene) / rate if rate > 0 else np.inf
-
-
 def caution(scene: Scene) -> str | None:
     """Return one line of caution on runs of all disks of a scene; otherwise None.
 
-    If random placement is expected to fail, or if the mean free path is longer than the shorter side of the box.
+    If random placement is expected to fail, or if the mean free path between collisions with disks, mean speed over
+    mean collision rate of all disks, is longer than the shorter side of the box.
     """
     if line := placement_caution(scene):
         return line
-    side = min(scene.box.width, scene.box.height)
-    path = mean_free_path(scene)
-    if not scene.species or scene.particles < 2 or not side < path < np.inf:
+    rate = 2 * pair_rate(scene)
+    if not scene.species or scene.particles < 2 or not rate > 0:
+        return None
+    side, path = min(scene.box.width, scene.box.height), path_rate(scene) / rate
+    if path <= side:
         return None
     too_long = f"the mean free path, {path:.2g}, is longer than its shorter side, {side:.2g}"
     return f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: {too_long}"
