@@ -45,7 +45,7 @@ def test_too_few_disks_for_the_box_are_said():
         "thin.yaml",
     )
     expected = 36.0 / 3 / (2 * 2**0.5 * 0.2)  # of the three others
-    assert forecast.mean_free_path(scene) == pytest.approx(expected, rel=0.01)
+    assert forecast.path_rate(scene) / (2 * forecast.pair_rate(scene)) == pytest.approx(expected, rel=0.01)
     remark = forecast.caution(scene)
     assert remark.startswith("thin: 4 disks are too few for Brownian motion in this box: the mean free path, 21, is")
     assert forecast.caution(read_scene(CONFIG / "scenes" / "harrison2020.yaml")) is None

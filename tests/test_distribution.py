@@ -23,7 +23,7 @@ def dataset(tmp_path_factory):
 
 def case_of(times, **more):
     """A case with rings of width 0.1."""
-    edges = distribution.ring_edges(0.1, 10)
+    edges = 0.1 * np.arange(11)
     return estimator.Case(make_scene(), Engine("exact"), times, windows=((0.0, 1.0),), edges=edges, **more)
 
 

@@ -43,7 +43,7 @@ def test_true_ensembles_are_rejected_as_often_as_stated(runs, width, sample):
 
     With chi-square of K - 2 degrees the slope over [0.5, 1] is refused in 7 to 10 % at the 5 % level: more than that.
     """
-    edges = distribution.ring_edges(width, 24)
+    edges = width * np.arange(25)
     p, joint = [], []
     for squared, ring, estimates in ensembles(runs, edges, sample=sample):
         shape = goodness.kurtosis_p_value((squared**2).mean() / (2 * squared.mean() ** 2), runs)
@@ -58,7 +58,7 @@ def test_true_ensembles_are_rejected_as_often_as_stated(runs, width, sample):
 @pytest.mark.slow
 def test_power_is_the_share_of_tests_that_reject_a_wrong_d():
     """D 5 % too large, from all three sources; within 4 standard errors of 300 sets and 3 % for the cumulants."""
-    edges, shares, said = distribution.ring_edges(0.04, 24), [], []
+    edges, shares, said = 0.04 * np.arange(25), [], []
     for set_, (_, ring, estimates) in enumerate(ensembles(2400, edges, 300, seed=2)):
         tests = [goodness.chi_square(*model(ring, one, edges, 1.05)) for one in estimates]
         shares.append([test.p < goodness.LEVEL for test in tests])
@@ -91,7 +91,7 @@ def test_a_d_fitted_to_the_counts_costs_one_degree_of_freedom():
     """A maximum-likelihood fit has C = B/(B.B) and v = 1/(B.B): the weights are 0 and 1."""
     from scipy.stats import chi2
 
-    edges = distribution.ring_edges(0.1, 20)
+    edges = 0.1 * np.arange(21)
     expected, more, less = (distribution.expected_ring_counts(5000, edges, 1.0, d) for d in (0.25, 0.250025, 0.249975))
     change = (more - less) / 2e-4
     information = (change**2 / expected).sum()

@@ -248,5 +248,5 @@ def test_an_edit_of_style_template_or_caption_is_another_source(tmp_path):
         if name is not None:
             (package / name).write_text((package / name).read_text(encoding="utf-8") + "\n", encoding="utf-8")
         provenance.source_digest.cache_clear()
-        digests.append(provenance.source_digest(*provenance.STEPS["figures"], folder=package))
+        digests.append(provenance.source_digest("figures", folder=package))
     assert len({*digests}) == 4

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from brownpipe.engines import Engine, forecast
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
-from brownpipe.scene.seeds import ranges, read_seeds, seed_text
+from brownpipe.scene.reading import validated
+from brownpipe.scene.seeds import Seeds, ranges, seed_text
 from brownpipe.storage.store import stored_batches, without
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import batches, commands, digests, figure_options, files_of, run_sets
@@ -208,17 +209,17 @@ def test_seeds_and_tolerance_replace_each_other(tmp_path):
 @given(st.sets(st.integers(0, 60), min_size=1))
 @settings(max_examples=200, deadline=None)
 def test_seeds_written_one_by_one_or_in_ranges_are_the_same(seeds):
-    one_by_one = read_seeds(",".join(map(str, seeds)))
+    one_by_one = validated(Seeds, ",".join(map(str, seeds)))
     assert list(one_by_one) == sorted(seeds)
-    assert [*read_seeds(",".join(f"{first}-{last}" for first, last in ranges(one_by_one)))] == [*one_by_one]
-    assert [*read_seeds(seed_text(one_by_one))] == [*one_by_one]
+    assert [*validated(Seeds, ",".join(f"{first}-{last}" for first, last in ranges(one_by_one)))] == [*one_by_one]
+    assert [*validated(Seeds, seed_text(one_by_one))] == [*one_by_one]
 
 
 def test_seeds_as_text():
     cases = {"": [], "17": [17], "0-599": range(600), "0-2,7,9-10": [0, 1, 2, 7, 9, 10], "0,2,4": range(0, 6, 2)}
     assert {text: seed_text(seeds) for text, seeds in cases.items()} == {text: text for text in cases}
-    assert (list(read_seeds("9,3,5,3")), list(read_seeds("0-9,2-3,5"))) == ([3, 5, 9], [*range(10)])
-    assert read_seeds("0-499999,500000-999999") == (*range(1_000_000),)
+    assert (list(validated(Seeds, "9,3,5,3")), list(validated(Seeds, "0-9,2-3,5"))) == ([3, 5, 9], [*range(10)])
+    assert validated(Seeds, "0-499999,500000-999999") == (*range(1_000_000),)
 
 
 @given(st.sets(st.integers(0, 100), min_size=1), st.integers(1, 20))

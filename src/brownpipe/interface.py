@@ -31,12 +31,12 @@ from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import SHAPE, summary_table
 from brownpipe.observables.own import named
 from brownpipe.processes import calculated
-from brownpipe.provenance import modules_of, source_digest
+from brownpipe.provenance import source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene
 from brownpipe.scene import read_scene as scene_of_file
 from brownpipe.scene.reading import AtLeastOne, Positive, did_you_mean, plain, validated
-from brownpipe.scene.seeds import read_seeds
+from brownpipe.scene.seeds import Seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
 from brownpipe.storage.datasets import read_contents, read_dataset, write_dataset
 from brownpipe.storage.files import refuse_foreign
@@ -150,7 +150,7 @@ def simulate(
     refuse_taken(ensemble.own)
     if failed := failures(ensemble):
         warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=2)
-    return to_tree(Trajectories(scene, chosen, ensemble, source_digest(*modules_of("simulate", chosen.name))))
+    return to_tree(Trajectories(scene, chosen, ensemble, source_digest("simulate", chosen.name)))
 
 
 def analyse(
@@ -369,7 +369,8 @@ def _requested(asked: Mapping[str, Any]) -> tuple[SceneRecord, Engine, Sequence[
     names = tuple(filter(None, _words("observables", asked["observables"]).split(",")))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
         seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
-    numbers, cores = read_seeds(plain(seeds)), validated(AtLeastOne, plain(asked["cores"]), key="cores")
+    numbers = validated(Seeds, plain(seeds), key="seeds")
+    cores = validated(AtLeastOne, plain(asked["cores"]), key="cores")
     forecast_of_runs(engine, scene, numbers, record, names, asked["average"])
     return scene, engine, numbers, record, names, cores
 

@@ -33,25 +33,21 @@ def digest_of(*parts: object) -> str:
 
 def made_with(step: str, engine: str | None = None) -> dict[str, str]:
     """Return the digest of a step's source and the versions of its packages; with an `engine`, that is part of it."""
-    return {"source_digest": source_digest(*modules_of(step, engine))} | versions(step)
+    return {"source_digest": source_digest(step, engine)} | versions(step)
 
 
-def modules_of(step: str, engine: str | None = None) -> tuple[str, ...]:
-    """Return the patterns of the source files that determine the output of a step; with those of an `engine`."""
-    return STEPS[step] if engine is None else (*STEPS[step], f"engines/{engine}/*")
-
-
-def sources(*patterns: str, folder: Path = PACKAGE) -> list[Path]:
-    """Return the source files that match the patterns, sorted."""
+def sources(step: str, engine: str | None = None, folder: Path = PACKAGE) -> list[Path]:
+    """Return the source files that determine the output of a step, sorted; with those of an `engine`."""
+    patterns = STEPS[step] if engine is None else (*STEPS[step], f"engines/{engine}/*")
     files = {file for pattern in patterns for file in folder.glob(pattern)}
     return sorted(file for file in files if file.suffix in SUFFIXES)
 
 
 @cache  # a study asks for it once for each set of runs
-def source_digest(*patterns: str, folder: Path = PACKAGE) -> str:
-    """Return the SHA-256 over the names and texts of source files, whatever the line ends."""
+def source_digest(step: str, engine: str | None = None, folder: Path = PACKAGE) -> str:
+    """Return the SHA-256 over the names and texts of the `sources` of a step, whatever the line ends."""
     total = hashlib.sha256()
-    for file in sources(*patterns, folder=folder):
+    for file in sources(step, engine, folder):
         text = file.read_text(encoding="utf-8").encode()
         total.update(f"{file.relative_to(folder).as_posix()} {len(text)}\n".encode())
         total.update(text)

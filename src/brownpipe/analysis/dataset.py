@@ -72,7 +72,7 @@ def aggregate(
         raise AnalysisError("rings: width and number must be given together")
     groups = groups_of(sources)
     every = [group.pattern.contents for group in groups]
-    scenes, fixed = [one.scene for one in every], None if dr is None else distribution.ring_edges(dr, rings)
+    scenes, fixed = [one.scene for one in every], None if dr is None else dr * np.arange(rings + 1)
     fitted, times = windows or default_windows(scenes), [*displacement_times]
     cases = [
         Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own, varied=vary)

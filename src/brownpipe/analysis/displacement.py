@@ -111,7 +111,7 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     lines = per_run_lines(square, case.times, case.windows)
     kept = {"run_msd": square[:, -1], "run_diffusion_coefficient": lines[:, 0, 0] / 4}
     friction = {name: one for name, one in runs.observables.items() if name == "friction_rate"}
-    return Columns({"msd": square, "lines": lines} | friction, kept=kept)
+    return Columns({"msd": square, "slope": lines[:, 0], "intercept": lines[:, 1]} | friction, kept=kept)
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -131,10 +131,10 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     }
     if "msd" not in averages.places:
         return values
-    msd, lines = averages.estimate("msd"), averages.estimate("lines")
-    slope, over_4t = lines.at(0), np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
+    msd, slope = averages.estimate("msd"), averages.estimate("slope")
+    over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
     values |= {"msd": msd, "msd_over_4t": msd.scaled(over_4t)}
-    return values | {"slope": slope, "intercept": lines.at(1), "diffusion_coefficient": slope.scaled(0.25)}
+    return values | {"slope": slope, "diffusion_coefficient": slope.scaled(0.25)}
 
 
 WINDOW = (*EACH, "window")

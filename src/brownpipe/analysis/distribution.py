@@ -25,11 +25,6 @@ FEWEST_TO_CONTROL = 200  # runs; of 100 the standard error with a control variat
 LOG_STEP = 1e-4  # of ln D, for derivatives of the expected counts
 
 
-def ring_edges(width: float, rings: int) -> np.ndarray:
-    """Return the edges (K + 1,) [length] of `rings` rings of equal `width` around the start."""
-    return width * np.arange(rings + 1)
-
-
 def ring_of(distance: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Return the number k (n,) of the ring [edges[k], edges[k + 1]) at each distance; K beyond the outermost edge."""
     return np.searchsorted(edges, distance, side="right") - 1
@@ -79,7 +74,7 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
         nearly_all = np.sqrt(np.quantile(column, 1 - BEYOND, method="higher"))
         reach = max(REACH * np.sqrt(np.mean(column)), nearly_all) or 1.0  # nothing moves
         width = 2.0 ** np.ceil(np.log2(reach / MOST_RINGS))
-        edges.append(ring_edges(width, int(np.ceil(reach / width))))
+        edges.append(width * np.arange(np.ceil(reach / width) + 1))
     return tuple(edges)
 
 
@@ -109,7 +104,7 @@ def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
     square = ["square"] if np.isfinite(displacement.accessible_half_width(case.scene)) else []
     models = ["msd", *(f"slope {label}" for label in displacement.labels(case.windows)), *square]
     if "r2" not in averages.places:
-        edges = ring_edges(1.0, 1) if case.edges is None else case.edges
+        edges = np.arange(2.0) if case.edges is None else case.edges
         yield {"displacement_time": case.times[chosen_times(case)], "model": models} | _rings(edges)
         return
     of_shape = kurtosis(averages)
@@ -153,8 +148,8 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     """
     at, edges, half_width = chosen_times(case)[k], case.rings[k], displacement.accessible_half_width(case.scene)
     t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
-    of_msd, of_lines = (np.stack(resampling.moments(averages.of(name), 0))[:, 0] for name in ("msd", "lines"))
-    means, variances = np.column_stack([of_msd[:, at], of_lines[:, : len(case.windows)]])
+    of_msd, of_slope = (np.stack(resampling.moments(averages.of(name), 0))[:, 0] for name in ("msd", "slope"))
+    means, variances = np.column_stack([of_msd[:, at], of_slope])
     means = np.where(means > 0.0, means, np.nan)
     variances = variances / means**2
     shared = averages.totals["shared"][k][:, : len(edges)] / means[:, None] - counts

@@ -10,6 +10,7 @@ memory. To add one, enter it in `dataset.ESTIMATORS`.
 
 from collections import ChainMap
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,15 +48,15 @@ class Columns(NamedTuple):
     kept: Mapping[str, np.ndarray] = {}  # name -> (n, ...): to be kept of every run
 
 
+@dataclass
 class Averages:
     """Averages over all runs of a case, by the name of the column."""
 
-    def __init__(self) -> None:
-        self.runs = 0
-        self.sums: Sums | None = None  # None: no runs
-        self.places: dict = {}  # name of a mean -> (columns in the sums: slice, shape of one run's entry)
-        self.totals: dict[str, np.ndarray] = {}  # sums over runs
-        self.kept: dict[str, np.ndarray] = {}  # (runs, ...) of every run
+    runs: int = 0
+    sums: Sums | None = None  # None: no runs
+    places: dict = field(default_factory=dict)  # name of a mean -> (columns in the sums: slice, shape of a run's entry)
+    totals: dict[str, np.ndarray] = field(default_factory=dict)  # sums over runs
+    kept: dict[str, np.ndarray] = field(default_factory=dict)  # (runs, ...) of every run
 
     def add(self, seeds: np.ndarray, columns: Columns) -> "Averages":
         """Add the runs `seeds` (n,), n > 0, of the next block."""

@@ -36,11 +36,7 @@ class Group(NamedTuple):
 
     files: tuple[RunFile, ...]  # in the order of the paths
     seeds: np.ndarray  # (S,) int64, ascending
-
-    @property
-    def pattern(self) -> RunFile:
-        """The first file, if possible one with a run that came to its end."""
-        return next((file for file in self.files if file.contents.measured is not None), self.files[0])
+    pattern: RunFile  # the first file, if possible one with a run that came to its end
 
 
 def groups_of(sources: Iterable[Source]) -> list[Group]:
@@ -51,25 +47,21 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
     """
     groups: dict[tuple[str, int, str], list[RunFile]] = {}
     for number, source in enumerate(tracked([*sources], "files verified")):
-        file = _opened(number, source)
+        if isinstance(source, Trajectories):
+            file = RunFile(f"runs[{number}]", source.ensemble.seeds, source, True)
+        elif isinstance(source, StoredFile):
+            contents = read_stored(source.path, outline=True)
+            seeds = contents.ensemble.seeds
+            file = RunFile(str(source.path), seeds[np.isin(seeds, source.seeds)], contents, False)
+        else:
+            contents = read_trajectories(source, outline=True)  # not its runs
+            file = RunFile(str(source), contents.ensemble.seeds, contents, False)
         scene = file.contents.scene
         groups.setdefault((scene.name, scene.particles, file.contents.engine.label), []).append(file)
     if not groups:
         raise AnalysisError("no trajectory files: nothing to analyse")
     _refuse_namesakes([files[0].contents.scene for files in groups.values()])
     return [_group(files) for files in groups.values()]
-
-
-def _opened(number: int, source: Source) -> RunFile:
-    """Return a source; of a file what it holds is read, but not its runs."""
-    if isinstance(source, Trajectories):
-        return RunFile(f"runs[{number}]", source.ensemble.seeds, source, True)
-    if isinstance(source, StoredFile):
-        contents = read_stored(source.path, outline=True)
-        seeds = contents.ensemble.seeds
-        return RunFile(str(source.path), seeds[np.isin(seeds, source.seeds)], contents, False)
-    contents = read_trajectories(source, outline=True)
-    return RunFile(str(source), contents.ensemble.seeds, contents, False)
 
 
 def _group(files: Sequence[RunFile]) -> Group:
@@ -87,13 +79,14 @@ def _group(files: Sequence[RunFile]) -> Group:
     if files[0].contents.scene.listed and len(seeds) > 1:
         alike = "its disks are listed one by one: all its runs are the same; give one seed"
         raise AnalysisError(f"{files[-1].path}: {alike}")
-    group = Group(tuple(files), seeds)
-    expected = group.pattern.contents.ensemble.observables.keys()
-    for file in (file for file in files if file.contents.measured is not None):
+    ended = [file for file in files if file.contents.measured is not None]
+    pattern = next(iter(ended), files[0])
+    expected = pattern.contents.ensemble.observables.keys()
+    for file in ended:
         if unlike := ", ".join(sorted(file.contents.ensemble.observables.keys() ^ expected)):
-            wrong = f"has other observables than {group.pattern.path} ({unlike}); make one of the two again"
+            wrong = f"has other observables than {pattern.path} ({unlike}); make one of the two again"
             raise AnalysisError(f"{file.path}: {wrong}")
-    return group
+    return Group(tuple(files), seeds, pattern)
 
 
 def _kind(contents: Trajectories) -> list[tuple[str, object]]:

@@ -23,12 +23,8 @@ from llvmlite.binding import ModuleRef
 from numba.core import compiler
 
 TESTED = ((0, 63), (0, 68))  # first and last version of Numba whose private parts are those used here
+IS_TESTED = TESTED[0] <= numba.version_info[:2] <= TESTED[1]  # the installed version is one of them
 OURS = "_ZN9brownpipe"  # prefix of this package's functions in LLVM; their wrappers for Python and C have other names
-
-
-def is_tested() -> bool:
-    """Whether this package was tested with the private parts of the installed version of Numba."""
-    return TESTED[0] <= numba.version_info[:2] <= TESTED[1]
 
 
 def is_inlined(module: ModuleRef) -> bool:

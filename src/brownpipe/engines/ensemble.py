@@ -44,13 +44,8 @@ class Batch(NamedTuple):
     scene: Scene
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
+    needed_record: frozenset[str]  # what the engine must record: `record`, and every disk if an observable needs it
     observables: tuple[str, ...]  # names out of observables.OBSERVABLES, or of one's own
-
-    @property
-    def needed_record(self) -> frozenset[str]:
-        """What the engine must record of a run: `record`, and every disk if an observable needs it."""
-        every_disk = observables.needs_every_disk(self.observables, self.ensemble.average)
-        return self.record | {"all"} if every_disk else self.record
 
 
 def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
@@ -72,7 +67,8 @@ def new_batch(
         velocity = blank(shape, float) if "velocity" in record else None
         tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
     ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, {}, {}, average)
-    return Batch(scene, ensemble, frozenset(record), tuple(names))
+    needed = {*record, "all"} if observables.needs_every_disk(names, average) else record
+    return Batch(scene, ensemble, frozenset(record), frozenset(needed), tuple(names))
 
 
 def make_runs(

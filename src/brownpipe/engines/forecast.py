@@ -170,29 +170,23 @@ def pair_rate(scene: Scene) -> float:
 
     `theory.collision_rate` with sqrt(kT/mu) = hypot(speed_i, speed_j), the standard deviation of a component of the
     relative velocity. This also holds for species of different temperatures.
+
+    Above DENSEST disks collide more often than in the fluid of that packing fraction: by the free volume of a crystal
+    of equal disks, Z = 1 + 2 phi chi = s/(s - 2 R) for neighbours at the distance s (Z. W. Salsburg & W. W. Wood, J.
+    Chem. Phys. 37, 798 (1962)). Rows that the box compresses collide more often.
     """
-    table, speed, rate = species_table(scene), speeds(scene), 0.0
+    table, speed, rate, phi = species_table(scene), speeds(scene), 0.0, scene.packing_fraction
     density, diameter = table.number / scene.box.area, 2 * table.radius
-    fluid = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
+    fluid = min(1.0, DENSEST / max(phi, 1e-300))
     for i, radius in enumerate(table.radius):
         partners = (table.number - (np.arange(len(speed)) == i)) / scene.box.area
         contact = theory.contact_value_mixture(diameter[i], diameter, fluid * density, diameter)
         rates = theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0)
         rate += table.number[i] * (rates * np.hypot(speed[i], speed)).sum() / 2
-    return float(rate) * _crowding(scene)
-
-
-def _crowding(scene: Scene) -> float:
-    """Return how many times as often disks collide above DENSEST as in the fluid of that packing fraction.
-
-    By the free volume of a crystal of equal disks, Z = 1 + 2 phi chi = s/(s - 2 R) for neighbours at the distance s (Z.
-    W. Salsburg & W. W. Wood, J. Chem. Phys. 37, 798 (1962)). Rows that the box compresses collide more often.
-    """
-    phi = scene.packing_fraction
     if phi <= DENSEST:
-        return 1.0
+        return float(rate)
     gap = max(1 - math.sqrt(phi / HEXAGONAL_PACKING), SMALLEST_GAP)  # relative to the distance
-    return (1 / gap - 1) / (2 * phi) / theory.contact_value(DENSEST)
+    return float(rate) * ((1 / gap - 1) / (2 * phi) / theory.contact_value(DENSEST))
 
 
 def wall_rate(scene: Scene) -> float:
@@ -215,25 +209,19 @@ def crossing_rate(scene: Scene) -> float:
     return path_rate(scene) / math.sqrt(scene.box.area / max(scene.particles, 1))
 
 
-def mean_free_path(scene: Scene) -> float:
-    """Return the mean free path [length] between collisions with disks: mean speed over mean collision rate.
-
-    An average over all disks; inf if none collide.
-    """
-    rate = 2 * pair_rate(scene)
-    return path_rate(scene) / rate if rate > 0 else np.inf
-
-
 def caution(scene: Scene) -> str | None:
     """Return one line of caution on runs of all disks of a scene; otherwise None.
 
-    If random placement is expected to fail, or if the mean free path is longer than the shorter side of the box.
+    If random placement is expected to fail, or if the mean free path between collisions with disks, mean speed over
+    mean collision rate of all disks, is longer than the shorter side of the box.
     """
     if line := placement_caution(scene):
         return line
-    side = min(scene.box.width, scene.box.height)
-    path = mean_free_path(scene)
-    if not scene.species or scene.particles < 2 or not side < path < np.inf:
+    rate = 2 * pair_rate(scene)
+    if not scene.species or scene.particles < 2 or not rate > 0:
+        return None
+    side, path = min(scene.box.width, scene.box.height), path_rate(scene) / rate
+    if path <= side:
         return None
     too_long = f"the mean free path, {path:.2g}, is longer than its shorter side, {side:.2g}"
     return f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: {too_long}"

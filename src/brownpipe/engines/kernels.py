@@ -36,7 +36,7 @@ config: Any = numba.config  # Numba sets its attributes from the environment, un
 # _nrt=False: no reference counts of array arguments (1.6 times faster); private to Numba.
 # fastmath is never used: results would depend on the model of the CPU.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
-if compiler.is_tested():
+if compiler.IS_TESTED:
     OPTIONS["_nrt"] = False
     OPTIONS["pipeline_class"] = compiler.Compiler
     compiler.simplify_inlined()
@@ -67,7 +67,7 @@ class DiskCache(FunctionCache):
 
         Numba would first import all that could be compiled: 0.3 s. In our machine code that is inlined.
         """
-        load = self._load_overload if compiler.is_tested() else super().load_overload
+        load = self._load_overload if compiler.IS_TESTED else super().load_overload
         try:
             return load(*variant)
         except (EOFError, UnpicklingError):
@@ -117,7 +117,7 @@ def compile_all(*calls: Callable[[], object]) -> None:
 
     Ctrl-C and SIGTERM wait until all are compiled: an exception would leave objects of llvmlite half made.
     """
-    if not compiler.is_tested():
+    if not compiler.IS_TESTED:
         first, last = (".".join(map(str, version)) for version in compiler.TESTED)
         _say_once(f"kernels are slower with Numba {numba.__version__}; must be {first} to {last} for full speed")
     with held(), event.install_listener("numba:compile", _Compiling()):

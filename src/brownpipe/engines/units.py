@@ -37,14 +37,10 @@ class Frame(NamedTuple):
     origin: np.ndarray  # (2,) [length]; per axis 0 if the box contains coordinate 0, else the centre of the box
     length: float  # engine's unit of length [length], a power of two
     time: float  # engine's unit of time [time], a power of two
+    speed: float  # length / time, a power of two
     mass: float  # engine's unit of mass; if all masses are equal it is this mass
     order: np.ndarray  # (N,) int64, number in the scene of each of the engine's disks; much bigger disks come first
     back: np.ndarray  # (N,) int64, the inverse: number in the engine of each of the scene's disks
-
-    @property
-    def speed(self) -> float:
-        """Engine's unit of speed [length/time], a power of two."""
-        return self.length / self.time
 
 
 def power_of_two(value: float) -> float:
@@ -72,7 +68,7 @@ def frame_of(scene: Scene) -> Frame:
     heaviest = mass.max(initial=0.0)
     equal = np.all(mass == heaviest) and heaviest > 0
     unit = float(heaviest) if equal else power_of_two(heaviest)  # equal masses are 1 to the kernels
-    return Frame(origin, length, time, unit, order, np.argsort(order))
+    return Frame(origin, length, time, length / time, unit, order, np.argsort(order))
 
 
 def rms_speed(scene: Scene) -> float:

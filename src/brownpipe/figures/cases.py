@@ -30,22 +30,21 @@ PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
-    """Return every case that has runs, ordered by scene, varied keys, particle count and engine."""
-    dims = labels_of_cases(dataset)
-    cases = [dataset.sel(dict(zip(dims, one, strict=True))) for one in product(*(dataset[dim].values for dim in dims))]
-    return [_with_contact_theory(case) for case in cases if int(case.runs) + int(case.failed_runs) > 0]
+    """Return every case that has runs, ordered by scene, varied keys, particle count and engine.
 
-
-def _with_contact_theory(case: Dataset) -> Dataset:
-    """Return the case with `contact_theory`, the contact value of equal disks, or of a tracer and its only species.
-
-    That of other pairs is not in a dataset: NaN.
+    With g(r) it has `contact_theory`, the contact value of equal disks, or of a tracer and its only species; of other
+    pairs, whose value is not in a dataset, NaN.
     """
-    if not has(case, "pair_distribution", "enskog_contact_value"):
-        return case
-    pairs = [part.species_pair.item() for part in parts_of(case, "species_pair", "pair_distribution")]
-    known = case.species_pair == pairs[0] if len(pairs) <= 2 else False
-    return case.assign(contact_theory=case.enskog_contact_value.where(known))
+    dims, cases = labels_of_cases(dataset), []
+    for labels in product(*(dataset[dim].values for dim in dims)):
+        case = dataset.sel(dict(zip(dims, labels, strict=True)))
+        if has(case, "pair_distribution", "enskog_contact_value"):
+            pairs = [part.species_pair.item() for part in parts_of(case, "species_pair", "pair_distribution")]
+            known = case.species_pair == pairs[0] if len(pairs) <= 2 else False
+            case = case.assign(contact_theory=case.enskog_contact_value.where(known))
+        if int(case.runs) + int(case.failed_runs) > 0:
+            cases.append(case)
+    return cases
 
 
 def has(case: Dataset, *names: str) -> bool:

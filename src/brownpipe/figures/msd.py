@@ -8,6 +8,7 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe import theory
+from brownpipe.engines.friction import are_inside
 from brownpipe.figures import style
 from brownpipe.figures.cases import early_mark, estimate_of, fits_of, fitted_diffusion, frame_of, has
 
@@ -84,29 +85,24 @@ def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     top = HEADROOM * style.highest(cases, "msd") or 1.0
     axes[0, 0].set_ylim(0, top)
     for panel, group in zip(axes[1], groups, strict=True):
-        _decades(panel, group)
+        panel.set_xlabel("time $t$")
+        moving = [case.isel(time=(case.time.values > 0) & (case.msd.values > 0)) for case in group]
+        moving = [case for case in moving if case.sizes["time"] > 1]
+        if moving:
+            for case, line in style.told_apart(moving, lambda _: "", {}):
+                style.band(panel, case, "msd", **line)
+            start, end = min(case.time.values[0] for case in moving), max(case.time.values[-1] for case in moving)
+            style.log_axis(panel, "x", start, end)
+        if len(moving) == 1:
+            _models(panel, moving[0], np.geomspace(start, end, 201))
     msd = np.concatenate([case.msd.values for case in cases])
     if (msd > 0).any():
         style.log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, max(msd.max() * MARGIN, top))
 
 
-def _decades(axes: Axes, cases: list[Dataset]) -> None:
-    axes.set_xlabel("time $t$")
-    cases = [case.isel(time=(case.time.values > 0) & (case.msd.values > 0)) for case in cases]
-    cases = [case for case in cases if case.sizes["time"] > 1]
-    if cases:
-        for case, line in style.told_apart(cases, lambda _: "", {}):
-            style.band(axes, case, "msd", **line)
-        start, end = min(case.time.values[0] for case in cases), max(case.time.values[-1] for case in cases)
-        style.log_axis(axes, "x", start, end)
-    if len(cases) == 1:
-        _models(axes, cases[0], np.geomspace(start, end, 201))
-
-
 def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:
     """The fitted line at times t in its window, NaN outside."""
-    start, end = float(fit.window_start), float(fit.window_end)
-    inside = (t >= start * (1 - 1e-9)) & (t <= end * (1 + 1e-9))
+    inside = are_inside(t, (float(fit.window_start), float(fit.window_end)))
     return np.where(inside, float(fit.intercept) + float(fit.slope) * t, np.nan)
 
 

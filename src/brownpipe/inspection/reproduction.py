@@ -13,7 +13,7 @@ from brownpipe.engines import forecast
 from brownpipe.engines.ensemble import Ensemble, select
 from brownpipe.inspection.reports import DIGITS, runs_of
 from brownpipe.observables.own import identity
-from brownpipe.provenance import modules_of, source_digest, versions
+from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.storage.layout import groups_of
@@ -43,7 +43,7 @@ def _options(original: Trajectories) -> tuple[frozenset[str], tuple[str, ...], s
 
 def _changes(original: Trajectories) -> str:
     """Return what differs between source and packages that made a file and those of this installation, in words."""
-    here = versions() | {"source": source_digest(*modules_of("simulate", original.engine.name))}
+    here = versions() | {"source": source_digest("simulate", original.engine.name)}
     stored = {name: original.header.get(name, "unknown") for name in here} | {"source": original.source}
     own = {array.observable: array.source for array in original.ensemble.own.values()}
     here, stored = here | {name: identity(name).rpartition(" ")[2] for name in own}, stored | own

@@ -72,11 +72,6 @@ def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, .
     return names, average if names else "runs"
 
 
-def observables_making(arrays: Collection[str]) -> tuple[str, ...]:
-    """Return the names of the observables that yield these arrays."""
-    return tuple(name for name, observable in OBSERVABLES.items() if next(iter(observable.arrays)) in arrays)
-
-
 def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run at most, all arrays together."""
     arrays = (array for name in names for array in record_of(name).arrays.values())

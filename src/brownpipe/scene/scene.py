@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, StrictBool, ValidationInfo, model_validator
+from pydantic import Field, StrictBool, ValidationInfo, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
@@ -32,41 +32,29 @@ HEXAGONAL_PACKING = math.pi / math.sqrt(12)  # its packing fraction; no placemen
 SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,[\w-]+=[\w.-]{{1,64}})*$")]
 
 
-def _ascending(side: tuple[float, float]) -> tuple[float, float]:
-    allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
-    return side if 1 / LONGEST <= side[1] - side[0] <= LONGEST else refuse(f"must be {allowed}, not {list(side)}")
-
-
-Side = Annotated[Pair, AfterValidator(_ascending)]
-
-
 class Box(Record):
     """A rectangle [length]. Reflecting walls are hard and touch a disk at its edge."""
 
-    x: Side = key("its sides, [low, high] [length]")
-    y: Side = key("its sides, [low, high] [length]")
+    x: Pair = key("its sides, [low, high] [length]")
+    y: Pair = key("its sides, [low, high] [length]")
     boundary: Literal["reflecting", "periodic"] = key("hard walls, hit by a disk's edge, or periodic", "reflecting")
+    if TYPE_CHECKING:  # no keys: what follows from them
+        width: float
+        height: float
+        area: float
+        origin: tuple[float, float]  # the lower left corner
+        periodic: bool
 
-    @property
-    def width(self) -> float:
-        return self.x[1] - self.x[0]
-
-    @property
-    def height(self) -> float:
-        return self.y[1] - self.y[0]
-
-    @property
-    def area(self) -> float:
-        return self.width * self.height
-
-    @property
-    def origin(self) -> tuple[float, float]:
-        """The lower left corner."""
-        return self.x[0], self.y[0]
-
-    @property
-    def periodic(self) -> bool:
-        return self.boundary == "periodic"
+    @model_validator(mode="after")
+    def _check(self) -> "Box":
+        for name, (low, high) in (("x", self.x), ("y", self.y)):
+            if not 1 / LONGEST <= high - low <= LONGEST:
+                allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
+                refuse(f"must be {allowed}, not {[low, high]}", name)
+        width, height = self.x[1] - self.x[0], self.y[1] - self.y[0]
+        self._resolve(width=width, height=height, area=width * height)
+        self._resolve(origin=(self.x[0], self.y[0]), periodic=self.boundary == "periodic")
+        return self
 
     def accessible(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
         """Return lower corner (2,) and size (2,) [length] of the rectangle accessible to the centre of a disk.

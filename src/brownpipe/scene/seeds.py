@@ -7,24 +7,19 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from brownpipe.scene.reading import refuse, validated
+from brownpipe.scene.reading import refuse
 
 MOST_SEEDS = 10_000_000
 LONGEST_TEXT = 60  # characters of a brief list of seeds
 RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 
 
-def read_seeds(value: object) -> Sequence[int]:
+def _seeds(value: Any) -> Sequence[int]:
     """Return the seeds of a study or call: a number is a count (seeds 0, 1, ...), a text or a list names them.
 
-    "0-2399", "17" or "3,5,9"; ascending and without repeats; one range is a `range`. Raises RequestError for
-    anything else, and for more than MOST_SEEDS seeds.
+    "0-2399", "17" or "3,5,9"; ascending and without repeats; one range is a `range`. Anything else is refused, and so
+    are more than MOST_SEEDS seeds.
     """
-    return validated(Seeds, value, key="seeds")
-
-
-def _seeds(value: Any) -> Sequence[int]:
-    """Return the seeds of a value, within a validator."""
     parts = [f"0-{value - 1}"] if type(value) is int else value if isinstance(value, list | tuple) else [value]
     found = [RANGE.fullmatch(word.strip()) for part in parts for word in str(part).split(",")]
     ends = [(int(one[1]), int(one[2] or one[1])) for one in found if one]
@@ -44,7 +39,7 @@ Seeds = Annotated[Any, PlainValidator(_seeds, json_schema_input_type=_Count | _R
 
 
 def seed_text(seeds: Sequence[int] | np.ndarray) -> str:
-    """Return ascending seeds as `read_seeds` reads them: [0, 1, 2, 7] is 0-2,7."""
+    """Return ascending seeds as `Seeds` are read: [0, 1, 2, 7] is 0-2,7."""
     return ",".join(f"{first}-{last}" if first < last else f"{first}" for first, last in ranges(seeds))
 
 

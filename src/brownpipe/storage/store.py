@@ -20,7 +20,7 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import StorageError
 from brownpipe.observables.own import identity
 from brownpipe.progress import tracked
-from brownpipe.provenance import digest_of, modules_of, source_digest
+from brownpipe.provenance import digest_of, source_digest
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import Trajectories, read_trajectories
 
@@ -38,7 +38,7 @@ class StoredFile(NamedTuple):
 
 def runs_digest(scene: Scene, engine: Engine, record: Set[str], observables: Iterable[str], average: str) -> str:
     """Return the digest of all that determines runs besides their seeds, and of the scene's name, which they carry."""
-    source, names = source_digest(*modules_of("simulate", engine.name)), sorted(map(identity, observables))
+    source, names = source_digest("simulate", engine.name), sorted(map(identity, observables))
     return digest_of(scene.name, scene.digest, engine.options, sorted(record), names, average, source)
 
 

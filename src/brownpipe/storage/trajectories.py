@@ -14,9 +14,9 @@ import numpy as np
 from brownpipe.engines import Engine, recorded
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError
-from brownpipe.observables import observables_making
+from brownpipe.observables import OBSERVABLES
 from brownpipe.observables.own import Own, own_arrays
-from brownpipe.provenance import modules_of, source_digest, versions
+from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
 from brownpipe.storage.files import MALFORMED, TRAJECTORIES, reading, writing
@@ -49,9 +49,10 @@ class Trajectories(NamedTuple):
     @property
     def measured(self) -> tuple[str, ...] | None:
         """The observables that were measured in the runs; None if none of them came to its end."""
-        names = self.ensemble.observables.keys()
+        arrays = self.ensemble.observables.keys()
+        listed = [name for name, observable in OBSERVABLES.items() if next(iter(observable.arrays)) in arrays]
         own = dict.fromkeys(array.observable for array in self.ensemble.own.values())
-        return None if names <= {"failed"} else (*observables_making(names), *own)
+        return None if arrays <= {"failed"} else (*listed, *own)
 
     @property
     def attributes(self) -> dict:
@@ -66,7 +67,7 @@ class Trajectories(NamedTuple):
             "average": ensemble.average,
             "variables": json.dumps(sorted(ensemble.observables)),
             "command": runs_record(self, ensemble.seeds, ",".join(sorted(self.record - {"tracer"})))["command"],
-            "source_digest": self.source or source_digest(*modules_of("simulate", engine.name)),
+            "source_digest": self.source or source_digest("simulate", engine.name),
             TRAJECTORIES: self.header.get(TRAJECTORIES, ""),
             **({"own_arrays": json.dumps(ensemble.own)} if ensemble.own else {}),
         }
@@ -114,7 +115,13 @@ def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) 
     """Write a variable with units, meaning and the scales of its dimensions, which are in the group or in the root."""
     dims = dims_of(group.name, name, own)
     values = values.astype(object) if values.dtype.kind == "U" else values  # text, as h5py takes it
-    filters = _filters(dims, values) if values.nbytes > SMALL and values.dtype.kind in "iuf" else {}
+    filters: dict[str, Any] = {}
+    if values.nbytes > SMALL and values.dtype.kind in "iuf":  # a chunk: as much of a run as fits, then more runs
+        chunks, items = dict.fromkeys(dims, 1), CHUNK_BYTES // values.itemsize
+        for dim, size in sorted(zip(dims[::-1], values.shape[::-1], strict=True), key=lambda pair: pair[0] == "seed"):
+            chunks[dim] = max(1, min(size, items))
+            items //= chunks[dim]
+        filters = {"chunks": tuple(chunks.values()), "compression": "gzip", "compression_opts": 4, "shuffle": True}
     dataset = group.create_dataset(name, data=values, **filters)
     dataset.attrs.update(described(name, own))
     if name in SCALES:
@@ -124,15 +131,6 @@ def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) 
         if dim not in group and dim not in group.file:  # collisions have no coordinates
             group.create_dataset(dim, values.shape[axis : axis + 1], ">f4").make_scale(NO_COORDINATES)
         dataset.dims[axis].attach_scale(group[dim] if dim in group else group.file[dim])
-
-
-def _filters(dims: tuple[str, ...], values: np.ndarray) -> dict:
-    """Return the options of h5py for compression: in a chunk as much of a run as CHUNK_BYTES hold, then more runs."""
-    chunks, items = dict.fromkeys(dims, 1), CHUNK_BYTES // values.itemsize
-    for dim, size in sorted(zip(dims[::-1], values.shape[::-1], strict=True), key=lambda pair: pair[0] == "seed"):
-        chunks[dim] = max(1, min(size, items))
-        items //= chunks[dim]
-    return {"chunks": tuple(chunks.values()), "compression": "gzip", "compression_opts": 4, "shuffle": True}
 
 
 def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:

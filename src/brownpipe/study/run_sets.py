@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines import Engine, forecast
-from brownpipe.provenance import STEPS, digest_of, source_digest
+from brownpipe.provenance import digest_of, source_digest
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import ranges, seed_text
 from brownpipe.scene.variation import short_name
@@ -144,16 +144,15 @@ def digests(study: Study) -> dict[str, str]:
     unknown = {"seeds": ()} if study.tolerance else {}
     runs = [*listed_runs(study.model_copy(update=unknown)), study.tolerance, study.target, study.fit_windows[0]]
     keys = study.model_dump(include={"fit_windows", "displacement_times", "rings", "vary", "vary_together"})
-    found = {step: source_digest(*modules) for step, modules in STEPS.items()}
     # The dataset says if windows were asked for.
-    aggregate = digest_of(runs, (keys, "fit_windows" in study.model_fields_set), found["aggregate"])
-    tradeoff = digest_of(runs, study.instead_of, found["tradeoff"])
+    aggregate = digest_of(runs, (keys, "fit_windows" in study.model_fields_set), source_digest("aggregate"))
+    tradeoff = digest_of(runs, study.instead_of, source_digest("tradeoff"))
     return {
-        "plan": digest_of(runs, found["tradeoff"]),
+        "plan": digest_of(runs, source_digest("tradeoff")),
         "aggregate": aggregate,
-        "figures": digest_of(aggregate, study.figures, figure_options(study), found["figures"]),
+        "figures": digest_of(aggregate, study.figures, figure_options(study), source_digest("figures")),
         "tradeoff": tradeoff,
-        "tradeoff_figures": digest_of(tradeoff, found["figures"]),
+        "tradeoff_figures": digest_of(tradeoff, source_digest("figures")),
     }
 
 

@@ -56,12 +56,6 @@ def _share(value: Any) -> Any:
     return float(value[:-1]) / 100 if isinstance(value, str) and PERCENTAGE.fullmatch(value) else value
 
 
-def _engine_kind(name: str) -> Any:
-    """Return the type of an engine of a study: its name, its settings, the scenes it is used in and its seeds."""
-    keys: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
-    return create_model(name, __base__=settings_of(name), **keys)
-
-
 def _ascending(window: tuple[float, float]) -> tuple[float, float]:
     return window if window[0] < window[1] else refuse(f"must be [t0, t1] with t0 < t1, not {list(window)}")
 
@@ -74,7 +68,9 @@ Text = Annotated[str, Field(min_length=1)]
 SHARE = BeforeValidator(_share, json_schema_input_type=float | str)
 Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE]  # a relative error
 Target = Literal["msd", "d", "displacement_distribution"]
-EngineRecord: Any = Annotated[Union[tuple(map(_engine_kind, DEFINITIONS))], Field(discriminator="name")]  # noqa: UP007  # as many as there are
+OF_USE: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
+EngineRecords = [create_model(name, __base__=settings_of(name), **OF_USE) for name in DEFINITIONS]
+EngineRecord: Any = Annotated[Union[tuple(EngineRecords)], Field(discriminator="name")]  # noqa: UP007  # as many as there are
 EngineKey: Any = Annotated[EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]

@@ -9,7 +9,8 @@ import numpy as np
 
 from brownpipe.errors import StorageError, WrongFileError
 from brownpipe.progress import tracked
-from brownpipe.scene.seeds import brief_seed_text, read_seeds
+from brownpipe.scene.reading import validated
+from brownpipe.scene.seeds import Seeds, brief_seed_text
 from brownpipe.storage.files import verified
 from brownpipe.storage.store import read_stored, stored_batches, without
 
@@ -28,7 +29,7 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
         try:
             if record.match("made_from_*.txt"):
                 lines = (line.rsplit(" ", 1) for line in record.read_text().splitlines() or [""])
-                runs |= {(record.parents[3] / where, read_seeds(text)) for where, text in lines}
+                runs |= {(record.parents[3] / where, validated(Seeds, text)) for where, text in lines}
             elif record.match("drawn_from_*.txt"):
                 lines = (line.split("  ", 1) for line in record.read_text().splitlines() or [""])
                 drawn |= {(record.parents[3] / name, digest) for digest, name in lines}

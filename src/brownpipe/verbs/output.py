@@ -30,11 +30,12 @@ def say(message: str, status: int) -> int:
     return status
 
 
-def writable(path: str, *inputs: str, suffixes: Sequence[str]) -> str:
+def writable(path: str, *inputs: str, suffixes: Sequence[str], size: float = 0.0) -> str:
     """Return the path of an output file, a link resolved, and make its folder.
 
-    suffixes: those that the file may have, with "" if it may have none. Called before anything is computed.
-    Raises OSError or RequestError if the file could not be written afterwards, or is an input.
+    suffixes: those that the file may have, with "" if it may have none. size: that is expected [bytes], good to a
+    factor of 2. Called before anything is computed. Raises OSError, RequestError or StorageError if the file could not
+    be written afterwards, or is an input.
     """
     path = os.path.realpath(path) if os.path.islink(path) else path
     if any(os.path.exists(file) and os.path.exists(path) and os.path.samefile(path, file) for file in inputs):
@@ -52,6 +53,10 @@ def writable(path: str, *inputs: str, suffixes: Sequence[str]) -> str:
         raise OSError(f"{path}: its folder cannot be made: {error.strerror}; choose another place") from error
     if not os.access(Path(path).parent, os.W_OK):
         raise PermissionError(f"{path}: its folder cannot be written to; choose another place")
+    free = shutil.disk_usage(Path(path).parent).free
+    if size / 2 > free:
+        room = f"some {in_bytes(size)} are expected, and there is room for {in_bytes(free)}"
+        raise StorageError(f"{path}: {room}; must be more space, fewer seeds, or less to record")
     return path
 
 
@@ -62,22 +67,7 @@ def absent(path: str | Path, cure: str = "choose another name for the output, or
     return str(path)
 
 
-def refuse_if_too_large(path: str, size: float) -> None:
-    """Raise StorageError if the disk has no room for half of an expected size [bytes]."""
-    free = shutil.disk_usage(Path(path).parent).free
-    if size / 2 > free:
-        room = f"some {in_bytes(size)} are expected, and there is room for {in_bytes(free)}"
-        raise StorageError(f"{path}: {room}; must be more space, fewer seeds, or less to record")
-
-
 def suffix(path: str) -> str:
     """Return the suffix of a file name in small letters, "" for none; the end of a number is none: mass_0.5."""
     end = Path(path).suffix.lower()
     return end if end[1:2].isalpha() else ""
-
-
-def folder(path: str) -> str:
-    """Return the path of an output folder; raise RequestError for a path that is meant as a file."""
-    if not Path(path).is_dir() and (Path(path).exists() or suffix(path) in FILES):
-        raise RequestError(f"{path}: the output must be a folder, not a file")
-    return path

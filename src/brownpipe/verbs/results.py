@@ -18,7 +18,7 @@ from brownpipe.study.run_sets import digests, files_of, listed_runs
 from brownpipe.study.study import Window
 from brownpipe.text import counted, shell_path
 from brownpipe.verbs.options import add_config, add_particles, several, typed
-from brownpipe.verbs.output import NETCDF, PAGE, folder, show, writable
+from brownpipe.verbs.output import FILES, NETCDF, PAGE, show, suffix, writable
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -103,7 +103,9 @@ def figures(arguments: Namespace) -> None:
     from brownpipe.figures.origin import record_of
     from brownpipe.report.products import write  # takes 0.5 s
 
-    output = folder(arguments.output)
+    output = arguments.output
+    if not Path(output).is_dir() and (Path(output).exists() or suffix(output) in FILES):
+        raise RequestError(f"{output}: the output must be a folder, not a file")
     options = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
     given = {name: value for name, value in options.items() if value is not None}
     dataset = read_dataset(arguments.dataset)

@@ -16,8 +16,8 @@ from brownpipe.observables import OBSERVABLES
 from brownpipe.observables.own import identity
 from brownpipe.provenance import made_with
 from brownpipe.scene import Scene
-from brownpipe.scene.reading import Count, Positive, read_yaml
-from brownpipe.scene.seeds import read_seeds, seed_text
+from brownpipe.scene.reading import Count, Positive, read_yaml, validated
+from brownpipe.scene.seeds import Seeds, seed_text
 from brownpipe.scene.variation import scene_with
 from brownpipe.storage.files import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.store import runs_digest
@@ -25,7 +25,7 @@ from brownpipe.storage.trajectories import write_trajectories
 from brownpipe.study import forecast_of_runs
 from brownpipe.text import counted, in_time
 from brownpipe.verbs.options import add_particles, key_value, several, typed
-from brownpipe.verbs.output import HDF5, absent, refuse_if_too_large, say, show, writable
+from brownpipe.verbs.output import HDF5, absent, say, show, writable
 
 
 def add_simulate(add: Callable) -> None:
@@ -71,15 +71,15 @@ def simulate(arguments: Namespace) -> int:
     began = time.process_time()
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
-    seeds = read_seeds(arguments.seeds)
+    seeds = validated(Seeds, arguments.seeds, key="seeds")
     scene = scene_with(read_yaml(arguments.scene), arguments.scene, dict(arguments.values), arguments.particles)
     measures: dict[str, Any] = {"observables": tuple(arguments.observables), "average": arguments.average}
     cost = forecast_of_runs(engine, scene, seeds, record, *measures.values())
     digest = runs_digest(scene, engine, record, **measures)
     if arguments.planned not in (None, digest):
         raise RequestError(f"{arguments.scene}: has changed since the study was planned; run the study again")
-    output = writable(arguments.output or absent(f"{scene.name}.h5"), arguments.scene, suffixes=HDF5)
-    refuse_if_too_large(output, len(seeds) * cost.recorded)
+    output, size = arguments.output or absent(f"{scene.name}.h5"), len(seeds) * cost.recorded
+    output = writable(output, arguments.scene, suffixes=HDF5, size=size)
 
     for caution in engine.cautions(scene, arguments.observables):
         say(caution, DONE)

@@ -123,11 +123,10 @@ def _to_last_sample(
     before, events, estimated = time_since_start(w), 0, w.calendar.width
     few = most = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
     settled = 0.0 if start.equilibrating else scene.equilibrate.time
-    quarter = quarter_of(recorder, w)
     while w.progress[ws.SAMPLE] < len(recorder.block):
         w.progress[ws.STOP] = saving.due()
         done, began = events_so_far(w), time_since_start(w)
-        outcome = advance(w, quarter, most)
+        outcome = advance(w, quarter_of(recorder, w), most)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
             now = time_since_start(w)
             events += most if outcome == ws.PAUSED else len(recorder.log_time)
@@ -144,7 +143,6 @@ def _to_last_sample(
             return False
         if outcome == ws.DONE and len(recorder.quarter):
             _take_totals(recorder, w)
-            quarter = quarter_of(recorder, w)
         if outcome == ws.BLOCK_OVER:
             saving.store(start._replace(motion=_motion(w), arrays=_arrays_of(w, recorder), events=_joined(logs)))
     return True
@@ -190,7 +188,8 @@ def new_recorder(
     scene: Scene, frame: Frame, duration: float, times: np.ndarray, record: Collection[str]
 ) -> ws.Recorder:
     """Return an empty recorder as of `prepare_scene`; `duration` of a block, which larger cells do not change."""
-    n = scene.particles
+    n, table, quarters = scene.particles, species_table(scene), ends_of_quarters(times)
+    quarters = quarters if claims_equilibrium(scene) else quarters[:0]
     log_length = EVENTS_PER_LOG if "events" in record else 0
     engine_times = times / frame.time
     block = np.floor(engine_times / duration)
@@ -205,7 +204,9 @@ def new_recorder(
         time=engine_times - block * duration,  # exact, as the length of a block is a power of two
         track=blank_samples(len(times), 1),
         whole=blank_samples(len(times), n if "all" in record else 0),
-        **_quarter_arrays(scene, frame, times),
+        quarter=quarters,
+        species=table.label[frame.order],
+        totals=np.zeros((len(quarters), 2 + len(table.name))),
         log_block=np.empty(log_length, np.int64),
         log_time=np.empty(log_length),
         log_pair=np.empty((log_length, 2), np.int32),
@@ -228,15 +229,6 @@ def _joined(logs: list[Events]) -> Events | None:
 
 
 # -- quarters of the run --------------------------------------------------------------------------------------------
-
-
-def _quarter_arrays(scene: Scene, frame: Frame, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the arrays of an empty Recorder for quarters of a run sampled at `times` (T,); empty if it has none."""
-    ends = ends_of_quarters(times)
-    if not (len(ends) and claims_equilibrium(scene)):
-        return {"quarter": ends[:0], "species": ends[:0], "totals": np.zeros((0, 2))}
-    table = species_table(scene)
-    return {"quarter": ends, "species": table.label[frame.order], "totals": np.zeros((len(ends), 2 + len(table.name)))}
 
 
 def quarter_of(recorder: ws.Recorder, w: ws.Workspace) -> ws.Recorder:
