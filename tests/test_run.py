@@ -16,8 +16,6 @@ from brownpipe.study.run_sets import requests, run_sets
 
 ROOT = Path(__file__).parent.parent
 CONFIG = ROOT / "config"
-
-
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
@@ -48,8 +46,7 @@ def test_new_writes_a_scene_and_a_study_that_are_valid_and_names_the_next_comman
     seconds = re.search(r"^total     600 runs in 2 jobs: some ([0-9.]+) s of CPU", described[0][1], re.MULTILINE)
     assert float(seconds[1]) < 15  # a wall time below 30 s on two cores, with kernels to compile
     assert said("check", "my studies/first_scene.yaml")[0] == DONE
-    readme = out.rpartition("all keys: ")[2].strip()
-    assert Path(readme) == ROOT / "config" / "README.md" and Path(readme).is_file()
+    assert Path(out.rpartition("all keys: ")[2].strip()) == CONFIG / "README.md"
 
 
 @pytest.mark.parametrize("there", ["first.yaml", "first_scene.yaml"])

@@ -22,8 +22,6 @@ from brownpipe.study.study import Rings
 from brownpipe.study.workflow import from_command_line
 
 CONFIG = Path(__file__).parent.parent / "config"
-
-
 SCENE = CONFIG / "scenes" / "harrison2020.yaml"
 
 

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 from brownpipe import theory
 from brownpipe.analysis import displacement, goodness, resampling
 from brownpipe.analysis.estimator import Averages, Case, Columns
-from brownpipe.analysis.resampling import Estimate
+from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
 from brownpipe.analysis.variables import EACH, ENDS, ERROR, RATE, SAME_TIME, TIME, Mean, Variable, with_intervals
 from brownpipe.engines.ensemble import Ensemble
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
 MOST_RINGS, REACH = 32, 3.0  # default rings: at most MOST_RINGS, out to REACH rms displacements
 BEYOND = 0.02  # of the runs that default rings are chosen from: the largest share beyond the last ring
-FEWEST_TO_CONTROL = 200  # runs; of 100 the standard error with a control variate is 0.8 of what it should be
+FEWEST_TO_CONTROL = 200  # runs of the tracer alone; of 100 the error with a control variate is 0.8 of what it should be
 LOG_STEP = 1e-4  # of ln D, for derivatives of the expected counts
 
 
@@ -218,17 +218,19 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "quartic_displacement" not in averages.places:
         return {}
     mean, error, low, high = kurtosis(averages, MOMENTS)
-    return {"non_gaussian_parameter": Estimate(mean - 1, error, low - 1, high - 1), **_controlled(averages, mean - 1)}
+    found: dict[str, ArrayLike] = {"non_gaussian_parameter": Estimate(mean - 1, error, low - 1, high - 1)}
+    fewest = FEWEST_TO_CONTROL if case.average == "runs" else FEWEST_FOR_INTERVAL
+    return found if averages.runs < fewest else found | _controlled(averages, mean - 1)
 
 
 def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     """Non-Gaussian parameter (T,) with its value at the first sample after t = 0 as control variate.
 
     That value is the one of the initial velocities if the sample is well within the mean free time: 0 for velocities
-    drawn from a normal distribution, but for their scatter, which is subtracted. {} with few runs or samples, or if
-    nothing moves. Coefficient and standard error are those of the replicates of the bootstrap.
+    drawn from a normal distribution, but for their scatter, which is subtracted. {} with few samples, or if nothing
+    moves. Coefficient and standard error are those of the replicates of the bootstrap.
     """
-    if averages.runs < FEWEST_TO_CONTROL or len(value) < 2 or not np.isfinite(value[1:]).all():
+    if len(value) < 2 or not np.isfinite(value[1:]).all():
         return {}
     drawn = (resampling.moments(averages.of(name))[0][1:] for name in MOMENTS[:2])
     r2, r4 = (means[np.isfinite(means).all(axis=1), 1:] for means in drawn)  # a replicate may have no runs
