@@ -51,8 +51,7 @@ def test_a_dataset_has_scenes_seeds_engines_options_and_installation(finished):
     attributes = read_dataset(finished / PRODUCTS[0]).attrs
     (entry,) = json.loads(attributes["made_from"])
     assert parse_scene(entry["scene"], "harrison2020.yaml") == read_scene(SCENE, 10)
-    source = read_trajectories(finished / CASE / "0-11.h5").source
-    assert entry["source_digest"] == source
+    assert entry["source_digest"] == read_trajectories(finished / CASE / "0-11.h5").source
     assert entry["command"] == "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
     options = {"fit_windows": [[0.1, 1.0]], "ring_width": None, "rings": None, "displacement_times": []}
     assert json.loads(attributes["options"]) == options

@@ -65,8 +65,7 @@ def finished(tmp_path_factory):
 def test_every_engine_has_a_cost_in_its_scenes(finished):
     folder, printed = finished
     made = folder / "results/study/tradeoff"
-    text = (made / "tradeoff.txt").read_text()
-    assert text in printed
+    assert (made / "tradeoff.txt").read_text() in printed
     pictures = {f"tradeoff_full_N12.{kind}" for kind in ("png", "svg")}
     texts = {"study.nc", "tradeoff.csv", "tradeoff.txt", "provenance.json", "report.html"}
     assert {path.name for path in made.iterdir() if "_from_" not in path.name} == pictures | texts

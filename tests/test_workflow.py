@@ -160,8 +160,6 @@ HALF = {"simulate": 2, "aggregate": 1, "figures": 1}
 ONE = {"simulate": 1, "aggregate": 1, "figures": 1}
 FIGURES = {"simulate": 0, "aggregate": 0, "figures": 1}
 ANALYSIS = {"simulate": 0, "aggregate": 1, "figures": 1}
-
-
 CHANGES = (
     ("scenes/hot.yaml", "# a hot tracer", "# another comment", NOTHING),
     ("study.yaml", "[msd, health]", "[msd]", FIGURES),

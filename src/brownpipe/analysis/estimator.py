@@ -96,4 +96,4 @@ def results_of(estimators: Sequence[Any], case: Case, averages: Averages) -> dic
     derived = {name: value for one in estimators for name, value in one.results(case, averages).items()}
     variables = {*AVERAGED, *case.own, *(name for one in estimators for name in one.VARIABLES)}
     means = [name for name in averages.places if name in variables and name not in derived]
-    return with_intervals({name: averages.estimate(name) for name in means} | derived)
+    return with_intervals({name: averages.estimate(name).unless_alike() for name in means} | derived)
