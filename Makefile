@@ -64,25 +64,22 @@ docs: ready_docs
 gallery: ready
 	@python docs/_ext/gallery.py $(CORES)
 
-# Locks are installed side by side. A stamp is written last, when all that a lock pins is installed: after a failure or Ctrl-C the
-# next `make` installs again. A folder that was moved needs a new environment: rm -rf .venv
 ready: .venv/installed-run
-ready_dev: .venv/created
-	@$(MAKE) --no-print-directory --jobs=2 .venv/installed-run .venv/installed-dev
-ready_docs: .venv/installed-run .venv/installed-docs
-ready_cluster: .venv/installed-run .venv/installed-cluster
+ready_dev: .venv/installed-dev
+ready_docs: .venv/installed-docs
+ready_cluster: .venv/installed-cluster
 
-.venv/created:
+# A stamp is written last, when all that a lock pins is installed: after a failure or Ctrl-C the next `make` installs again.
+# A folder that was moved needs a new environment: rm -rf .venv
+.venv/installed-run: requirements.lock pyproject.toml
 	@$(PYTHON) -c "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))" 2> /dev/null || { echo "brownpipe: set-up: $(PYTHON) must be Python >= 3.11 with venv (Debian, Ubuntu: apt install python3-venv); another one: make study PYTHON=python3.12" >&2; exit 1; }
-	@$(PYTHON) -m venv .venv && touch $@
-
-.venv/installed-run: requirements.lock pyproject.toml | .venv/created
 	@echo "brownpipe: set-up: installing the packages of $< into .venv, which takes a minute" >&2
+	@$(PYTHON) -m venv .venv
 	@$(PIP) --require-hashes --requirement $<
 	@$(PIP) --no-build-isolation --editable .
 	@touch $@
 
-.venv/installed-%: requirements-%.lock | .venv/created
+.venv/installed-%: requirements-%.lock .venv/installed-run
 	@echo "brownpipe: set-up: installing the packages of $< into .venv" >&2
 	@$(PIP) --require-hashes --requirement $<
 	@touch $@

@@ -109,8 +109,7 @@ def test_what_a_step_imports_is_in_the_digest_or_decides_nothing(step, engine):
     """A layer that a step begins to import must be entered in the step or, with its reason, above."""
     known = names(provenance.sources(step, engine))
     modules = [*MAKERS[step], *([DEFINITIONS[engine].simulation] if engine else [])]
-    left = needed_by(*modules) - known
-    assert [name for name in sorted(left) if not name.startswith(SILENT)] == []
+    assert [name for name in sorted(needed_by(*modules) - known) if not name.startswith(SILENT)] == []
 
 
 def test_an_edit_is_another_source_but_line_ends_are_not(tmp_path, monkeypatch):

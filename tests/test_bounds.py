@@ -111,8 +111,7 @@ def run_timestep():
     _check(timestep, "prepare", "recorder")
     for one, steps in zip(scenes(), cycle([12, 60, 12, 60, 12])):  # five against six COUNTS: each meets both
         step = min(one.duration / steps, 0.9 * largest_step(one))
-        run = timestep.simulate(one, [1], {"all"}, time_step=step)
-        assert not run.observables["failed"][0], one.name
+        assert not timestep.simulate(one, [1], {"all"}, time_step=step).observables["failed"][0], one.name
 
 
 def _check(engine, *names):

@@ -149,8 +149,7 @@ def test_the_catalogue_lists_every_figure_there_is():
     modules = {file.stem: file.read_text() for file in folder.glob("*.py")}
     drawing = {name for name, text in modules.items() if "\ndef draw(cases" in text or "\ndef curves(axes" in text}
     assert drawing == set(NAMES)
-    captions = {path.stem for path in folder.glob("*.rst")}
-    assert captions >= drawing
+    assert {path.stem for path in folder.glob("*.rst")} >= drawing
     documents = provenance.PACKAGE / "interface.py", provenance.PACKAGE.parents[1] / "config" / "README.md"
     assert all(drawing <= set(re.findall(r"\w+", document.read_text())) for document in documents)
 

@@ -490,5 +490,4 @@ def test_where_friction_and_noise_are_no_bath(changes, record, message):
 
 @pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])
 def test_a_tracer_that_is_not_very_heavy(mass, said):
-    remark = caution(scene_of(tracer={"mass": mass}))
-    assert (remark is not None) == said
+    assert (caution(scene_of(tracer={"mass": mass})) is not None) == said

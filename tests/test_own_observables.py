@@ -38,8 +38,7 @@ def made(study):
     for file in files_of(study):
         words = commands(study)[file.path.parent.name[-8:]].split()
         file.path.parent.mkdir(parents=True, exist_ok=True)
-        seeds = ["--seeds", file.path.stem, "--output", str(file.path)]
-        assert cli.main(["simulate", *words, *seeds]) == DONE
+        assert cli.main(["simulate", *words, *["--seeds", file.path.stem, "--output", str(file.path)]]) == DONE
     return [file.path for file in files_of(study)]
 
 

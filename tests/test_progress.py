@@ -3,6 +3,7 @@
 import io
 import logging
 import os
+import sys
 import termios
 from types import SimpleNamespace
 
@@ -238,3 +239,8 @@ def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path, log, reason
     command, explained = screen.getvalue().splitlines()
     assert command == "brownpipe: the rule simulate failed: brownpipe simulate x.yaml"
     assert explained.startswith(f"    {reason}")
+
+
+def test_what_a_command_says_is_passed_on(capsys):
+    assert progress.relayed([sys.executable, "-c", "import sys; print(1, file=sys.stderr); sys.exit(3)"]) == (3, "1\n")
+    assert capsys.readouterr().err == "1\n"

@@ -163,8 +163,7 @@ def test_a_figure_has_its_caption_and_its_numbers(written):
         shown = [text for text in paragraphs if not text.startswith("The note ")]
         assert all(str(escape(text)) in written for text in (title, *shown)), "but for what the note found"
         assert not re.search(r"[*`_]{2}|::", title + "".join(paragraphs)), "marks that the page does not know"
-    tables = re.findall(r"The numbers: (\d+) rows", written)
-    assert len(tables) == len(SHOWN)
+    assert len(re.findall(r"The numbers: (\d+) rows", written)) == len(SHOWN)
 
 
 def test_names_of_others_are_escaped(results, tmp_path):

@@ -33,8 +33,7 @@ def integral(f, low, high, points=20001):
 
 
 def assert_mean(samples, expected):
-    error = samples.std(ddof=1) / np.sqrt(samples.size)
-    assert abs(samples.mean() - expected) < SIGMAS * error
+    assert abs(samples.mean() - expected) < SIGMAS * samples.std(ddof=1) / np.sqrt(samples.size)
 
 
 # --- diffusion

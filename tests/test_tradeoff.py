@@ -71,6 +71,13 @@ def test_pairs_and_more_exact_runs_sharpen_the_bias():
     assert paired == pytest.approx(math.sqrt(1.02**2 * 0.02 / 500 + 0.02**2 / 5000), rel=0.25)
 
 
+def test_a_bias_of_two_runs_of_200_is_not_resolved():
+    exact = np.random.default_rng(0).exponential(size=200)
+    rows, few = np.arange(200), np.where(np.arange(200) < 2, 1.01 * exact, exact)
+    found = bias.relative_bias(few, exact, (rows, rows))
+    assert not bias.is_resolved(found) and 3 < np.sqrt(bias.careful_square(found)) / abs(found.mean) < 9
+
+
 def test_equal_runs_have_no_bias_and_a_vanishing_mean_has_none_that_is_defined():
     exact = np.random.default_rng(3).exponential(size=(50, 2)) * [1.0, 0.0]
     one = bias.relative_bias(exact.copy(), exact, (np.arange(50),) * 2)

@@ -114,8 +114,7 @@ def test_nothing_of_the_checkout_is_used(installed, finished):
         "import brownpipe as b, snakemake_logger_plugin_brownpipe as p, sys; print(b.__file__, p.__file__, *sys.path)"
     )
     shown = run(installed.bin / "python", "-c", code, cwd=installed.folder)
-    own = str(installed.bin.parent)
-    assert all(path.startswith(own) for path in shown.split()[:2])
+    assert all(path.startswith(str(installed.bin.parent)) for path in shown.split()[:2])
     assert str(ROOT / "src") not in shown
     logs = [path.read_text() for path in (installed.folder / ".snakemake" / "log").iterdir()]
     packages = sysconfig.get_path("purelib")  # of the other programs; may lie in the checkout

@@ -152,7 +152,7 @@ def drift_diffusion(scene: Scene) -> float:
         square_speed = 2 * velocities.temperature / scene.mass.max() / relative.sum()
     else:
         square = relative**2
-        if scene.equilibrate.time > 0 and scene.equilibrate.tracer == "pinned":
+        if scene.equilibrate.time > 0 and scene.equilibrate.tracer == "pinned" and scene.particles > 1:
             square[1:] = relative[1:] * relative[1:].mean()  # around a held tracer the bath keeps its energy alone
         square_speed = 2 * velocities.standard_deviation**2 * square.sum() / relative.sum() ** 2
     return float(square_speed * scene.duration / 2)

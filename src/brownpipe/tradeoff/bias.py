@@ -13,11 +13,14 @@ from statistics import NormalDist
 
 import numpy as np
 
-from brownpipe.analysis.resampling import Estimate, replicates, resample
+from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate, replicates, resample
 
 SHELLS, NEAR_CONTACT = 5, 1.25  # of equal width, from contact to so many contact distances, in which g(r) is compared
 RINGS = 10  # of equal probability, in which displacement distributions are compared
 CERTAIN = 0.95
+RARE = (
+    4.6  # standard errors from one event to the upper end of Poisson's 95 % interval; from two and three: 3.7 and 3.3
+)
 Pairs = tuple[np.ndarray, np.ndarray]  # (n,), (n,) rows of the runs of equal seeds in two samples
 
 
@@ -70,11 +73,20 @@ def _relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | No
     scale = np.where(defined, mean, 1.0)
     residual, slope = _corrected(approximate / scale, exact / scale, pairs)
     value = residual.mean(axis=0) + (slope - 1.0) * mean / scale
-    own, other = resample(residual), resample((1.0 + value - slope) * exact / scale)
+    own, other = _resampled(residual), _resampled((1.0 + value - slope) * exact / scale)
     low = value - np.hypot(own.mean - own.low, other.high - other.mean)
     high = value + np.hypot(own.high - own.mean, other.mean - other.low)
     error = np.hypot(own.standard_error, other.standard_error)
     return Estimate(*(np.where(defined, values, np.nan).reshape(shape) for values in (value, error, low, high)))
+
+
+def _resampled(runs: np.ndarray) -> Estimate:
+    """Return `resample`; where up to three runs are unlike, which have no interval there, with one of RARE errors."""
+    found = resample(runs)
+    reach = RARE * found.standard_error if len(runs) >= FEWEST_FOR_INTERVAL else np.nan
+    low = np.where(np.isnan(found.low), found.mean - reach, found.low)
+    high = np.where(np.isnan(found.high), found.mean + reach, found.high)
+    return found._replace(low=low, high=high)
 
 
 def _corrected(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None) -> tuple[np.ndarray, np.ndarray]:
