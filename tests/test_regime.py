@@ -93,6 +93,5 @@ def test_windows_begin_when_motion_is_diffusive(tmp_path):
     alone = scene(disks={"tracer": TRACER})
     assert np.isnan(friction.diffusive_from(alone)) and friction.default_windows([alone])[0] == (0.4, 4.0)
     (tmp_path / "one.yaml").write_text(yaml_text(scene(disks={"tracer": THIN, "species": [BATH]}).as_mapping()))
-    assert "caution   the fit window [2, 4] begins before 3/gamma" in describe_scene_or_study(
-        str(tmp_path / "one.yaml")
-    )
+    caution = "caution   the fit window [2, 4] begins before 3/gamma"
+    assert caution in describe_scene_or_study(str(tmp_path / "one.yaml"))

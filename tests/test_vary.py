@@ -104,6 +104,7 @@ def dataset_of(study):
         runs.folder.mkdir(parents=True)
         assert main(["simulate", *words, "--seeds", "0-5", "--output", str(runs.folder / "0-5.h5")]) == 0
     assert main(["aggregate", "--study", "study.yaml", "--output", "study.nc"]) == 0
+    assert main(["inspect", "study.nc", "--allow-failed", "0"]) == 0
     return xarray.open_dataset("study.nc")
 
 

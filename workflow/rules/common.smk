@@ -5,8 +5,8 @@
 # their results, `made_from_DIGEST.txt`: if it is missing, the step is due. `drawn_from_DIGEST.txt` lists dataset and files
 # of a drawing with their SHA-256: an older one that was put back is not shown. So nothing depends on times of modification
 # (inputs are `ancient`, and make a step due only where they are missing, even those that the step before it has read)
-# or on what Snakemake remembers (`rerun-triggers: input` in the profile). `ancient` marks the name it is given, and so
-# gets a copy, `str`, of the name of an output: rule all, which has the name itself, is due after any other step.
+# or on what Snakemake remembers (`rerun-triggers: input` in the profile). `ancient` marks the very object it is given, so
+# it gets a copy, `str`, of an output's name: rule all has that name, too, and would not be due after another step.
 from brownpipe.study.workflow import ended_by_mistakes, forecast, read_workflow_study, remove_stale_locks
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import commands, digests, figure_options, files_of, requests

@@ -38,12 +38,13 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
     dims, cases = labels_of_cases(dataset), []
     for labels in product(*(dataset[dim].values for dim in dims)):
         case = dataset.sel(dict(zip(dims, labels, strict=True)))
+        if int(case.runs) + int(case.failed_runs) == 0:
+            continue
         if has(case, "pair_distribution", "enskog_contact_value"):
             pairs = [part.species_pair.item() for part in parts_of(case, "species_pair", "pair_distribution")]
             known = case.species_pair == pairs[0] if len(pairs) <= 2 else False
             case = case.assign(contact_theory=case.enskog_contact_value.where(known))
-        if int(case.runs) + int(case.failed_runs) > 0:
-            cases.append(case)
+        cases.append(case)
     return cases
 
 

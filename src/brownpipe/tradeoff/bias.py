@@ -18,9 +18,7 @@ from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate, replica
 SHELLS, NEAR_CONTACT = 5, 1.25  # of equal width, from contact to so many contact distances, in which g(r) is compared
 RINGS = 10  # of equal probability, in which displacement distributions are compared
 CERTAIN = 0.95
-RARE = (
-    4.6  # standard errors from one event to the upper end of Poisson's 95 % interval; from two and three: 3.7 and 3.3
-)
+RARE = 4.6  # standard errors from one event to the upper end of Poisson's 95 % interval; from two 3.7, from three 3.3
 Pairs = tuple[np.ndarray, np.ndarray]  # (n,), (n,) rows of the runs of equal seeds in two samples
 
 
