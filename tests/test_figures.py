@@ -443,6 +443,15 @@ def test_the_answer_says_what_a_drift_of_all_disks_adds_to_d(hot):
     assert "adds 0.5 to D by the end of a run" in summary(hot.assign(drift_diffusion=0 * hot.runs + 0.5))
 
 
+def test_of_many_cases_some_are_drawn_unless_the_figure_is_that_of_a_scan(dataset, monkeypatch):
+    monkeypatch.setattr("brownpipe.figures.render.MOST_CASES", 3)
+    data = in_densities(dataset, 5)
+    some, scan = (draw_figure(data, name) for name in ("msd", "scan"))
+    drawn = [line.get_label()[:15] for line in some.axes[0].lines if "tracer_mass" in line.get_label()]
+    assert drawn == [f"tracer_mass = {k}" for k in (1, 3, 5)]
+    assert (some.get_suptitle()[:12], scan.get_suptitle()) == ("3 of 5 cases", "")
+
+
 def test_at_most_six_cases_share_a_panel(dataset):
     def groups(data, keys=()):
         return [len(group) for group in cases.panels_of(cases.cases_of(data), keys)]

@@ -5,9 +5,11 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from brownpipe.errors import FigureError
 from brownpipe.figures.cases import cases_shown, frame_of, panels_of, parts_of, title_of
-from brownpipe.figures.catalogue import FIGURES
+from brownpipe.figures.catalogue import FIGURES, SCAN
 from brownpipe.figures.style import columns, drawing, heads, image_bytes
 
 if TYPE_CHECKING:
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 
 HEIGHTS = (4.4, 3.2)  # of the panels of a column [inch]
+MOST_CASES = 36  # in a figure, but the one of a scan
 
 
 class Drawing(NamedTuple):
@@ -42,7 +45,17 @@ def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel
 
 
 def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
-    """Draw the cases: with `curves` several in a panel, where each of them, or each of its parts, is a curve.
+    """Draw the cases, MOST_CASES of them at equal steps if there are more and the figure is not that of a scan."""
+    if SCAN in FIGURES[name].needs or len(cases) <= MOST_CASES:
+        return _figure_of_all(name, cases, panel)
+    steps = np.linspace(0, len(cases) - 1, MOST_CASES, dtype=int)
+    figure = _figure_of_all(name, [cases[step] for step in steps], panel)
+    figure.suptitle(f"{MOST_CASES} of {len(cases)} cases, at equal steps; the table has all", x=0.01, ha="left")
+    return figure
+
+
+def _figure_of_all(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
+    """Draw all cases: with `curves` several in a panel, where each of them, or each of its parts, is a curve.
 
     A figure that shows every particle count has one panel. Further rows of panels are drawn by `below`.
     """

@@ -111,8 +111,8 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     cases = cases_of(dataset)
     options = json.loads(dataset.attrs.get("options", "{}"))
     given = {name for name, value in options.items() if value} | {f"figure {name}" for name in chosen}
-    given |= {str(name) for name, values in dataset.data_vars.items() if values.notnull().any()}
     of_quantity = {one: [*columns_of(cases, one)] for one in quantities(dataset)}
+    given |= {name for one in of_quantity for name in one.asked_by if has(dataset, name)}
     known = [one for one, found in of_quantity.items() if found]
     shown = [one for one in known if given & {*one.asked_by}] or known
     p = np.array([at_last_distribution(case).p_value_joint.values[: len(TESTS)] for case in cases])
@@ -163,9 +163,10 @@ def _at(case: Dataset, one: Quantity) -> Dataset | None:
     """
     if not has(case, one.variable) or (one.variable == "green_kubo" and not has(case, one.theory)):
         return None
-    values = case[one.variable]
-    at_end = case.sel(time=values.dropna("time").time[-1]) if "time" in values.dims else case
-    part = at_end.isel(window=0)
+    values, places = case[one.variable], {"window": 0}
+    if "time" in values.dims:
+        places["time"] = np.flatnonzero(values.notnull())[-1]
+    part = case.isel(places)
     return part if has(part, one.variable) else None
 
 
@@ -249,8 +250,12 @@ def missing_runs(cases: list[Dataset]) -> Iterator[str]:
 
     Missing are seeds from the first to the last of the same engine: engines may have seeds of their own.
     """
+    engines: dict[str, np.ndarray] = {}  # (seeds,) whether a case of this engine has a run
     for case in cases:
-        run = np.any([other.run_status.values != MISSING for other in cases if other.engine == case.engine], axis=0)
+        name, is_there = case.engine.item(), case.run_status.values != MISSING
+        engines[name] = engines.get(name, False) | is_there
+    for case in cases:
+        run = engines[case.engine.item()]
         asked = np.logical_or.accumulate(run) & np.logical_or.accumulate(run[::-1])[::-1]
         for status, fate in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[(case.run_status.values == status) & asked]
