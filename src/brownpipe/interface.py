@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-BATCHES = 16  # of seeds for each core: so unlike runs are shared evenly, and progress is shown
+BATCHES = 16  # of seeds for each core: cores then finish together even if run times differ, and progress is shown
 SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings._fields]  # of engines
 
 
@@ -120,8 +120,8 @@ def simulate(
     particles: number of disks instead of that of the scene file.
     engine, settings: "exact", "timestep" (time_step=...) or "langevin" (friction=...), as in studies.
     record: "tracer", "velocity" (of the tracer, too), "all", "events", "none", or several of them.
-    observables, average: measured in each run, by names or functions of your own, and over what displacements are
-    averaged within it.
+    observables: names or functions of your own, measured in each run.
+    average: "runs", or what displacements are averaged over within each run, too: "origins" or "disks".
     cores: processes that share the seeds (on Linux); the runs are the same, to the bit.
     quiet: no progress on stderr.
 
@@ -240,12 +240,12 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
 
 
 def mean(array: DataArray) -> Dataset:
-    """Return the mean over runs of an array of your own with its errors: its dimension `seed` goes.
+    """Return the mean of an array of your own over runs, its dimension `seed`, with errors.
 
     The Dataset has `value`, `standard_error` and the 95 % interval, `low` to `high`, with coordinates and attributes
     of the array, as `analyse` estimates them: by a bootstrap over runs, not over time points (docs/theory.md, section
-    5). Runs that failed are left out, if the array has the coordinate `failed`, as all has that is calculated from the
-    tracer; and so are runs without a number.
+    5). Failed runs are left out if the array has the coordinate `failed`, as every array calculated from the tracer
+    has; so are runs whose value is NaN.
 
         square = ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2).sum("component")
         msd = bp.mean(square)

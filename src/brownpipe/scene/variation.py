@@ -52,9 +52,9 @@ Vary = Annotated[dict[str, Annotated[tuple[Any, ...], As(Values)]], AfterValidat
 
 
 def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
-    """Return the values by key of each variant: all combinations, or the first of each key, the second, ...
+    """Return the values by key of each variant: all combinations or, `together`, first values, second ones, ...
 
-    Raises RequestError for the number of disks, for values of equal names, and for lists of different lengths
+    Raises RequestError for the key `particles`, for values of equal names, and for lists of different lengths
     where values belong together.
     """
     if "particles" in vary:
@@ -70,7 +70,7 @@ def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict
 def scene_with(
     mapping: Any, where: str, values: Mapping[str, Any], particles: int | None = None, name: str | None = None
 ) -> Scene:
-    """Return the scene of a mapping, as `parse_scene` does, with these values by key, which its name tells.
+    """Return the scene of a mapping, as `parse_scene` does, with these values by key, which are added to its name.
 
     Raises RequestError for anything wrong.
     """
