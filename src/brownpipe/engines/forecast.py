@@ -51,8 +51,8 @@ class Cost(NamedTuple):
     wall_collisions: float
     seconds: float  # CPU time, with that to write what is recorded
     recorded: float  # bytes in the file
-    kept: float  # bytes in memory until they are written, besides the file, which is made there
-    working: float  # bytes of memory besides, used by one run at a time
+    kept: float  # bytes in memory until written, besides the file, which is built in memory, too
+    working: float  # further bytes of memory, used by one run at a time
     once: float = 0.0  # CPU seconds in each process before its first run, besides START_UP
 
 

@@ -232,7 +232,7 @@ def _four_from(builder: ir.IRBuilder, first: ir.Value) -> ir.Value:
 
 @_instructions(four_entries, signature(INTEGERS, WORDS, types.int64, types.int64, types.int64))
 def _four_entries(builder: ir.IRBuilder, array: ir.Value, first: ir.Value, end: ir.Value, beyond: ir.Value) -> ir.Value:
-    """Load the four one by one, which "unordered" tells LLVM: where `copy_four` has just written they are at hand.
+    """Load the four one by one ("unordered" for LLVM): what `copy_four` has just written is then available at once.
 
     A load of all four would wait until several overlapping stores are in the cache, after all earlier instructions.
     """

@@ -16,7 +16,7 @@ from brownpipe.scene.scene import HEXAGONAL_PACKING
 
 EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a power of two
 PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
-MOST_PER_BUCKET = 6.0  # as counted in a run: a pair collision enters the events of two disks, in 15 places
+MOST_PER_BUCKET = 6.0  # counted in a run (bucket: 15 places); a pair collision enters an event for each disk
 SHORTER_AT_ONCE = 64.0  # factor at most by which buckets become shorter: disks that began close together may spread out
 MOST_BUCKETS = 2.0**30  # of a block; to open as many empty ones takes some 8 s of CPU
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
@@ -180,7 +180,7 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
 
 
 def with_fitting_buckets(w: ws.Workspace, events: int, elapsed: float, estimated: float) -> ws.Workspace:
-    """Return a workspace whose buckets are as long as so many events in so much time [engine's unit] require.
+    """Return a workspace with buckets of a duration that fits so many events in the `elapsed` time [engine's unit].
 
     Close to the densest packing collisions are far more frequent than estimated: buckets become shorter where they have
     more than MOST_PER_BUCKET events. Where they have less than a quarter of that, as disks have spread out since,

@@ -22,11 +22,12 @@ def earliest(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a four of the times of the earliest collisions of disk i, and a four of the indices of the partners.
 
-    The candidates are candidates[first : first + m]. Four at a time are considered, in place of the last ones perhaps
+    The candidates are candidates[first : first + m]. They are considered four at a time; the last four are completed by
     disk i itself, which it never meets. Each of the `best` is the earliest of every fourth candidate, `chosen` its
     index; where none is earlier than the pair event that disk i has, `best` is the time of that event and `chosen` is
     `first`, which is always readable. Skip a partner whose own next collision is earlier: it will be re-predicted then
-    and will find disk i. No time is earlier than `latest` for a pair that does not meet, not even -inf.
+    and will find disk i. For a pair that does not meet `latest` is NaN, so that no time, not even -inf, counts as
+    earlier.
     """
     disk, a = w.disk, ws.ROW * i
     x_i, y_i = position(w, i, now)
