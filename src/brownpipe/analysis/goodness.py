@@ -68,7 +68,7 @@ def power(expected: np.ndarray, others: np.ndarray, level: float = LEVEL) -> flo
     """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,) holds.
 
     X^2 is then taken for a noncentral chi-square with the nominal number of degrees of freedom. For a D from the same
-    runs this is an approximation: for one that is 5 % wrong it gives 4 % where 5 or 6 % of 300 sets of 2,400 runs are
+    runs this is an approximation: for a D that is 5 % wrong it gives 4 % where 5 or 6 % of 300 sets of 2,400 runs are
     rejected, and 61 % where 66 to 69 % of 150 sets of 16,000 are. NaN without degrees of freedom.
     """
     from scipy.special import chdtri, chndtr

@@ -19,7 +19,7 @@ from brownpipe.scene.variation import PACKING_FRACTION
 from brownpipe.storage.store import StoredFile, read_stored
 from brownpipe.storage.trajectories import Trajectories, open_runs, read_trajectories
 
-Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with what it is to hold, or runs in memory
+Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with its required seeds, or runs in memory
 
 
 class RunFile(NamedTuple):
@@ -43,7 +43,7 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
     """Return trajectory files and runs in memory by scene, particle count and engine label, in order of appearance.
 
     Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
-    files) or hold other runs than are expected of them, and what `read_trajectories` raises.
+    files) or hold other runs than expected, and what `read_trajectories` raises.
     """
     groups: dict[tuple[str, int, str], list[RunFile]] = {}
     for number, source in enumerate(tracked([*sources], "files verified")):

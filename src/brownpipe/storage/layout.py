@@ -1,4 +1,4 @@
-"""The groups, names, dimensions, units and meanings of runs, in files and in memory; they are drawn in `storage`."""
+"""The groups, names, dimensions, units and meanings of runs, in files and in memory; `storage` has an overview."""
 
 import numpy as np
 
