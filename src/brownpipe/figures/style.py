@@ -37,7 +37,7 @@ SERIES = (
 MARKS = [{"color": SERIES[k % 6][0], "fmt": SERIES[(k + k // 6) % 6][2]} for k in range(36)]
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
-# Digits of the labels of a logarithmic axis of fewer decades than that, two labels at least; (): those of a linear one
+# Leading digits labelled on a logarithmic axis, by the decades below which they apply; (): labels of a linear axis
 LABELLED = {0.4: (), 0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
 KEY_SIZE = 8.8  # of the words of a legend [point]
 

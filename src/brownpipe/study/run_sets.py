@@ -25,9 +25,9 @@ from brownpipe.study.study import REFERENCE, Study
 from brownpipe.text import counted, in_bytes, in_time, shell_path
 
 SECONDS = 30.0  # CPU time of a job of `batch: auto`: starting one takes 2 % of it
-OFTEN = 20.0  # and it is longer by so many times what a job calculates once
+OFTEN = 20.0  # plus this many times the CPU time of what a job computes only once
 LARGEST = 3e8  # bytes of memory of such a job
-EQUAL_JOBS = 256  # then their length doubles whenever the number of runs before has doubled
+EQUAL_JOBS = 256  # of a case; then their length doubles whenever the number of runs before has doubled
 
 MARGIN = 2.0  # of memory and time in requests
 AROUND = 300e6  # further bytes: two processes of Snakemake wait on the node for that of the job
@@ -62,7 +62,7 @@ class RunSet(NamedTuple):
 
 
 def batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int | None = None) -> list[tuple[int, int]]:
-    """Return first and last seed of each batch, for ascending seeds of runs of this cost; None: of SECONDS and more.
+    """Return first and last seed of each batch of ascending seeds; `length` None: batches of SECONDS or more.
 
     Neither the number of cores nor that of seeds enters: a study has the same jobs on every machine, and complete
     batches stay valid when seeds are added. Every range of consecutive seeds is cut from its first seed on.

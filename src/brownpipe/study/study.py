@@ -185,7 +185,7 @@ class Study(Record):
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many.
 
-        Until that is known, they are as many as a quantity needs whose standard deviation is its mean, as r^2 has it.
+        Until that is known, their number is that for a standard deviation equal to the mean, as r^2 has it.
         """
         if (self.tolerance is None) == (self.seeds is None):
             refuse("must be given, or a tolerance in their place; not both", "seeds")
@@ -259,7 +259,7 @@ class Study(Record):
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
-    """Return why no number of runs has a relative error in one of the scenes; None if each has one."""
+    """Return why a relative error is undefined in one of the scenes; None if it is defined in all."""
     certain = (scene.name for scene in scenes if scene.listed or rms_speed(scene) == 0.0)
     return next((f"{name} leaves nothing to chance" for name in certain), None)
 
