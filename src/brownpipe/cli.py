@@ -70,7 +70,7 @@ def _status(argv: list[str]) -> int:
 def build_parser(argv: Sequence[str]) -> "_Parser":
     """Return the parser of a command line.
 
-    If `argv` begins with a verb, only its module is imported: those of all verbs take time.
+    If `argv` begins with a verb, only its module is imported: importing all takes time.
     """
     parser = _Parser("brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones.")
     version = f"brownpipe {versions()['brownpipe_version']}" if "--version" in argv else ""  # to look it up takes time

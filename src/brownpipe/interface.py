@@ -201,7 +201,7 @@ def scan(
     {"from": 1, "to": 100, "count": 5, "spacing": "log"} in place of a list.
     particles: total number of disks, for the path of a scene file.
     together: the first values of all keys, then the second ones, ..., instead of all combinations.
-    fit_windows: as of `analyse`. options: as of `simulate`, with the same seeds for all values.
+    fit_windows: as in `analyse`. options: as in `simulate`, with the same seeds for all values.
 
     Each key is a dimension: `result.diffusion_coefficient.sel(tracer_mass=10)`. Raises what `simulate` does.
     """
@@ -388,7 +388,7 @@ def _made(make: Callable[[list[int]], Ensemble], seeds: np.ndarray, cores: int) 
 
 
 def _scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
-    """Return a scene, or that of a file with so many disks, if a number is given."""
+    """Return a scene, or that of a file, with `particles` disks if that is given."""
     if not isinstance(scene, SceneRecord):
         return scene_of_file(validated(Path, scene, key="scene"), plain(particles))
     if particles is not None:

@@ -112,7 +112,7 @@ def _over_keys(table: Table, scenes: Sequence[Scene], paths: Sequence[str], toge
 
 
 def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
-    """Return those of the user's own functions. Raises AnalysisError if their arrays differ in more than shapes."""
+    """Return the variables of the user's own functions. Raises AnalysisError if arrays differ in more than shape."""
     own: dict[str, RunArray] = {}
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():

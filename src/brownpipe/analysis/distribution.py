@@ -47,7 +47,7 @@ def expected_ring_counts(
 
 
 def chosen_times(case: Case) -> np.ndarray:
-    """Return the indices (D,) of the sample times at `displacement_times`; by default that of the last sample.
+    """Return the indices (D,) of the sample times at `displacement_times`; by default of the last sample.
 
     Times at which the case has no sample are left out.
     """

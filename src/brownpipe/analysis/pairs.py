@@ -193,7 +193,7 @@ def _per_lone(around_lone: np.ndarray) -> np.ndarray:
 
 
 def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
-    """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least that of Poisson.
+    """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least Poisson's.
 
     The bootstrap has no interval for up to three pairs, and too short ones for a few more.
     """

@@ -114,8 +114,8 @@ def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
 def blocks_of(group: Group) -> Iterator[Ensemble]:
     """Yield the runs of a group in blocks of seeds between multiples of SEEDS_PER_BLOCK, ascending.
 
-    The blocks do not depend on how the runs are distributed over files; those of files have no whole runs and no
-    collisions.
+    The blocks do not depend on how the runs are distributed over files; blocks read from files have no whole runs and
+    no collisions.
     """
     opened = lru_cache(maxsize=2)(open_runs)  # enough to open each batch of consecutive seeds only once
     files = sorted(group.files, key=lambda file: file.seeds.min())

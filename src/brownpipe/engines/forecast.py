@@ -101,7 +101,7 @@ def of_run(
 def _bytes_of_record(
     scene: Scene, record: Collection[str], observables: Collection[str], events: float
 ) -> tuple[float, float]:
-    """Return the bytes of what is recorded and measured of a run with so many events: in the file, and in memory."""
+    """Return the bytes recorded and measured of a run with `events` collisions: in the file, and in memory."""
     coordinates, samples = 2 * BYTES_PER_NUMBER, len(scene.times)
     images = 8 if scene.box.periodic else 0  # which take next to nothing in a file
     tracer = samples * len({"tracer", "velocity"}.intersection(record))
@@ -115,7 +115,7 @@ def _bytes_of_record(
 
 
 def memory(cost: Cost, runs: int) -> float:
-    """Return the peak memory [bytes] of a process that makes and writes so many runs."""
+    """Return the peak memory [bytes] of a process that makes and writes `runs` runs."""
     return PROCESS + cost.working + runs * (cost.kept + cost.recorded)
 
 
@@ -134,7 +134,7 @@ def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> fl
 
 
 def most_runs(cost: Cost, available: float) -> int:
-    """Return how many runs of this cost one process can make and write in so much memory [bytes]; 0 for none."""
+    """Return how many runs of this cost one process can make and write in `available` memory [bytes], or 0."""
     return bisect_right(range(1, MOST_RUNS + 1), available, key=lambda runs: memory(cost, runs))
 
 

@@ -60,7 +60,7 @@ def replace_in_four(array: np.ndarray, first: int, old: int, new: int) -> None:
 
 
 def where(condition: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the numbers of one four where a condition holds, elsewhere those of the other; both of floats."""
+    """Return the numbers of `one` where a condition holds, elsewhere those of `other`; both are fours of floats."""
     return np.where(condition, one, other)
 
 

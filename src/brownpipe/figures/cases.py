@@ -255,7 +255,7 @@ def early_mark(case: Dataset, since: str = "window_start") -> str:
 
 
 def fitted_diffusion(case: Dataset) -> str:
-    """Return D in the first fit window in words, with a ring as of `early_mark`; "" without a fit."""
+    """Return D in the first fit window in words, with the ring of `early_mark`; "" without a fit."""
     fits = [(fit, estimate_of(fit, "diffusion_coefficient")) for fit in fits_of(case)[:1]]
     return "".join(f"D over {fit.window.item()} = {estimate}{early_mark(fit)}" for fit, estimate in fits)
 

@@ -167,7 +167,7 @@ def movie(
 
 
 def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
-    """Return the indices of the samples that an animation shows, of so many samples."""
+    """Return the indices of those of `samples` samples that an animation of `frames` frames shows."""
     return np.unique(np.linspace(samples - 1, 0, frames or samples).round().astype(int))
 
 

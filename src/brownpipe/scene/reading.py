@@ -92,7 +92,7 @@ def read_yaml(path: str | Path) -> Document:
 
 
 def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
-    """Return the value of a node, and add its line and those of all in it to `lines`."""
+    """Return the value of a node, and add the lines of it and of all in it to `lines`."""
     lines.setdefault(path, node.start_mark.line + 1)
     if isinstance(node, yaml.ScalarNode):
         return node.value if node.style else scalar(node.value)

@@ -192,7 +192,7 @@ def chosen_seed(runs: Trajectories, path: str, seed: int | None, tracks: Mapping
 
 
 def to_tree(trajectories: Trajectories) -> "DataTree":
-    """Return runs as a tree, which shares arrays with them as far as `groups_of` does.
+    """Return runs as a tree, which shares with them the arrays that `groups_of` does not copy.
 
     Unwrapped positions are added, with the size of the box and `failed` as coordinates, which arrays calculated from
     them keep.

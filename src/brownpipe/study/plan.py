@@ -214,7 +214,7 @@ def _percent(share: float) -> str:
 def write_study(study: Study, keys: Mapping[str, Any], path: str | Path, offer: Offer, comment: str) -> None:
     """Write a study file, completely or not at all: a copy of a study with engine and number of runs of an offer.
 
-    keys: those given for the copied study, as of `study.read_keys`. comment: the first line of the file.
+    keys: those given for the copied study, as from `study.read_keys`. comment: the first line of the file.
     """
     mapping: dict[str, Any] = {key: value for key, value in keys.items() if key not in NOT_INHERITED}
     folder, first = Path(path).resolve().parent, study.seeds[0]

@@ -30,7 +30,7 @@ LARGEST = 3e8  # bytes of memory of such a job
 EQUAL_JOBS = 256  # of a case; then their length doubles whenever the number of runs before has doubled
 
 MARGIN = 2.0  # of memory and time in requests
-AROUND = 300e6  # further bytes: two processes of Snakemake wait on the node for that of the job
+AROUND = 300e6  # further bytes, for the two processes of Snakemake that wait on the node for the job
 DELAY = 300.0  # further seconds: to compile kernels, to start an analysis, to wait for a network file system
 ANALYSIS = 300e6  # bytes of a process that analyses or draws, besides data
 REPLICATES = 10_000  # of one run's data in memory, to average over the runs of a case
@@ -160,7 +160,7 @@ def digests(study: Study) -> dict[str, str]:
 
 
 def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
-    """Return the CPU seconds of so many processes that make and write so many runs together."""
+    """Return the CPU seconds of `jobs` processes that make and write `runs` runs together."""
     return jobs * (forecast.START_UP + cost.once) + runs * cost.seconds
 
 
@@ -192,7 +192,7 @@ def requests(study: Study) -> dict[str, dict[str, object]]:
 
 
 def _asked(need: Callable[[Mapping[str, str]], tuple[float, float]]) -> dict[str, object]:
-    """Return the resources of a rule whose jobs need so many bytes and CPU seconds: memory [MB] and wall time [min]."""
+    """Return the resources of a rule, memory [MB] and wall time [min]; `need`: bytes and CPU seconds of a job."""
 
     def request(part: int, more: float, unit: float) -> Callable[..., int]:
         return lambda wildcards, attempt: 2 ** (attempt - 1) * math.ceil((MARGIN * need(wildcards)[part] + more) / unit)

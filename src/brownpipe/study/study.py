@@ -301,7 +301,7 @@ def read_keys(path: str | Path, overrides: Mapping[str, Any]) -> reading.Documen
 def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
     """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
 
-    `overrides` are as of `read_keys`. Raises RequestError, one line, for any mistake in the study, or in any of its
+    `overrides` as in `read_keys`. Raises RequestError, one line, for any mistake in the study, or in any of its
     scenes with any of its particle counts.
     """
     overrides = overrides or {}

@@ -15,8 +15,8 @@ import numpy as np
 
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate, replicates, resample
 
-SHELLS, NEAR_CONTACT = 5, 1.25  # of equal width, from contact to so many contact distances, in which g(r) is compared
-RINGS = 10  # of equal probability, in which displacement distributions are compared
+SHELLS, NEAR_CONTACT = 5, 1.25  # shells of equal width, from contact to NEAR_CONTACT contact distances, for g(r)
+RINGS = 10  # rings of equal probability, for displacement distributions
 CERTAIN = 0.95
 RARE = 4.6  # standard errors from one event to the upper end of Poisson's 95 % interval; from two 3.7, from three 3.3
 Pairs = tuple[np.ndarray, np.ndarray]  # (n,), (n,) rows of the runs of equal seeds in two samples
@@ -110,9 +110,9 @@ def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | N
     """Return the total variation distance of displacements (S_a,) and (S_e,): half the sum of abs(p_a - p_e).
 
     p are the shares of the runs in rings, which hold equal shares of the exact runs; differences inside a ring are not
-    detected. Noise alone gives a positive distance. Its size is that of the distances between resampled shares and the
-    measured ones: the square of their mean is subtracted from the square of the distance, and their 95 % quantile q is
-    the half-width of the interval, as the true distance is within q of the measured one (triangle inequality). The
+    detected. Noise alone gives a positive distance. Its size is estimated from the distances between resampled and
+    measured shares: the square of their mean is subtracted from the square of the distance, and their 95 % quantile q
+    is the half-width of the interval, as the true distance is within q of the measured one (triangle inequality). The
     coverage is above 95 %. The mean of these distances, the noise, stands in place of the standard error.
     """
     edges = np.quantile(exact, np.linspace(0.0, 1.0, RINGS + 1))

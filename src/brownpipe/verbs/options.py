@@ -31,7 +31,7 @@ def typed(kind: Any, separator: str = "") -> Callable[[str], Any]:
 
 
 def several(read: Callable[[str], Value]) -> Callable[[str], list[Value]]:
-    """Return the reader of values that are separated by commas, from that of one value."""
+    """Return the reader of values separated by commas, made from the reader of one value."""
     return lambda text: [read(part.strip()) for part in text.split(",")]
 
 

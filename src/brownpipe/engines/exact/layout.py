@@ -101,12 +101,12 @@ def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
 
 
 def _prefetches_candidates(n: int, half: float) -> bool:
-    """Whether the candidates for upcoming events of n disks are prefetched; `half` as of neighbour lists, 0 without."""
+    """Whether candidates for upcoming events of n disks are prefetched; `half` a square's side is 0 without lists."""
     return n >= (FITS_CACHE if half > 0.0 else CANDIDATES_FIT_CACHE)
 
 
 def begin(w: ws.Workspace, motion: np.ndarray) -> None:
-    """Set a workspace to the beginning of a run from positions and velocities (N, 4) as of `units.motion_of`."""
+    """Set a workspace to the beginning of a run from positions and velocities (N, 4) of `units.motion_of`."""
     disk = w.disk.reshape(-1, ws.ROW)
     disk[:, ws.MOTION] = motion
     disk[:, ws.TIME] = 0.0
@@ -151,8 +151,8 @@ def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, bool | None]:
 def _grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
     """Return cells, `slots` not yet set, 1.1 (dense) to 2 (dilute) contact distances wide, and at most about 4 N.
 
-    With neighbour lists the cells hold the centres of squares of half the side `half`. Along an axis, those of two
-    disks that can touch are up to 2 (common + half) apart: the width of a cell.
+    With neighbour lists the cells hold the centres of squares of half the side `half`. Along an axis, the centres for
+    two disks that can touch are up to 2 (common + half) apart: the width of a cell.
     """
     box, n = scene.box, scene.particles
     width, height = box.width / frame.length, box.height / frame.length

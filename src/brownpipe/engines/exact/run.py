@@ -76,7 +76,7 @@ NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 def prepare_scene(scene: Scene, times: np.ndarray, record: Collection[str] = (), pinned: bool = False) -> PreparedScene:
     """Return what runs of a scene need that are sampled at the times (T,) [scene's units], with its kernels compiled.
 
-    `record` as of `simulate`; a `pinned` tracer has infinite mass. Raises RequestError if the last time is more blocks
+    `record` as in `simulate`; a `pinned` tracer has infinite mass. Raises RequestError if the last time is more blocks
     away than can be counted.
     """
     frame = frame_of(scene)
@@ -173,7 +173,7 @@ def events_so_far(w: ws.Workspace) -> int:
 
 
 def _refuse_standstill(scene: Scene, frame: Frame, now: float, elapsed: float, events: int) -> None:
-    """Raise RunError if so many events took less time than round-off resolves."""
+    """Raise RunError if the `events` took less time than round-off resolves."""
     if elapsed * scene.particles < SHORTEST_PATH * events:
         raise RunError(
             f"no progress at t = {now * frame.time:.9g}: {events} events took {elapsed * frame.time:.3g}; "
@@ -187,7 +187,7 @@ def _refuse_standstill(scene: Scene, frame: Frame, now: float, elapsed: float, e
 def new_recorder(
     scene: Scene, frame: Frame, duration: float, times: np.ndarray, record: Collection[str]
 ) -> ws.Recorder:
-    """Return an empty recorder as of `prepare_scene`; `duration` of a block, which larger cells do not change."""
+    """Return an empty recorder for `prepare_scene`; `duration` is that of a block, whatever the size of cells."""
     n, table, quarters = scene.particles, species_table(scene), ends_of_quarters(times)
     quarters = quarters if claims_equilibrium(scene) else quarters[:0]
     log_length = EVENTS_PER_LOG if "events" in record else 0

@@ -60,7 +60,7 @@ def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str] = fro
 def caution(scene: Scene) -> str | None:
     """Return one line of caution if the tracer has less than HEAVY times the mass of a bath disk; otherwise None.
 
-    None, too, of scenes that `refuse_unfit` refuses for want of a bath.
+    None, too, for scenes that `refuse_unfit` refuses because they have no bath.
     """
     if scene.listed or scene.particles < 2 or _mass_ratio(scene) >= HEAVY:
         return None
