@@ -368,7 +368,7 @@ def _requested(asked: Mapping[str, Any]) -> tuple[SceneRecord, Engine, Sequence[
     record = read_record(_words("record", asked["record"]), "record")
     names = tuple(filter(None, _words("observables", asked["observables"]).split(",")))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
-        seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
+        seeds = f"{seeds[0]}-{seeds[-1]}"  # never expanded, as it may be long
     numbers = validated(Seeds, plain(seeds), key="seeds")
     cores = validated(AtLeastOne, plain(asked["cores"]), key="cores")
     forecast_of_runs(engine, scene, numbers, record, names, asked["average"])

@@ -22,7 +22,7 @@ WRONG_BY = 0.05  # relative error of D for which the power is stated
 MOST_RINGS, REACH = 32, 3.0  # default rings: at most MOST_RINGS, out to REACH rms displacements
 BEYOND = 0.02  # of the runs that default rings are chosen from: the largest share beyond the last ring
 FEWEST_TO_CONTROL = 200  # runs (tracer alone) for a control variate: with 100 its stated error is 0.8 of the true one
-LOG_STEP = 1e-4  # of ln D, for derivatives of the expected counts
+LOG_STEP = 1e-4  # step in ln D for derivatives of the expected counts
 
 
 def ring_of(distance: np.ndarray, edges: np.ndarray) -> np.ndarray:

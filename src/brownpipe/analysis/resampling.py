@@ -143,7 +143,7 @@ def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)
     error = np.sqrt(variance / _or_nan(sums[0].weight - 1)[:, None])
     whole = value[0].copy(), error[0].copy()  # of all runs; views would keep the replicates in memory
     deviation, tail = value[1:] - value[0], (REPLICATES + 1) // 40
-    t = np.where(error[0] > 0.0, np.copysign(np.inf, deviation), 0.0)  # of replicates of runs that are alike
+    t = np.where(error[0] > 0.0, np.copysign(np.inf, deviation), 0.0)  # for replicates of equal runs
     np.divide(deviation, error[1:], out=t, where=error[1:] > ALIKE * error[0])
     t.sort(axis=0)
     ends = value[0] - t[[-tail, tail - 1]] * error[0]

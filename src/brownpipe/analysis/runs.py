@@ -27,7 +27,7 @@ class RunFile(NamedTuple):
 
     path: str
     seeds: np.ndarray  # (n,) int64 of the runs that are wanted
-    contents: Trajectories  # of a file the outline, without its runs
+    contents: Trajectories  # for a file only the outline, without its runs
     is_in_memory: bool
 
 

@@ -28,7 +28,7 @@ class Ensemble(NamedTuple):
     observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
     whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
     events: dict[int, Events]  # seed -> collisions, if recorded
-    stopped: dict[int, str]  # seed -> why its run could not go on: failed, and without data
+    stopped: dict[int, str]  # seed -> why its run could not go on; it counts as failed and has no data
     own: dict[str, RunArray]  # descriptions of the arrays of a user's own functions in `observables`
     average: str = "runs"  # what displacements and autocorrelations are averaged over, of observables.AVERAGES
 
@@ -45,7 +45,7 @@ class Batch(NamedTuple):
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
     needed_record: frozenset[str]  # what the engine must record: `record`, and every disk if an observable needs it
-    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, or of one's own
+    observables: tuple[str, ...]  # names in observables.OBSERVABLES, or of the user's own functions
 
 
 def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:

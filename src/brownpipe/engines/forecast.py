@@ -37,11 +37,11 @@ BYTES_PER_SAMPLE = 120  # of a disk that is recorded, during its run: its sample
 BYTES_PER_EVENT = 32  # of a collision in memory, and some two thirds of that in a file
 BYTES_PER_NUMBER = 8
 SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
-FRICTION_TIMES = 5.0  # 1/gamma, in which a hot tracer's kinetic energy comes within e^-10 of that of its bath
+FRICTION_TIMES = 5.0  # in units of 1/gamma: then a hot tracer's excess kinetic energy has fallen by e^-10
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
-TOO_SHORT = 0.5  # of the forecast time to settle, which is rough
-MOST_RUNS = 10**9  # of one process
-COPIES = 2  # of whole runs and collisions, while they are written
+TOO_SHORT = 0.5  # share of the forecast time to settle, below which `check` cautions: the forecast is rough
+MOST_RUNS = 10**9  # upper limit for one process
+COPIES = 2  # in memory, of whole runs and collisions while they are written
 
 
 class Cost(NamedTuple):

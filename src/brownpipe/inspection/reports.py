@@ -30,7 +30,7 @@ from brownpipe.tradeoff import is_tradeoff
 if TYPE_CHECKING:
     from xarray import Dataset
 
-DIGITS = 12  # of a digest
+DIGITS = 12  # shown of a digest
 PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".gif", ".html")  # of `brownpipe figures` and `movie`
 
 
@@ -203,6 +203,6 @@ def failed_runs(path: str | Path) -> tuple[int, int, str]:
         raise WrongFileError(f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate")
     cases = []
     for place in zip(*np.nonzero((status == FAILED).any("seed").values), strict=True):
-        words = label_in_words(status[place].coords.to_dataset(), map(str, status.dims[:-1]))  # of seeds are the last
+        words = label_in_words(status[place].coords.to_dataset(), map(str, status.dims[:-1]))  # the last is `seed`
         cases.append(f"{words}: seeds {brief_seed_text(status.seed.values[status[place].values == FAILED])}")
     return int((status == FAILED).sum()), int((status != MISSING).sum()), "; ".join(cases)

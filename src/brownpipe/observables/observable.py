@@ -57,7 +57,7 @@ class Axis(NamedTuple):
 class RunArray(NamedTuple):
     """Description of an array that is measured in every run."""
 
-    dims: tuple[str, ...]  # names in AXES, or one's own; in files the dimension of the runs, `seed`, comes first
+    dims: tuple[str, ...]  # names in AXES, or the user's own; in files the dimension of the runs, `seed`, comes first
     units: str
     long_name: str
     averaged: bool = False  # whether its average over runs is of interest as it is, and a variable of datasets

@@ -47,7 +47,7 @@ class Function(NamedTuple):
     source: str  # SHA-256 of the file; of one given in Python a random number
 
 
-_given: dict[str, Function] = {}  # that were given in Python: `my_module:my_function@id`, of which none is ever removed
+_given: dict[str, Function] = {}  # given in Python, by `my_module:my_function@id`; none is ever removed
 
 
 def is_own(name: str) -> bool:

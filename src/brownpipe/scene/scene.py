@@ -362,7 +362,7 @@ def overlap(position: np.ndarray, radius: np.ndarray, box: tuple | None = None) 
     """
     from scipy.spatial import KDTree  # takes 0.2 s
 
-    margin = 2 * radius.max()  # of a box around all disks, in which none is near an image of another
+    margin = 2 * radius.max()  # of a box around all disks: in it none is near an image of another
     low, high = np.array(box, float).T if box else (position.min(axis=0) - margin, position.max(axis=0) + margin)
     sides = high - low
     tree = KDTree((position - low) % sides, boxsize=sides)

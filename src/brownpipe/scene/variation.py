@@ -101,7 +101,7 @@ def short_name(path: str) -> str:
 
 def value_of(scene: Scene, path: str) -> Any:
     """Return the value of a varied key in a scene: a number, or a text."""
-    words = [*path.split("."), *(["time"] if path == "equilibrate" else [])]  # for which a number stands
+    words = [*path.split("."), *(["time"] if path == "equilibrate" else [])]  # a number stands for {time: number}
     found = part_of(scene.as_mapping() | {PACKING_FRACTION: scene.packing_fraction}, words)
     return type(found)(float(_word(found))) if is_number(found) else _word(found)
 

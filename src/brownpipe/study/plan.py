@@ -142,7 +142,7 @@ class Performance(NamedTuple):
     engine: Engine
     bias: float  # 0 for the exact engine
     bias_error: float  # standard error of the bias
-    runs: int | None  # that the tolerance needs, failing ones included; None for a bias, or its error, too large
+    runs: int | None  # needed for the tolerance, failing ones included; None if bias or its error is too large
     cost: forecast.Cost  # of one run
 
 

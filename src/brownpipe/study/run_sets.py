@@ -29,12 +29,12 @@ OFTEN = 20.0  # plus this many times the CPU time of what a job computes only on
 LARGEST = 3e8  # bytes of memory of such a job
 EQUAL_JOBS = 256  # of a case; then their length doubles whenever the number of runs before has doubled
 
-MARGIN = 2.0  # of memory and time in requests
+MARGIN = 2.0  # requested over forecast memory and time
 AROUND = 300e6  # further bytes, for the two processes of Snakemake that wait on the node for the job
 DELAY = 300.0  # further seconds: to compile kernels, to start an analysis, to wait for a network file system
 ANALYSIS = 300e6  # bytes of a process that analyses or draws, besides data
-REPLICATES = 10_000  # of one run's data in memory, to average over the runs of a case
-COPIES = 5  # of a file in memory while it is read
+REPLICATES = 10_000  # memory of the bootstrap's sums, in units of one run's data
+COPIES = 5  # in memory, of a file while it is read
 ANALYSIS_TIME = 1800.0  # CPU seconds, enough for 1e10 bytes of runs
 RUNS_TRIED = 30  # of each engine and case in the trade-off, and in a plan
 

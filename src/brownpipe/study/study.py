@@ -307,7 +307,7 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     overrides = overrides or {}
     mapping = read_keys(path, overrides)
     name = reading.validated(Name, Path(path).stem, str(path), "name")
-    for replaced, value in sorted(overrides.items()):  # so that the results stand in another folder
+    for replaced, value in sorted(overrides.items()):  # the results then have a folder of their own
         word = value if isinstance(value, str) else json.dumps(value)
         name += f"+{replaced}={word if PLAIN.fullmatch(word) else digest_of(word)}"
     return reading.validated(Study, mapping, str(path), context=(name, Path(path).parent))

@@ -18,12 +18,12 @@ EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a p
 PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
 MOST_PER_BUCKET = 6.0  # counted in a run (bucket: 15 places); a pair collision enters an event for each disk
 SHORTER_AT_ONCE = 64.0  # factor at most by which buckets become shorter: disks that began close together may spread out
-MOST_BUCKETS = 2.0**30  # of a block; to open as many empty ones takes some 8 s of CPU
+MOST_BUCKETS = 2.0**30  # in a block; to open so many empty ones takes some 8 s of CPU
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 FITS_CACHE = 10_000  # disks; from this number on, prefetching upcoming events is faster
 CANDIDATES_FIT_CACHE = 20_000  # disks; from this number on, prefetching candidates in cells and a shorter ring are, too
-LEAST_SLOTS, MOST_SLOTS = 8, 64  # of a cell, at the first try; four disks are copied at once
+LEAST_SLOTS, MOST_SLOTS = 8, 64  # words of a cell at the first try; four disks are copied at once
 CACHE_LINE, HUGE_PAGE = 64, 2 << 20  # bytes
 
 
@@ -195,7 +195,7 @@ def with_fitting_buckets(w: ws.Workspace, events: int, elapsed: float, estimated
     width = min(power_of_two(max(most / max(events, 1), shortest)), estimated)
     if width != scale.width:
         w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
-        of_queue = w._replace(mass=None, image=None, shift=None, big=None, lists=None)  # for all kinds of scenes alike
+        of_queue = w._replace(mass=None, image=None, shift=None, big=None, lists=None)  # one kernel for all scenes
         compile_all(partial(push_all, of_queue))
     return w
 

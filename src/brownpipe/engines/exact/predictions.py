@@ -66,7 +66,7 @@ def set_partner(
     sooner = time < disk[a + ws.PAIR_TIME]
     disk[a + ws.PAIR_TIME] = time
     partner, changes = np.int64(link[a + ws.PARTNER]), np.int64(link[a + ws.PARTNER_CHANGES])
-    other = np.int64(candidates[int(least(where(best <= time, chosen, four(math.inf))))])  # of several, the first
+    other = np.int64(candidates[int(least(where(best <= time, chosen, four(math.inf))))])  # the first of equal ones
     other_changes = np.int64(disk[ws.ROW * (other & ws.DISK_MASK) + ws.CHANGES])
     link[a + ws.PARTNER] = partner + sooner * (other - partner)
     link[a + ws.PARTNER_CHANGES] = changes + sooner * (other_changes - changes)

@@ -25,7 +25,7 @@ LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision 
 # box matter, too: with a ratio of 50 at phi = 0.3 the MSD by Enskog's friction is 51 % too small (docs/results.md).
 HEAVY = 10.0
 RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
-RATE_RUNS = 8  # of the exact engine that share these collisions
+RATE_RUNS = 8  # of the exact engine, over which these collisions are divided
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
 Friction = Literal["enskog", "boltzmann", "measured"]
 
