@@ -285,9 +285,9 @@ def report(effort, speeds):
             loads.append(os.getloadavg()[0])
     spreads = [100 * speed.spread for speed in speeds.values()]
     yield (
-        f"\nStretches of a cell deviate from its median by at most {np.median(spreads):.0f} % in half of the cells, by "
-        f"{max(spreads):.0f} % at most.\nLoad of the machine meanwhile: {min(loads):.1f} to {max(loads):.1f} processes "
-        f"on {os.cpu_count()} hardware threads, this program included."
+        f"\nIntervals deviate from their entry's median by at most {np.median(spreads):.0f} % in half of the entries, "
+        f"by {max(spreads):.0f} % at most.\nLoad of the machine meanwhile: {min(loads):.1f} to {max(loads):.1f} "
+        f"processes on {os.cpu_count()} hardware threads, this program included."
     )
     yield (
         "\nCPU time of a collision with a feature that the scene does not need, relative to that without it "

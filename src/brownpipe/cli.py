@@ -21,12 +21,12 @@ from brownpipe.text import printable
 from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
 
-GARBAGE = 500_000  # new objects before Python looks for garbage: saves CPU time of figures and analysis
+GARBAGE = 500_000  # new objects between two garbage collections: many, to save CPU time of figures and analysis
 JOINED = "several values of an option are joined by commas"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one verb; return the exit status. Without `argv` the process is that of the command."""
+    """Run one verb; return the exit status. Without `argv` the process serves this command alone."""
     with processes.handled({signal.SIGTERM: processes.terminate}):
         if argv is not None:
             return _status(argv)
@@ -34,9 +34,9 @@ def main(argv: list[str] | None = None) -> int:
         os.environ["OPENBLAS_NUM_THREADS"] = "1"  # no verb gains from more
         gc.set_threshold(GARBAGE)
         status = _status(sys.argv[1:])
-    for number in processes.SIGNALS:  # its work is done, whatever signal arrives meanwhile
+    for number in processes.SIGNALS:  # ignored from now on: the work is done
         signal.signal(number, signal.SIG_IGN)
-    gc.freeze()  # nor does it look when it ends
+    gc.freeze()  # no collection at exit
     return status
 
 
@@ -70,7 +70,7 @@ def _status(argv: list[str]) -> int:
 def build_parser(argv: Sequence[str]) -> "_Parser":
     """Return the parser of a command line.
 
-    If `argv` begins with a verb, only its module is imported: those of all verbs take time.
+    If `argv` begins with a verb, only its module is imported: importing all takes time.
     """
     parser = _Parser("brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones.")
     version = f"brownpipe {versions()['brownpipe_version']}" if "--version" in argv else ""  # to look it up takes time
@@ -93,7 +93,7 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
 class _Parser(argparse.ArgumentParser):
     """An argparse parser whose error messages are one line, with a hint for common mistakes."""
 
-    of_verb: argparse.ArgumentParser | None = None  # of the verb that is given
+    of_verb: argparse.ArgumentParser | None = None  # that of the given verb
 
     def error(self, message: str) -> NoReturn:
         parser = self.of_verb or self

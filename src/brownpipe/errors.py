@@ -19,14 +19,14 @@ class BrownpipeError(Exception):
 class RequestError(BrownpipeError, ValueError):
     """A scene, study, option or seed is not valid. Nothing is written.
 
-    Raised in a run, it ends the whole batch. RunError and PlacementError end that run alone.
+    Raised during a run, it ends the whole batch, but RunError and PlacementError end that run alone.
     """
 
     exit_status = WRONG_REQUEST
 
 
 class PlacementError(RequestError):
-    """Random insertion found no place for a disk: of other seeds, all disks may find one."""
+    """Random insertion found no place for a disk; with another seed it may succeed."""
 
 
 class AnalysisError(BrownpipeError, ValueError):

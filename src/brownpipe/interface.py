@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-BATCHES = 16  # of seeds for each core: so unlike runs are shared evenly, and progress is shown
+BATCHES = 16  # of seeds for each core: cores then finish together even if run times differ, and progress is shown
 SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings._fields]  # of engines
 
 
@@ -120,8 +120,8 @@ def simulate(
     particles: number of disks instead of that of the scene file.
     engine, settings: "exact", "timestep" (time_step=...) or "langevin" (friction=...), as in studies.
     record: "tracer", "velocity" (of the tracer, too), "all", "events", "none", or several of them.
-    observables, average: measured in each run, by names or functions of your own, and over what displacements are
-    averaged within it.
+    observables: names or functions of your own, measured in each run.
+    average: "runs", or what displacements are averaged over within each run, too: "origins" or "disks".
     cores: processes that share the seeds (on Linux); the runs are the same, to the bit.
     quiet: no progress on stderr.
 
@@ -201,7 +201,7 @@ def scan(
     {"from": 1, "to": 100, "count": 5, "spacing": "log"} in place of a list.
     particles: total number of disks, for the path of a scene file.
     together: the first values of all keys, then the second ones, ..., instead of all combinations.
-    fit_windows: as of `analyse`. options: as of `simulate`, with the same seeds for all values.
+    fit_windows: as in `analyse`. options: as in `simulate`, with the same seeds for all values.
 
     Each key is a dimension: `result.diffusion_coefficient.sel(tracer_mass=10)`. Raises what `simulate` does.
     """
@@ -240,12 +240,12 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
 
 
 def mean(array: DataArray) -> Dataset:
-    """Return the mean over runs of an array of your own with its errors: its dimension `seed` goes.
+    """Return the mean of an array of your own over runs, its dimension `seed`, with errors.
 
     The Dataset has `value`, `standard_error` and the 95 % interval, `low` to `high`, with coordinates and attributes
     of the array, as `analyse` estimates them: by a bootstrap over runs, not over time points (docs/theory.md, section
-    5). Runs that failed are left out, if the array has the coordinate `failed`, as all has that is calculated from the
-    tracer; and so are runs without a number.
+    5). Failed runs are left out if the array has the coordinate `failed`, as every array calculated from the tracer
+    has; so are runs whose value is NaN.
 
         square = ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2).sum("component")
         msd = bp.mean(square)
@@ -368,7 +368,7 @@ def _requested(asked: Mapping[str, Any]) -> tuple[SceneRecord, Engine, Sequence[
     record = read_record(_words("record", asked["record"]), "record")
     names = tuple(filter(None, _words("observables", asked["observables"]).split(",")))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
-        seeds = f"{seeds[0]}-{seeds[-1]}"  # which may be many
+        seeds = f"{seeds[0]}-{seeds[-1]}"  # never expanded, as it may be long
     numbers = validated(Seeds, plain(seeds), key="seeds")
     cores = validated(AtLeastOne, plain(asked["cores"]), key="cores")
     forecast_of_runs(engine, scene, numbers, record, names, asked["average"])
@@ -388,7 +388,7 @@ def _made(make: Callable[[list[int]], Ensemble], seeds: np.ndarray, cores: int) 
 
 
 def _scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
-    """Return a scene, or that of a file with so many disks, if a number is given."""
+    """Return a scene, or that of a file, with `particles` disks if that is given."""
     if not isinstance(scene, SceneRecord):
         return scene_of_file(validated(Path, scene, key="scene"), plain(particles))
     if particles is not None:

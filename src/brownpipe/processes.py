@@ -1,8 +1,7 @@
 """Signals, and independent pieces of work on several cores.
 
-Ctrl-C and SIGTERM end what is under way by an exception, but not while machine code is made. Work on several cores is
-done in processes that are forked from this one and inherit all it has read. They only calculate: this process alone
-writes files and shows progress.
+Ctrl-C and SIGTERM raise exceptions, except while kernels are compiled. Work on several cores is done in processes that
+are forked from this one and inherit its data. They only calculate: this process alone writes files and shows progress.
 """
 
 import multiprocessing
@@ -34,7 +33,7 @@ def terminate(*_: object) -> NoReturn:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Let signals that arrive in this context wait for its end; handlers are those of the main thread alone."""
+    """Defer signals that arrive in this context to its end; in a thread other than the main one nothing changes."""
     arrived: list[int] = []
     try:
         with handled(dict.fromkeys(SIGNALS, lambda number, _: arrived.append(number))):
@@ -46,7 +45,7 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def handled(handlers: dict) -> Iterator[None]:
-    """Handle signals by these handlers in this context; in another thread than the main one nothing changes."""
+    """Handle signals by these handlers in this context; in a thread other than the main one nothing changes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -62,7 +61,7 @@ def handled(handlers: dict) -> Iterator[None]:
 
 
 def calculated(work: Callable[[Item], Result], items: Sequence[Item], unit: str, cores: int) -> list[Result]:
-    """Return the work of each item, done on up to so many cores; `unit` is the plural of an item.
+    """Return `work(item)` for each item, done on up to `cores` cores; `unit` names the items in progress messages.
 
     Where processes cannot be forked (on macOS its own libraries may fail then), one core does the work.
     """
@@ -71,7 +70,7 @@ def calculated(work: Callable[[Item], Result], items: Sequence[Item], unit: str,
     fork, results = multiprocessing.get_context("fork"), list[Result]()
     pool, others = ProcessPoolExecutor(min(cores, len(items)), fork, _begin, (work, items)), {*fork.active_children()}
     try:
-        with suppress(Exception):  # of the work, raised again below, with its causes; or a process was killed
+        with suppress(Exception):  # an error of the work, which is raised again below; or a process was killed
             for result in pool.map(_do, range(len(items))):
                 results.append(result)
                 progress.report(unit, len(results), len(items))
@@ -83,7 +82,7 @@ def calculated(work: Callable[[Item], Result], items: Sequence[Item], unit: str,
 
 
 def _begin(work: Callable, items: Sequence) -> None:
-    """Begin a forked process, which a signal ends at once, as does the end of the first process."""
+    """Set up a forked process: it ends at once on a signal, and when its parent process ends."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -4,9 +4,9 @@
         ...
 
 A stage is a number of pieces of work that take about the same time each, such as the runs of a batch or the frames of a
-movie. It is reported by its unit, a noun in the plural, the pieces that are done, with the fraction of an unfinished
-one if it is known, and all of them. The screen shows one line that is overwritten, or in a log a line every half a
-minute, on standard error. The display of a whole study is the same: snakemake_logger_plugin_brownpipe.
+movie. It is reported as (unit, done, total): a plural noun, the number of finished pieces, including the fraction of an
+unfinished one if it is known, and that of all pieces. The screen shows one line that is overwritten, or in a log a line
+every half a minute, on standard error. The display of a whole study is the same: snakemake_logger_plugin_brownpipe.
 """
 
 import os
@@ -31,7 +31,7 @@ _piece: list[tuple[str, int, int]] = []  # the stage whose next piece has begun
 
 
 def report(unit: str, done: float, total: int) -> None:
-    """Tell the listeners how much is done of a stage; within `tracked` it is not shown."""
+    """Tell the listeners how much of a stage is done; within `tracked` do nothing, as that reports itself."""
     if not _tracked:
         _tell(unit, done, total)
 
@@ -48,7 +48,7 @@ def within(fraction: float) -> None:
 
 
 def tracked(items: Collection[Item], unit: str) -> Iterator[Item]:
-    """Yield the items, and report after each how many are done; within an item, another `tracked` its fraction."""
+    """Yield the items, and report after each how many are done; a `tracked` within an item reports fractions of it."""
     for done, item in enumerate(items):
         _tracked.append((unit, done, len(items)))
         try:
@@ -59,7 +59,7 @@ def tracked(items: Collection[Item], unit: str) -> Iterator[Item]:
 
 
 def _tell(unit: str, done: float, total: int) -> None:
-    """Tell the listeners the outermost stage; each of the others is a piece of the one before."""
+    """Tell the listeners about the outermost stage; each inner stage is a piece of the one around it."""
     for outer, before, count in reversed(_tracked):
         unit, done, total = outer, before + done / total, count
     for listener in listeners:
@@ -140,7 +140,7 @@ class Display:
         self.length = 0  # of the line on the screen
 
     def update(self, text: str, done: float, total: float) -> None:
-        """Show a text with the time taken and the time left, if it is due; the latter from the pace of the stage."""
+        """If an update is due, show a text with the elapsed time and the time left, from the pace of the stage."""
         now = time.monotonic()
         if total != self.total or done < self.done:  # another stage, or it begins again
             self.stage_began, self.first, self.total = now, done, total

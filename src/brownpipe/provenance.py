@@ -1,6 +1,6 @@
 """Which source files determine a result, and with which versions of packages it was made. Imports nothing heavy.
 
-Versions of packages are recorded, but do not make a result another one.
+Versions of packages are recorded, but another version does not make a result outdated.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "scipy")  # that compute and w
 ANALYSIS_PACKAGES = ("h5netcdf", "matplotlib", "pandas", "xarray")  # and datasets and figures
 
 # Source files that determine the output of a step, besides its input and options; `tests/test_architecture.py` compares
-# them with what is imported. Those of the engine that runs are added; the others use parts of the exact one.
+# them with what is imported. `sources` adds those of the engine that runs; all engines use parts of the exact one.
 RUNS = ("theory.py", "scene/*", "observables/*", "engines/*", "storage/*")
 STEPS = {
     "simulate": (*RUNS, "engines/exact/*"),
@@ -32,7 +32,7 @@ def digest_of(*parts: object) -> str:
 
 
 def made_with(step: str, engine: str | None = None) -> dict[str, str]:
-    """Return the digest of a step's source and the versions of its packages; with an `engine`, that is part of it."""
+    """Return the digest of a step's source, with that of an `engine` if given, and the versions of its packages."""
     return {"source_digest": source_digest(step, engine)} | versions(step)
 
 
@@ -45,7 +45,7 @@ def sources(step: str, engine: str | None = None, folder: Path = PACKAGE) -> lis
 
 @cache  # a study asks for it once for each set of runs
 def source_digest(step: str, engine: str | None = None, folder: Path = PACKAGE) -> str:
-    """Return the SHA-256 over the names and texts of the `sources` of a step, whatever the line ends."""
+    """Return the SHA-256 over names and texts of the `sources` of a step; the kind of line ends has no effect."""
     total = hashlib.sha256()
     for file in sources(step, engine, folder):
         text = file.read_text(encoding="utf-8").encode()

@@ -19,7 +19,7 @@ Broadcast = Any  # a float if all arguments are floats, otherwise an array: more
 # erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
 _WALLS_UNSEEN = 0.0068
 _SERIES_TERMS = 24
-_NODES = 64  # of the quadrature over a quarter circle; error 1e-15 for the narrowest density of the series
+_NODES = 64  # nodes of the quadrature over a quarter circle; error 1e-15 for the narrowest density of the series
 
 
 # --- diffusion

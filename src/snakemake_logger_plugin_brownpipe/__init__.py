@@ -2,7 +2,8 @@
 
 Snakemake finds this package by its name; profiles/default selects it. Snakemake's own messages, with every command, go
 to its log file below .snakemake/log; warnings and errors are shown here, too. With -n or --verbose all messages are
-shown as Snakemake formats them. How far a running job is says its log, in which `brownpipe.progress` writes lines.
+shown as Snakemake formats them. The progress of a running job is read from its log, in which `brownpipe.progress`
+writes lines.
 """
 
 import logging

@@ -1,12 +1,13 @@
 # What several rules need: the study, where its results stand, and what each step is made from.
 #
-# Files of runs stand in folders that are named after all that determines their runs, shared by all studies: a run that is
-# there is the one that is asked for. Later steps have the digest of what they are made from in the name of a file beside
-# their results, `made_from_DIGEST.txt`: if it is missing, the step is due. `drawn_from_DIGEST.txt` lists dataset and files
-# of a drawing with their SHA-256: an older one that was put back is not shown. So nothing depends on times of modification
-# (inputs are `ancient`, and make a step due only where they are missing, even those that the step before it has read)
-# or on what Snakemake remembers (`rerun-triggers: input` in the profile). `ancient` marks the very object it is given, so
-# it gets a copy, `str`, of an output's name: rule all has that name, too, and would not be due after another step.
+# Files of runs stand in folders that are named after all that determines their runs, shared by all studies: a run that
+# is there is always the requested one. Later steps have the digest of what they are made from in the name of a file
+# beside their results, `made_from_DIGEST.txt`: if it is missing, the step is due. `drawn_from_DIGEST.txt` lists dataset
+# and files of a drawing with their SHA-256: an older one that was put back is not shown. So nothing depends on times of
+# modification (inputs are `ancient`, and make a step due only where they are missing, even those that the step before
+# it has read) or on what Snakemake remembers (`rerun-triggers: input` in the profile). `ancient` marks the very object
+# it is given, so it gets a copy, `str`, of an output's name: rule all has that name, too, and would not be due after
+# another step.
 from brownpipe.study.workflow import ended_by_mistakes, forecast, read_workflow_study, remove_stale_locks
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import commands, digests, figure_options, files_of, requests

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Part = dict[str, Any]  # results of one case: variable or coordinate -> array whose size is that of its dimensions
 
 ESTIMATORS = displacement, distribution, velocity, pairs, thermodynamics, drift
-# In a dataset these come first, so that xarray shows them of its hundred variables, then other physics, last health.
+# These come first in a dataset, so that xarray shows them among its hundred variables; then other physics, then health.
 FIRST = ("msd", "diffusion_coefficient", "compressibility", "contact_value", "velocity_autocorrelation")
 BY_NAME = with_uncertainties({name: one for part in (*ESTIMATORS, variables) for name, one in part.VARIABLES.items()})
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
@@ -53,11 +53,10 @@ def aggregate(
 ) -> "Dataset":
     """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
-    A file that is given with what it is to hold (`StoredFile`) is refused if it holds other runs.
-    The files may hold any scenes, particle counts, engines and batches of seeds: every value depends on the runs alone,
-    to the bit, and peak memory does not grow with their number. Scenes, counts and engines keep the order of the files.
-    Failed runs are counted and left out of every average. Values that a case lacks (a shorter duration, fewer seeds)
-    are NaN.
+    A `StoredFile` is refused if it holds other runs than those stated. The files may hold any scenes, particle counts,
+    engines and batches of seeds: every value depends on the runs alone, to the bit, and peak memory does not grow with
+    their number. Scenes, counts and engines keep the order of the files. Failed runs are counted and left out of every
+    average. Values that a case lacks (a shorter duration, fewer seeds) are NaN.
 
     windows: (start, end) of the straight-line fits [time], by default those of `default_windows`.
     dr, rings: width [length] and number of the rings of the displacement distribution, by default from the data.
@@ -113,7 +112,7 @@ def _over_keys(table: Table, scenes: Sequence[Scene], paths: Sequence[str], toge
 
 
 def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
-    """Return those of the user's own functions. Raises AnalysisError if their arrays differ in more than shapes."""
+    """Return the variables of the user's own functions. Raises AnalysisError if arrays differ in more than shape."""
     own: dict[str, RunArray] = {}
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():

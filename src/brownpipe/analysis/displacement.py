@@ -103,7 +103,7 @@ def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return r^2 at all times, the lines in all windows and the friction of the langevin engine.
 
-    Of every run r^2 at its end and D in the first window.
+    Also keep r^2 at the end and D in the first window of every run.
     """
     square = squared_of(case, runs)
     if square is None:

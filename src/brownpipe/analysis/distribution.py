@@ -21,8 +21,8 @@ from brownpipe.engines.ensemble import Ensemble
 WRONG_BY = 0.05  # relative error of D for which the power is stated
 MOST_RINGS, REACH = 32, 3.0  # default rings: at most MOST_RINGS, out to REACH rms displacements
 BEYOND = 0.02  # of the runs that default rings are chosen from: the largest share beyond the last ring
-FEWEST_TO_CONTROL = 200  # runs of the tracer alone; of 100 the error with a control variate is 0.8 of what it should be
-LOG_STEP = 1e-4  # of ln D, for derivatives of the expected counts
+FEWEST_TO_CONTROL = 200  # runs (tracer alone) for a control variate: with 100 its stated error is 0.8 of the true one
+LOG_STEP = 1e-4  # step in ln D for derivatives of the expected counts
 
 
 def ring_of(distance: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ def expected_ring_counts(
 
 
 def chosen_times(case: Case) -> np.ndarray:
-    """Return the indices (D,) of the sample times at `displacement_times`; by default that of the last sample.
+    """Return the indices (D,) of the sample times at `displacement_times`; by default of the last sample.
 
     Times at which the case has no sample are left out.
     """
@@ -226,9 +226,9 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
 def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     """Non-Gaussian parameter (T,) with its value at the first sample after t = 0 as control variate.
 
-    That value is the one of the initial velocities if the sample is well within the mean free time: 0 for velocities
-    drawn from a normal distribution, but for their scatter, which is subtracted. {} with few samples, or if nothing
-    moves. Coefficient and standard error are those of the replicates of the bootstrap.
+    If that sample is well within the mean free time, its value is that of the initial velocities: 0 on average for
+    normal ones, and its scatter is subtracted. {} with few samples, or if nothing moves. Coefficient and standard error
+    are calculated from the replicates of the bootstrap.
     """
     if len(value) < 2 or not np.isfinite(value[1:]).all():
         return {}

@@ -36,7 +36,7 @@ class Drift(NamedTuple):
     quantity: Sequence[str]
     change: np.ndarray
     error: np.ndarray  # standard error over runs
-    p: np.ndarray  # probability of one as large in equilibrium; NaN if it cannot be told
+    p: np.ndarray  # probability of a change at least as large in equilibrium; NaN if unknown
 
 
 def is_tested(scene: Scene, engine: Engine) -> bool:
@@ -83,7 +83,7 @@ def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
 def found_with_power(error: np.ndarray, runs: int, tests: int) -> float:
     """Return the pressure's drift that is found with probability POWER, at the first step of Holm's procedure.
 
-    `error` (Q,) are the standard errors of the drifts over so many runs, that of the pressure first.
+    `error` (Q,) are the standard errors of the drifts over that number of `runs`, the pressure's first.
     """
     from scipy.special import stdtrit
 
@@ -91,7 +91,7 @@ def found_with_power(error: np.ndarray, runs: int, tests: int) -> float:
 
 
 def time_to_try(scene: Scene) -> float:
-    """Return a longer equilibrate.time: LONGER times that at which runs that drift end, at least what is forecast."""
+    """Return a longer equilibrate.time: LONGER times the end of runs that drift, and not below the forecast."""
     longer = np.fmax(LONGER * (scene.equilibrate.time + scene.duration), settling_time(scene))
     return float(f"{longer:.1g}")
 

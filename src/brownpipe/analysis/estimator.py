@@ -4,8 +4,8 @@
     columns(case, runs)         numbers of a block of runs, as `Columns`; none for runs that lack what it needs
     results(case, averages)     variables and coordinates by name, from the averages over all runs with their errors
 
-A variable that is named like one of the means is that, unless it is in the `results`. Nothing else of a run stays in
-memory. To add one, enter it in `dataset.ESTIMATORS`.
+A variable with the name of one of the means takes its values, unless it is in the `results`. Nothing else of a run
+stays in memory. To add one, enter it in `dataset.ESTIMATORS`.
 """
 
 from collections import ChainMap
@@ -34,7 +34,7 @@ class Case(NamedTuple):
     average: str = "runs"  # what displacements and autocorrelations are averaged over (observables.AVERAGES)
     windows: Sequence[tuple[float, float]] = ()  # (start, end) of the straight-line fits [time]
     displacement_times: Sequence[float] = ()  # of the displacement distribution [time]; empty for the end of the run
-    edges: np.ndarray | None = None  # (K + 1,) asked for, of its rings [length]; None: from the data
+    edges: np.ndarray | None = None  # (K + 1,) requested edges of its rings [length]; None: from the data
     rings: tuple[np.ndarray, ...] = ()  # (K + 1,) edges of the rings at each of these times
     own: Own = NO_OWN  # arrays of the user's own functions
     varied: Sequence[str] = ()  # keys in which the scenes of the dataset differ
@@ -71,7 +71,7 @@ class Averages:
         return self
 
     def of(self, name: str) -> Sums:
-        """Return the sums of one of the means, its entries side by side."""
+        """Return the sums behind one of the means, its entries flattened into columns."""
         return self.sums.at(self.places[name][0])
 
     def estimate(self, name: str) -> Estimate:

@@ -10,11 +10,10 @@ v = var(s)/(n <s>^2). So if the model holds,
 
     X^2 ~ chi2(K - 3) + l_1 chi2(1) + l_2 chi2(1),
 
-where l_1 - 1 and l_2 - 1 are the eigenvalues of v B B' - B C' - C B', a matrix of rank two. A chi-square, shifted and
-scaled to the same mean, variance and skewness, is taken for this sum (J. P. Imhof, Biometrika 48, 419 (1961), eq. 4.1,
-after E. S. Pearson); it is exact for a D that is known or fitted to the counts. H. Chernoff and E. L. Lehmann, Ann.
-Math. Stat. 25, 579 (1954), treat a D fitted to single runs by maximum likelihood. See
-docs/theory.md, section 5.
+where l_1 - 1 and l_2 - 1 are the eigenvalues of v B B' - B C' - C B', a matrix of rank two. This sum is approximated by
+a chi-square, shifted and scaled to the same mean, variance and skewness (J. P. Imhof, Biometrika 48, 419 (1961), eq.
+4.1, after E. S. Pearson); this is exact for a D that is known or fitted to the counts. H. Chernoff and E. L. Lehmann,
+Ann. Math. Stat. 25, 579 (1954), treat a D fitted to single runs by maximum likelihood. See docs/theory.md, section 5.
 """
 
 from typing import NamedTuple
@@ -67,9 +66,9 @@ def chi_square(
 def power(expected: np.ndarray, others: np.ndarray, level: float = LEVEL) -> float:
     """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,) holds.
 
-    X^2 is then taken for a noncentral chi-square with the nominal number of degrees of freedom. For a D from the same
-    runs this is an approximation: for one that is 5 % wrong it gives 4 % where 5 or 6 % of 300 sets of 2,400 runs are
-    rejected, and 61 % where 66 to 69 % of 150 sets of 16,000 are. NaN without degrees of freedom.
+    X^2 is then treated as a noncentral chi-square with the nominal number of degrees of freedom. For a D from the
+    same runs this is an approximation: for a D that is 5 % wrong it gives 4 % where 5 or 6 % of 300 sets of 2,400 runs
+    are rejected, and 61 % where 66 to 69 % of 150 sets of 16,000 are. NaN without degrees of freedom.
     """
     from scipy.special import chdtri, chndtr
 

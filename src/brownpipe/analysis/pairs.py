@@ -183,19 +183,19 @@ def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 
 def _per_lone(around_lone: np.ndarray) -> np.ndarray:
-    """One over the ideal gas around the lone disks at their recorded positions; 1 for other pairs, where it is NaN.
+    """One over g(r) of an ideal gas around the lone disks where they were recorded, `around_lone`; 1 for other pairs.
 
-    Both it and g(r) are relative to uniform points. It is taken as known. This does not underestimate the error of
-    their ratio: the position of the lone disk shifts the counts of a run and the ideal gas alike, so that part of the
-    spread would cancel.
+    `around_lone`, which like g(r) is relative to uniform points, is taken as known. This does not underestimate the
+    error of their ratio: the position of the lone disk shifts the counts of a run and the ideal gas alike, so that part
+    of the spread would cancel.
     """
     return np.where(np.isfinite(around_lone), _over(np.ones_like(around_lone), around_lone), 1.0)
 
 
 def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
-    """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least that of Poisson.
+    """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least Poisson's.
 
-    The bootstrap has none for up to three pairs, and too short ones for some more.
+    The bootstrap has no interval for up to three pairs, and too short ones for a few more.
     """
     estimate = averages.estimate("pair_distribution").scaled(_per_lone(around_lone))
     pairs, one = averages.totals["pairs"], averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone)

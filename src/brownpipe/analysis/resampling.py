@@ -22,7 +22,7 @@ import numpy as np
 SEEDS_PER_BLOCK = 1024  # seeds that share a stream of weights, and whose runs are added up at a time
 REPLICATES = 1999  # the 2.5 % and 97.5 % quantiles are then the 50th value from either end
 FEWEST_FOR_INTERVAL = 10  # runs; with fewer its coverage is unknown for a skewed quantity
-ALIKE = 0.03  # of the standard error: replicates below it are of runs that are alike, as round-off on the grid is 0.01
+ALIKE = 0.03  # in standard errors: a replicate with less error has equal runs only (round-off on the grid gives 0.01)
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
 _AT_ONCE = 512  # columns at a time, to bound the memory of intermediate arrays
@@ -42,7 +42,7 @@ class Estimate(NamedTuple):
     high: np.ndarray
 
     def at(self, index: int | tuple) -> "Estimate":
-        """Return that of some of the entries."""
+        """Return the Estimate of some of the entries."""
         return Estimate(*(values[index] for values in self))
 
     def scaled(self, factor: np.ndarray | float) -> "Estimate":
@@ -50,7 +50,7 @@ class Estimate(NamedTuple):
         return Estimate(*(values * factor for values in self))
 
     def unless_alike(self) -> "Estimate":
-        """Return that without error and interval, NaN, where all runs are alike: most often nothing was counted."""
+        """Return the Estimate with error and interval NaN where all runs are equal: mostly nothing was counted."""
         return Estimate(self.mean, *(np.where(self.standard_error > 0, part, np.nan) for part in self[1:]))
 
 
@@ -63,7 +63,7 @@ class Sums(NamedTuple):
     second: np.ndarray  # (1 + B, C) sum of d^2; of w d^2
 
     def at(self, columns: slice) -> "Sums":
-        """Return those of some of the quantities."""
+        """Return the sums of some of the quantities."""
         return Sums(self.pivot[columns], self.weight, self.first[:, columns], self.second[:, columns])
 
 
@@ -143,7 +143,7 @@ def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)
     error = np.sqrt(variance / _or_nan(sums[0].weight - 1)[:, None])
     whole = value[0].copy(), error[0].copy()  # of all runs; views would keep the replicates in memory
     deviation, tail = value[1:] - value[0], (REPLICATES + 1) // 40
-    t = np.where(error[0] > 0.0, np.copysign(np.inf, deviation), 0.0)  # of replicates of runs that are alike
+    t = np.where(error[0] > 0.0, np.copysign(np.inf, deviation), 0.0)  # for replicates of equal runs
     np.divide(deviation, error[1:], out=t, where=error[1:] > ALIKE * error[0])
     t.sort(axis=0)
     ends = value[0] - t[[-tail, tail - 1]] * error[0]

@@ -19,7 +19,7 @@ from brownpipe.scene.variation import PACKING_FRACTION
 from brownpipe.storage.store import StoredFile, read_stored
 from brownpipe.storage.trajectories import Trajectories, open_runs, read_trajectories
 
-Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with what it is to hold, or runs in memory
+Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with its required seeds, or runs in memory
 
 
 class RunFile(NamedTuple):
@@ -27,7 +27,7 @@ class RunFile(NamedTuple):
 
     path: str
     seeds: np.ndarray  # (n,) int64 of the runs that are wanted
-    contents: Trajectories  # of a file the outline, without its runs
+    contents: Trajectories  # for a file only the outline, without its runs
     is_in_memory: bool
 
 
@@ -43,7 +43,7 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
     """Return trajectory files and runs in memory by scene, particle count and engine label, in order of appearance.
 
     Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
-    files) or hold other runs than are expected of them, and what `read_trajectories` raises.
+    files) or hold other runs than expected, and what `read_trajectories` raises.
     """
     groups: dict[tuple[str, int, str], list[RunFile]] = {}
     for number, source in enumerate(tracked([*sources], "files verified")):
@@ -114,8 +114,8 @@ def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
 def blocks_of(group: Group) -> Iterator[Ensemble]:
     """Yield the runs of a group in blocks of seeds between multiples of SEEDS_PER_BLOCK, ascending.
 
-    The blocks do not depend on how the runs are distributed over files; those of files have no whole runs and no
-    collisions.
+    The blocks do not depend on how the runs are distributed over files; blocks read from files have no whole runs and
+    no collisions.
     """
     opened = lru_cache(maxsize=2)(open_runs)  # enough to open each batch of consecutive seeds only once
     files = sorted(group.files, key=lambda file: file.seeds.min())

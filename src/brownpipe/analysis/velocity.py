@@ -129,7 +129,7 @@ def columns(case: Case, runs: Ensemble) -> Columns:
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    """Return the slope of the autocorrelation at 0, and that of equilibrium."""
+    """Return the slope of the autocorrelation at 0, and its value in equilibrium."""
     if "velocity_autocorrelation" not in averages.places or len(case.times) < 3:
         return {}
     slope, expected = initial_slope(case, averages), expected_slope(case, averages)
@@ -143,7 +143,7 @@ VARIABLES = {
     "velocity_autocorrelation": Mean(TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
     "green_kubo": Mean(TIME, RATE, f"half of the integral of the autocorrelation, <v(0).(r(t) - r(0))>/2, {FOLLOWED}"),
     "vacf_initial_slope": Mean(EACH, SLOPE, "initial slope of the autocorrelation; errors include that of sampling"),
-    "vacf_initial_slope_expected": Variable(EACH, SLOPE, "that of equilibrium, from <v^2> and the collision rate"),
+    "vacf_initial_slope_expected": Variable(EACH, SLOPE, "initial slope expected from <v^2> and collision rate"),
     "velocity_density": Mean((*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"),
     "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
 }

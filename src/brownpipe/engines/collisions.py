@@ -77,8 +77,8 @@ def shares(mass_a: float, mass_b: float) -> tuple[float, float, float, float, fl
 
     The heavier disk's factor is 2 m/(m_a + m_b) with the lighter disk's mass m, the lighter disk's is 2 minus that.
     Rounded to one number each, they would not add up to 2 in the last bit, and every collision of these two masses
-    would change the pair's energy by the same 1e-16 of it. The lighter disk therefore gets its two parts, 2 f and the
-    product with the heavier one's factor, one after the other. A disk of infinite mass does not move.
+    would change the pair's energy by the same 1e-16 of it. The lighter disk's velocity is therefore changed in two
+    steps, by 2 f and by -f times the heavier one's factor. A disk of infinite mass does not move.
     """
     light = min(mass_a, mass_b)
     share = 2.0 * light / (mass_a + mass_b)

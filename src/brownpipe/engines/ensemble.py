@@ -28,8 +28,8 @@ class Ensemble(NamedTuple):
     observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
     whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
     events: dict[int, Events]  # seed -> collisions, if recorded
-    stopped: dict[int, str]  # seed -> why its run could not go on: failed, and without data
-    own: dict[str, RunArray]  # what is said of the arrays of a user's own functions among `observables`
+    stopped: dict[int, str]  # seed -> why its run could not go on; it counts as failed and has no data
+    own: dict[str, RunArray]  # descriptions of the arrays of a user's own functions in `observables`
     average: str = "runs"  # what displacements and autocorrelations are averaged over, of observables.AVERAGES
 
     @property
@@ -39,13 +39,13 @@ class Ensemble(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """An ensemble to be filled, and what of every run is recorded and measured in it."""
+    """An ensemble to be filled, and what is recorded and measured of every run."""
 
     scene: Scene
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
     needed_record: frozenset[str]  # what the engine must record: `record`, and every disk if an observable needs it
-    observables: tuple[str, ...]  # names out of observables.OBSERVABLES, or of one's own
+    observables: tuple[str, ...]  # names in observables.OBSERVABLES, or of the user's own functions
 
 
 def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
@@ -74,9 +74,10 @@ def new_batch(
 def make_runs(
     batch: Batch, run: Callable[[int], Run], first: int = 0, after: Callable[[int], object] = lambda done: None
 ) -> Ensemble:
-    """Make the runs of a batch from a column on, `run(column)`, and return the ensemble; call `after(done)` after each.
+    """Make the runs `run(column)` of a batch from column `first` on, with `after(done)` after each; return the
+    ensemble.
 
-    If a run cannot go on, by RunError or PlacementError, note the reason and go on with the next. Put the scene's name,
+    If a run raises RunError or PlacementError, note the reason and continue with the next. Put the scene's name,
     N and the seed before the message of any other RequestError, and of PlacementError if nearly every run of the scene
     is expected to lack places: such a scene is a mistake.
     """
@@ -116,7 +117,7 @@ def _add(batch: Batch, column: int, run: Run) -> None:
 
 
 def write(ensemble: Ensemble, columns: slice, tracer: Track | None, values: Mapping[str, Any]) -> None:
-    """Write track and observables of n runs into their columns; in runs without an observable it is NaN, a count 0."""
+    """Write track and observables of n runs into their columns; an observable that a run lacks is NaN, a count 0."""
     for name, value in values.items():
         if name not in ensemble.observables:
             like = np.asarray(value)  # (n, ...)

@@ -37,11 +37,11 @@ BYTES_PER_SAMPLE = 120  # of a disk that is recorded, during its run: its sample
 BYTES_PER_EVENT = 32  # of a collision in memory, and some two thirds of that in a file
 BYTES_PER_NUMBER = 8
 SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
-FRICTION_TIMES = 5.0  # 1/gamma, in which a hot tracer's kinetic energy comes within e^-10 of that of its bath
+FRICTION_TIMES = 5.0  # in units of 1/gamma: then a hot tracer's excess kinetic energy has fallen by e^-10
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
-TOO_SHORT = 0.5  # of the forecast time to settle, which is rough
-MOST_RUNS = 10**9  # of one process
-COPIES = 2  # of whole runs and collisions, while they are written
+TOO_SHORT = 0.5  # share of the forecast time to settle, below which `check` cautions: the forecast is rough
+MOST_RUNS = 10**9  # upper limit for one process
+COPIES = 2  # in memory, of whole runs and collisions while they are written
 
 
 class Cost(NamedTuple):
@@ -51,8 +51,8 @@ class Cost(NamedTuple):
     wall_collisions: float
     seconds: float  # CPU time, with that to write what is recorded
     recorded: float  # bytes in the file
-    kept: float  # bytes in memory until they are written, besides the file, which is made there
-    working: float  # bytes of memory besides, used by one run at a time
+    kept: float  # bytes in memory until written, besides the file, which is built in memory, too
+    working: float  # further bytes of memory, used by one run at a time
     once: float = 0.0  # CPU seconds in each process before its first run, besides START_UP
 
 
@@ -101,7 +101,7 @@ def of_run(
 def _bytes_of_record(
     scene: Scene, record: Collection[str], observables: Collection[str], events: float
 ) -> tuple[float, float]:
-    """Return the bytes of what is recorded and measured of a run with so many events: in the file, and in memory."""
+    """Return the bytes recorded and measured of a run with `events` collisions: in the file, and in memory."""
     coordinates, samples = 2 * BYTES_PER_NUMBER, len(scene.times)
     images = 8 if scene.box.periodic else 0  # which take next to nothing in a file
     tracer = samples * len({"tracer", "velocity"}.intersection(record))
@@ -115,7 +115,7 @@ def _bytes_of_record(
 
 
 def memory(cost: Cost, runs: int) -> float:
-    """Return the peak memory [bytes] of a process that makes and writes so many runs."""
+    """Return the peak memory [bytes] of a process that makes and writes `runs` runs."""
     return PROCESS + cost.working + runs * (cost.kept + cost.recorded)
 
 
@@ -134,7 +134,7 @@ def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> fl
 
 
 def most_runs(cost: Cost, available: float) -> int:
-    """Return how many runs of this cost one process can make and write in so much memory [bytes]; 0 for none."""
+    """Return how many runs of this cost one process can make and write in `available` memory [bytes], or 0."""
     return bisect_right(range(1, MOST_RUNS + 1), available, key=lambda runs: memory(cost, runs))
 
 

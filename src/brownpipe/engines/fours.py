@@ -60,7 +60,7 @@ def replace_in_four(array: np.ndarray, first: int, old: int, new: int) -> None:
 
 
 def where(condition: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the numbers of one four where a condition holds, elsewhere those of the other; both of floats."""
+    """Return the numbers of `one` where a condition holds, elsewhere those of `other`; both are fours of floats."""
     return np.where(condition, one, other)
 
 
@@ -232,7 +232,7 @@ def _four_from(builder: ir.IRBuilder, first: ir.Value) -> ir.Value:
 
 @_instructions(four_entries, signature(INTEGERS, WORDS, types.int64, types.int64, types.int64))
 def _four_entries(builder: ir.IRBuilder, array: ir.Value, first: ir.Value, end: ir.Value, beyond: ir.Value) -> ir.Value:
-    """Load the four one by one, which "unordered" tells LLVM: where `copy_four` has just written they are at hand.
+    """Load the four one by one ("unordered" for LLVM): what `copy_four` has just written is then available at once.
 
     A load of all four would wait until several overlapping stores are in the cache, after all earlier instructions.
     """

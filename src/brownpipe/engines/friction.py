@@ -12,8 +12,8 @@ from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene, Species
 
-DECAY_TIMES = 3.0  # 1/gamma of the tracer, after which its displacements are taken for diffusive
-ROUNDED = 0.95  # of that time: a window may begin so much earlier
+DECAY_TIMES = 3.0  # in units of 1/gamma of the tracer: from then on its displacements count as diffusive
+ROUNDED = 0.95  # of that time: windows that begin earlier are marked; the start of default ones is rounded
 # Packing fraction above which disks freeze and the contact values, those of the fluid, do not hold; 0.7 with round-off.
 DENSEST = 0.7 * (1 + 1e-12)
 
@@ -61,8 +61,8 @@ def bath_of(scene: Scene) -> Bath:
 def bath_share(scene: Scene) -> float:
     """Return the bath's share of the mass of all disks, 1 - m/M, where their total momentum stays zero; otherwise 1.
 
-    In such a box the bath recoils: in equilibrium <v^2> of the tracer is 2kT/m times this share, its friction rate is
-    gamma over it, and its diffusion coefficient kT/(m gamma) times its square. docs/theory.md, section 3.
+    In such a box the bath recoils: in equilibrium <v^2> of the tracer is 2kT/m times this share, its velocity decays at
+    gamma divided by it, and its diffusion coefficient is kT/(m gamma) times its square. docs/theory.md, section 3.
     """
     if not (scene.box.periodic and scene.velocities and scene.velocities.zero_momentum):
         return 1.0
@@ -74,8 +74,8 @@ def bath_share(scene: Scene) -> float:
 def diffusive_from(scene: Scene) -> float:
     """Return the time [time] from which straight lines may be fitted to the MSD: DECAY_TIMES of the tracer's velocity.
 
-    It decays at the rate gamma of Enskog's theory, over the bath's share of the mass. NaN without a bath, and for disks
-    listed one by one. Necessary, not sufficient: in a dense fluid, or for tails of the decay, D goes on changing.
+    It decays at Enskog's rate gamma, divided by the bath's share of the mass. NaN without a bath, and for disks listed
+    one by one. Necessary, not sufficient: in a dense fluid, or for tails of the decay, D goes on changing.
     """
     if scene.listed or scene.particles < 2:
         return math.nan

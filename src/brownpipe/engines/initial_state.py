@@ -45,9 +45,9 @@ def draw_tracer(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return initial position (2,) and velocity (2,) of disk 0 alone; `mass` (N,) is the scene's.
 
-    The velocity is that of `draw` for the same seed, where the tracer's is drawn first. With `zero_momentum` those of
-    the other disks are drawn, too, to subtract the velocity of the centre of mass. If the scene gives no position of
-    the tracer, it is drawn from `stream`, uniform over the accessible box.
+    The velocity is that of `draw` for the same seed, where the tracer's is drawn first. With `zero_momentum` the other
+    disks' velocities are drawn, too, to subtract that of the centre of mass. If the scene gives no position of the
+    tracer, it is drawn from `stream`, uniform over the accessible box.
     """
     zero_momentum = scene.velocities.zero_momentum
     velocity = _velocities(scene, mass if zero_momentum else mass[:1], _stream(ROOT_SEED, scene, seed))
@@ -137,7 +137,7 @@ def _insertion(scene: Scene, scale: float) -> tuple[Places, np.ndarray]:
 
 
 def _places(scene: Scene, position: np.ndarray, radius: np.ndarray, most: int | None = None) -> Places:
-    """Return disks in the box of a scene with empty cells, along each side at most so many."""
+    """Return disks in the box of a scene with empty cells, at most `most` along each side."""
     common, size, n = common_radius(radius), np.array((scene.box.width, scene.box.height)), len(radius)
     cells = np.clip((size / (2 * common)).astype(np.int64), 1, most)
     grid, big = np.full(cells, -1, np.int64), np.flatnonzero(radius > common)

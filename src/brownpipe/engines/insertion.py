@@ -113,7 +113,7 @@ def insert(p: Places, numbers: np.ndarray, progress: np.ndarray) -> int:
 
 @kernel
 def share(radius: np.ndarray, held: int, i: int, k: int) -> float:
-    """Return the share of disk i in the path by which it and disk k part: that of the area of the other."""
+    """Return disk i's part of the path by which disks i and k separate: the other's share of their areas."""
     if held in (i, k):
         return 0.0 if held == i else 1.0
     return radius[k] * radius[k] / (radius[i] * radius[i] + radius[k] * radius[k])
@@ -154,7 +154,8 @@ def part(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
 
 @entry_point
 def push_apart(p: Places, held: int, stretch: float) -> int:
-    """Go once over all disks and push those that overlap apart, to `stretch` contact distances; return how many did.
+    """Go once over all disks and push those that overlap apart, to `stretch` contact distances; return the overlaps
+    found.
 
     With a stretch of 0 nothing is moved. Disk `held` stays where it is (-1: none).
     """

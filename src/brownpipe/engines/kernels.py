@@ -60,12 +60,12 @@ def entry_point(function: Callable) -> Callable:
 
 
 class DiskCache(FunctionCache):
-    """Numba's own cache. Without the lock a variant can be saved in the file that another process takes for its own."""
+    """Numba's own cache. Without a lock two processes may save different variants in one file."""
 
     def load_overload(self, *variant: Any) -> Any:
         """Return a variant; None if it is not there. Files that a loss of power has truncated are forgotten.
 
-        Numba would first import all that could be compiled: 0.3 s. In our machine code that is inlined.
+        Numba's own method first imports all that machine code may call: 0.3 s. In ours everything is inlined.
         """
         load = self._load_overload if compiler.IS_TESTED else super().load_overload
         try:

@@ -16,7 +16,7 @@ from brownpipe.scene import Scene
 
 SATURATION = 0.541  # packing fraction of equal disks at which insertion ends
 MARGIN = 0.34  # in radii of the disk to be inserted
-SOME_FAIL, ALL_FAIL = 0.95, 1.05  # disks over places for them, above which insertion fails in some runs, and in all
+SOME_FAIL, ALL_FAIL = 0.95, 1.05  # ratio of disks to places above which some runs, and all runs, fail
 JAMMED = 0.84  # packing fraction at which disks pushed apart in disorder have no more room
 
 
@@ -24,7 +24,7 @@ JAMMED = 0.84  # packing fraction at which disks pushed apart in disorder have n
 
 
 def crowding(scene: Scene) -> float:
-    """Return the number of disks over that of the places for them, of the radius for which this is greatest.
+    """Return the ratio of the number of disks to that of places for them, the largest over all radii.
 
     It is 0 for a lattice, a list of disks, and a lone disk, which always find their places.
     """

@@ -29,7 +29,7 @@ class Conservation(NamedTuple):
 
 
 def blank_samples(times: int, disks: int) -> Samples:
-    """Return memory for so many samples of so many disks."""
+    """Return memory for samples at `times` times of `disks` disks."""
     shape = (times, disks, 2)
     return Samples(np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int32))
 
@@ -103,7 +103,7 @@ def report(
     `worst_overlap` is in contact distances. A run fails if it is not `sound`, if its energy drift exceeds HEALTH_BOUND
     or if it has numbers that are not finite. Files list the observables in the order of the report.
     """
-    virial, *walls = impulses.tolist()  # floats, as those of NumPy warn of an overflow
+    virial, *walls = impulses.tolist()  # Python's floats: NumPy's warn of an overflow
     sound = sound and conserved.finite and abs(conserved.energy_drift) <= HEALTH_BOUND
     sound = sound and math.isfinite(conserved.energy) and math.isfinite(virial + sum(walls))
     values = {

@@ -12,7 +12,7 @@ import numpy as np
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-LARGEST_RATIO = 1e12  # of a mass to the smallest; `rms_speed` takes heavier disks to have this mass
+LARGEST_RATIO = 1e12  # of a mass to the smallest one; `rms_speed` treats heavier disks as if they had this ratio
 SLOW_TO_COOL = 100.0  # ratio of masses above which a heavy disk does not soon share its energy with light ones
 SMALLEST_NORMAL = float(np.finfo(float).smallest_normal)  # the smallest floating-point number with all its digits
 SHORTEST_UNIT = 1e-305  # of time: the unit, its inverse and its products with speeds are normal floating-point numbers

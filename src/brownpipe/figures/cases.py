@@ -121,10 +121,10 @@ def panels_of(
 ) -> list[list[Dataset]]:
     """Group the cases that share a panel: those with equal values of the labels `keys`.
 
-    A panel holds at most MOST_CURVES of durations that differ at most LONGEST times. Where that is too few, cases that
-    also differ in a further label have panels of their own, in as few panels as possible, or all have.
-    With a `part`, the dimension of species or pairs of species, group those parts of the cases that have this variable:
-    species of a single case share a panel; each pair has one of its own, and so has each species of several cases.
+    A panel holds at most MOST_CURVES, with durations within a factor of LONGEST. If there are more, cases are also
+    divided by one further label, by that which gives the fewest panels, or if none suffices by all. With a `part`, the
+    dimension of species or pairs of species, group those parts of the cases that have this variable: species of a
+    single case share a panel; each pair has one of its own, and so has each species of several cases.
 
     Raises FigureError for a key that the cases do not have.
     """
@@ -250,12 +250,12 @@ def drifts(case: Dataset) -> bool:
 
 
 def early_mark(case: Dataset, since: str = "window_start") -> str:
-    """Return a ring for a D from a time on, or up to it, before which the tracer's motion is not diffusive; else ""."""
+    """Return a ring for a D measured from (or up to) a time at which motion is not yet diffusive; else ""."""
     return " °" if case[since].item() < ROUNDED * case.diffusive_from.item() else ""
 
 
 def fitted_diffusion(case: Dataset) -> str:
-    """Return D in the first fit window in words, with a ring as of `early_mark`; "" without a fit."""
+    """Return D in the first fit window in words, with the ring of `early_mark`; "" without a fit."""
     fits = [(fit, estimate_of(fit, "diffusion_coefficient")) for fit in fits_of(case)[:1]]
     return "".join(f"D over {fit.window.item()} = {estimate}{early_mark(fit)}" for fit, estimate in fits)
 
@@ -266,7 +266,7 @@ def estimate_of(case: Dataset, name: str) -> str:
 
 
 def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
-    """Return `0.974 ± 0.022`: the value rounded to the two leading digits of its standard error, but to integers.
+    """Return `0.974 ± 0.022`: the value rounded to the two leading digits of its standard error, or to an integer.
 
     Without an error beyond round-off return the value alone, and `-` if it is not finite.
     """

@@ -23,8 +23,8 @@ class Figure(NamedTuple):
     """One figure of a study, drawn by the module of its name."""
 
     name: str
-    needs: tuple[str, ...] = ()  # of the study
-    variables: tuple[str, ...] = ()  # of the dataset, which a case must have to be shown
+    needs: tuple[str, ...] = ()  # what the study must have
+    variables: tuple[str, ...] = ()  # variables of the dataset that a case must have to be shown
     every_count: bool = False  # shows all particle counts of a scene; otherwise one
     part: str = ""  # dimension of the parts of a case that have curves of their own
 

@@ -32,7 +32,7 @@ LEAST_WIDTH = 3.6  # of the panel [inch]
 BESIDE, ABOVE = 0.36, 0.9  # margins of the panel, without the legend [inch]
 LINE = 0.19  # height of a line of the legend [inch]
 FACES = np.array(["#B5DAF0", "#DADADA", "#A9A9A9", "#F1E2B8", "#8FB8A8"])  # of disk 0 and of the others, by species
-RIM = "#858585"  # of the other disks
+RIM = "#858585"  # edge of the other disks
 
 
 def scenery_of(scene: Scene, seed: int, track: Track) -> tuple[Figure, Callable[[int], None]]:
@@ -167,7 +167,7 @@ def movie(
 
 
 def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
-    """Return the indices of the samples that an animation shows, of so many samples."""
+    """Return the indices of those of `samples` samples that an animation of `frames` frames shows."""
     return np.unique(np.linspace(samples - 1, 0, frames or samples).round().astype(int))
 
 

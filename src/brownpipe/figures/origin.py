@@ -39,7 +39,7 @@ Record = dict[str, Any]
 def record_of(dataset: Dataset, digest: str, options: Mapping[str, Any]) -> Record:
     """Return the record of the figures of a dataset.
 
-    digest: the seal of the dataset's file. options: of `brownpipe figures`, as far as they are given: `figures`,
+    digest: the seal of the dataset's file. options: the given ones of `brownpipe figures`: `figures`,
     `particles` and `panel` (`render`), `title` and `note`.
     """
     stated = {str(name): value for name, value in dataset.attrs.items() if name not in DESCRIBING}

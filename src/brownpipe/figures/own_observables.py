@@ -11,7 +11,7 @@ from xarray import Dataset
 from brownpipe.figures.cases import SPECIES, axis_label, defined, frame_of, has, in_words, own_names
 from brownpipe.figures.style import WIDTH, band, grid, heads, points, told_apart
 
-MOST_CURVES = 6  # of a case in a panel: those at the first places of the other dimensions
+MOST_CURVES = 6  # of a case in a panel: those for the first entries of the other dimensions
 
 
 def draw(cases: list[Dataset]) -> Figure:

@@ -73,7 +73,7 @@ def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
 def _pooled(pair: Dataset) -> Dataset:
     """Return g(r) in bins as wide as LARGEST_ERROR asks for, weighted by the area of their rings.
 
-    Errors of bins are taken as independent: that of the mean falls as the root of their number.
+    Errors of bins are taken as independent: the error of their mean falls as the root of their number.
     """
     g, error, area = pair[NAME], pair[f"{NAME}_standard_error"], pair.distance.rename("area")
     relative = float((error / g.where(g > 0)).median())

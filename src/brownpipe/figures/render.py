@@ -36,7 +36,7 @@ class Drawing(NamedTuple):
 def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel: Sequence[str], name: str) -> Drawing:
     """Draw the figure of this name with these metadata.
 
-    shown: the cases of each figure (`cases_shown`). panel: labels, as of `cases.panels_of`.
+    shown: the cases of each figure (`cases_shown`). panel: labels, as in `cases.panels_of`.
     """
     module, cases = import_module(f"brownpipe.figures.{name}"), shown[name]
     with drawing():
@@ -80,7 +80,7 @@ def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[st
 
 
 def draw(dataset: Dataset, name: str, particles: int | None = None, panel: Sequence[str] = ()) -> Figure:
-    """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as of `cases_shown`."""
+    """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as in `cases_shown`."""
     cases = cases_shown(dataset, particles, [name])[name]
     with drawing():
         return _figure(name, cases, panel)
@@ -89,7 +89,7 @@ def draw(dataset: Dataset, name: str, particles: int | None = None, panel: Seque
 def draw_into(axes: Axes, dataset: Dataset, name: str, particles: int | None = None, **looks: Any) -> Axes:
     """Draw all curves of a figure into axes, whose style is the caller's; return the axes.
 
-    looks: of its lines, as of `axes.plot`, such as color and label. Raises FigureError for a figure of several panels.
+    looks: of its lines, as for `axes.plot`, such as color and label. Raises FigureError for a figure of several panels.
     """
     module, (_, _, variables, _, part) = import_module(f"brownpipe.figures.{name}"), FIGURES[name]
     if not hasattr(module, "curves"):

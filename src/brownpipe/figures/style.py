@@ -1,6 +1,6 @@
 """The style of all figures: colours, panels, axes and legends. matplotlib is imported in functions, as it takes long.
 
-Its settings are in `style.mplstyle`; neither those of the user nor the date have an effect on a file.
+Its settings are in `style.mplstyle`; neither the user's settings nor the date affect a file.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SERIES = (
 MARKS = [{"color": SERIES[k % 6][0], "fmt": SERIES[(k + k // 6) % 6][2]} for k in range(36)]
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
-# Digits of the labels of a logarithmic axis of fewer decades than that, two labels at least; (): those of a linear one
+# Leading digits labelled on a logarithmic axis, by the decades below which they apply; (): labels of a linear axis
 LABELLED = {0.4: (), 0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
 KEY_SIZE = 8.8  # of the words of a legend [point]
 
@@ -115,10 +115,10 @@ def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
 def told_apart(
     cases: list[Dataset], number: Callable[[Dataset], str], looks: Mapping[str, Any]
 ) -> Iterator[tuple[Dataset, dict[str, Any]]]:
-    """Yield the cases, or parts of cases, of one panel, each with the looks of its line, as of `axes.plot`.
+    """Yield the cases, or parts of cases, of one panel, each with the looks of its line, as for `axes.plot`.
 
-    The label says in what it differs from the others, and a `number` of each. Colours are ordered if only one number
-    differs. `looks` replaces them.
+    The label says what distinguishes it from the others, and adds its `number`. Colours are ordered if only one number
+    differs. `looks` replaces any of these.
     """
     from matplotlib.cbook import normalize_kwargs
     from matplotlib.lines import Line2D
@@ -153,7 +153,7 @@ def highest(cases: Sequence[Dataset], name: str) -> float:
 
 
 def residual_panel(axes: Axes) -> None:
-    """Prepare a panel for residuals in standard errors: a line at zero, and in grey those of up to two."""
+    """Prepare a panel for residuals in standard errors: a line at zero, and a grey band from -2 to 2."""
     axes.axhspan(-2, 2, color="#EFEFEF", linewidth=0)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)

@@ -145,7 +145,7 @@ def quantities(dataset: Dataset) -> list[Quantity]:
 
 
 def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[Dataset | None]]]:
-    """Yield heading and parts of each column of a quantity: the cases where it is one number, None without one."""
+    """Yield heading and cells of each column of a quantity: for each case the part with one number, None without it."""
     if one.variable not in cases[0]:
         return
     dim = next((dim for dim in SPECIES if dim in cases[0][one.variable].dims), "")
@@ -173,7 +173,7 @@ def _at(case: Dataset, one: Quantity) -> Dataset | None:
 def _cell(part: Dataset | None, one: Quantity) -> str:
     """Return a quantity with its standard error and theory; `-` where there is none.
 
-    A star marks those of runs that drift, a ring a D before motion is diffusive.
+    A star marks values of runs that drift, a ring a D measured before motion is diffusive.
     """
     if part is None:
         return "-"

@@ -64,8 +64,9 @@ def _residuals(observed: np.ndarray, error: np.ndarray, expected: np.ndarray) ->
     """Return the residuals (V,) of a density (V,) in standard errors of the expected one, NaN with too few counts.
 
     Of independent counts, each of which adds c to a density, the variance is c times the density. Samples of a run are
-    correlated and c depends on v, so it is the ratio of the sums of both over some bins. With its own error alone, a
-    bin that happens to be low would have too small a c, and would be shown more often than one that happens to be high.
+    correlated and c depends on v, so c is the ratio of summed variances to summed densities of some bins. With its own
+    error alone, a bin that happens to be low would have too small a c, and would be shown more often than one that
+    happens to be high.
     """
     variance, density = (np.convolve(values, NEIGHBOURS, mode="same") for values in (error**2, observed))
     known = (variance > 0) & (density > 0)

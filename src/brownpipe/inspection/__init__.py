@@ -1,4 +1,4 @@
-"""What is in a file, and whether the runs of a file come out again: `brownpipe inspect`.
+"""What is in a file, and whether its runs can be reproduced to the bit: `brownpipe inspect`.
 
 The reports show numbers as figures and summary do, and runs are made by the engines: this layer is above both. It is
 not part of `figures` or `storage`, because a change of a report must not run any step of a study again.

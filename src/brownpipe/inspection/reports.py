@@ -30,7 +30,7 @@ from brownpipe.tradeoff import is_tradeoff
 if TYPE_CHECKING:
     from xarray import Dataset
 
-DIGITS = 12  # of a digest
+DIGITS = 12  # shown of a digest
 PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".gif", ".html")  # of `brownpipe figures` and `movie`
 
 
@@ -60,7 +60,7 @@ def report(path: str | Path, seed: int | None = None) -> str:
 
 
 def variables(path: str | Path) -> str:
-    """Return a table of all variables of a dataset: dimensions, units and meaning. Errors as of `report`."""
+    """Return a table of all variables of a dataset: dimensions, units and meaning. Errors as in `report`."""
     dataset = read_dataset(path)
     rows: list[tuple[str, ...]] = [("variable", "dimensions", "units", "meaning")]
     for name, variable in dataset.variables.items():
@@ -70,14 +70,14 @@ def variables(path: str | Path) -> str:
 
 
 def scene_text(path: str | Path) -> str:
-    """Return the scene of a trajectory file as the text of a scene file (YAML). Errors as of `report`."""
+    """Return the scene of a trajectory file as the text of a scene file (YAML). Errors as in `report`."""
     scene = read_trajectories(path).scene
     head = f"# Scene {scene.name} of a trajectory file, with all defaults. Digest: {scene.digest}"
     return f"{head}\n{yaml_text(scene.as_mapping())}"
 
 
 def runs_of(path: str | Path, seed: int | None = None) -> Trajectories:
-    """Return the contents of a trajectory file, or the run of one seed. Errors as of `report`."""
+    """Return the contents of a trajectory file, or the run of one seed. Errors as in `report`."""
     contents = read_trajectories(path)
     seeds = contents.ensemble.seeds
     if seed is not None and seed not in seeds:
@@ -203,6 +203,6 @@ def failed_runs(path: str | Path) -> tuple[int, int, str]:
         raise WrongFileError(f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate")
     cases = []
     for place in zip(*np.nonzero((status == FAILED).any("seed").values), strict=True):
-        words = label_in_words(status[place].coords.to_dataset(), map(str, status.dims[:-1]))  # of seeds are the last
+        words = label_in_words(status[place].coords.to_dataset(), map(str, status.dims[:-1]))  # the last is `seed`
         cases.append(f"{words}: seeds {brief_seed_text(status.seed.values[status[place].values == FAILED])}")
     return int((status == FAILED).sum()), int((status != MISSING).sum()), "; ".join(cases)

@@ -20,7 +20,7 @@ from brownpipe.storage.layout import groups_of
 from brownpipe.storage.trajectories import Trajectories
 from brownpipe.text import counted, in_lines, in_time
 
-Differences = dict[str, dict[int, float]]  # variable as in the file, seed: as `_distance` returns it, if there is one
+Differences = dict[str, dict[int, float]]  # by variable (as in the file) and seed: the `_distance`, unless None
 
 
 def read_original(path: str | Path, seed: int | None = None) -> Trajectories:

@@ -6,7 +6,7 @@ sample times, K species (the tracer is a species of its own), P pairs of species
 
 A new observable is a function and its record (`observable.Observable`) in a module of this package, and its name in
 OBSERVABLES. The command line, files, checkpoints, studies and forecasts take it from there. A user's own functions need
-neither (`own`).
+no record (`own`).
 """
 
 import math
@@ -45,12 +45,12 @@ AXES: dict[str, Axis] = {
 
 
 def record_of(name: str) -> Observable:
-    """Return the record of an observable, listed here or one's own."""
+    """Return the record of an observable, listed here or the user's own."""
     return own.observable_of(name) if own.is_own(name) else OBSERVABLES[name]
 
 
 def observe(scene: Scene, run: Run, names: Iterable[str], average: str = "runs") -> dict[str, np.ndarray]:
-    """Return the arrays of the named observables of one run. Those of one's own are left to `own.measure`."""
+    """Return the arrays of the named observables of one run. The user's own are left to `own.measure`."""
     arrays, whole = dict[str, np.ndarray](), run.whole
     for observable in (OBSERVABLES[name] for name in names if not own.is_own(name)):
         if observable.of == "tracer":
@@ -90,7 +90,7 @@ def refuse_unfit(scene: Scene, names: Sequence[str], average: str = "runs") -> N
 def problems(scene: Scene, names: Sequence[str], average: str = "runs") -> Iterator[tuple[str, str]]:
     """Yield which is wrong, "observables" or "average", and why; nothing if they fit the scene.
 
-    The first is to be told: those after it may be wrong for the same reason.
+    Only the first need be reported: the others may have the same cause.
     """
     for name in names:
         if name not in OBSERVABLES and not own.is_own(name):

@@ -1,7 +1,7 @@
 """Which scenes are in equilibrium from t = 0, and what that allows.
 
 In a stationary run every sample is as good a time origin as t = 0. In a scene that claims to be in equilibrium the
-quarters of the runs are compared, as there would be no drifts (`analysis.drift`).
+quarters of the runs are compared: they must not drift (`analysis.drift`).
 """
 
 from collections.abc import Iterator
@@ -55,7 +55,7 @@ def claims_equilibrium(scene: Scene) -> bool:
 
 
 def ends_of_quarters(times: np.ndarray) -> np.ndarray:
-    """Return the samples (5,) next to 0, 1/4, 1/2, 3/4 and 1 of a run sampled at `times` (T,); (0,) if two are one."""
+    """Return the samples (5,) next to 0, 1/4, 1/2, 3/4 and 1 of a run sampled at `times` (T,); (0,) if two coincide."""
     if len(times) < 5:
         return np.zeros(0, np.int64)
     ends = np.searchsorted((times[1:] + times[:-1]) / 2, times[-1] * np.arange(5) / 4)
@@ -77,7 +77,7 @@ def no_origins(scene: Scene) -> str | None:
 def lags(scene: Scene) -> Iterator[tuple[slice, slice]]:
     """For each sample time t yield the slices (earlier, later) of all pairs of samples that are t apart.
 
-    Sample times are multiples of the sample interval, except the duration if it is none: its only time origin is t = 0.
+    Sample times are multiples of the sample interval; a duration that is not has t = 0 as its only time origin.
     """
     times = scene.times
     count = len(times)

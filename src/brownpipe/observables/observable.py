@@ -1,4 +1,4 @@
-"""The records of an observable: the tracks that it is measured from, the arrays that it yields, what it takes.
+"""The records of an observable: the tracks that it is measured from, the arrays that it yields, its cost.
 
 T sample times, N disks, of which the tracer is the first.
 """
@@ -57,7 +57,7 @@ class Axis(NamedTuple):
 class RunArray(NamedTuple):
     """Description of an array that is measured in every run."""
 
-    dims: tuple[str, ...]  # names in AXES, or one's own; in files the dimension of the runs, `seed`, comes first
+    dims: tuple[str, ...]  # names in AXES, or the user's own; in files the dimension of the runs, `seed`, comes first
     units: str
     long_name: str
     averaged: bool = False  # whether its average over runs is of interest as it is, and a variable of datasets
@@ -73,8 +73,8 @@ class Observable(NamedTuple):
     measure: Callable[[Scene, Track, str], Mapping[str, np.ndarray]]  # (scene, track, average): values by array
     arrays: dict[str, RunArray]  # by name; the first is measured in every scene
     seconds_per_disk_sample: float  # CPU seconds for each disk in each sample, or each pair of samples of an average
-    # Whose tracks it is made from: those of the tracer alone, to which all AVERAGES apply, of the bath, which may be
-    # averaged over origins, or of all disks. The track has all disks for the last two
+    # Whose tracks it needs: the tracer's alone (all AVERAGES apply), the bath's (which may be averaged over origins) or
+    # those of all disks; for the last two the track has all disks
     of: Literal["tracer", "bath", "all"] = "all"
     axes: Mapping[str, Axis] = MappingProxyType({})  # the dimensions that are its own, by name
     is_over_samples: bool = False  # its track has all samples of a stationary scene, otherwise the last one alone

@@ -17,7 +17,7 @@ MARGIN = 4.0  # width of the strip around the box whose images are triangulated 
 def order(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return abs(psi_6) and abs(psi_6)^2 of one run, means over the samples; if it is not stationary, of the last one.
 
-    Of a stationary run also the mean of abs(psi_6) in each quarter (4,), over its samples but the one at its beginning.
+    For a stationary run also the mean of abs(psi_6) in each quarter (4,), over its samples except the first.
 
     psi_6 is the mean over all disks j of the mean over the Voronoi neighbours k of j of exp(6 i theta_jk), theta_jk the
     angle of the bond from j to k (D. R. Nelson and B. I. Halperin, Phys. Rev. B 19, 2457 (1979)).

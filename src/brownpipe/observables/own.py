@@ -1,9 +1,9 @@
-"""Observables of one's own: functions in a user's module, named `folder/my_module:my_function`.
+"""The user's own observables: functions in a module, named `folder/my_module:my_function`.
 
 A function of scene and run, with the tracks `run.tracer` (M = 1) and `run.whole` (M = N) of `observable.Track`, returns
 named arrays as xarray takes variables: a number, `(dims, values)`, or `(dims, values, attributes)` with `units` and
-`long_name`. The bytes of the module's file are part of what determines the runs. Files of runs have all that is said
-of the arrays: no module is read or run to read them.
+`long_name`. The bytes of the module's file are part of what determines the runs. Files of runs describe these arrays
+completely: reading a file runs no module.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ NO_OWN: Own = MappingProxyType({})
 
 
 def own_arrays(attributes: Mapping) -> dict[str, RunArray]:
-    """Return what the attributes of runs, or the arrays of a checkpoint, say of arrays of one's own in JSON."""
+    """Return the descriptions (JSON) of the user's own arrays in the attributes of runs, or in a checkpoint."""
     said = json.loads(attributes.get("own_arrays", "{}"))
     return {
         name: RunArray(tuple(dims), units, long_name, averaged, tuple(shape), *origin)
@@ -47,7 +47,7 @@ class Function(NamedTuple):
     source: str  # SHA-256 of the file; of one given in Python a random number
 
 
-_given: dict[str, Function] = {}  # that were given in Python: `my_module:my_function@id`, of which none is ever removed
+_given: dict[str, Function] = {}  # given in Python, by `my_module:my_function@id`; none is ever removed
 
 
 def is_own(name: str) -> bool:
@@ -56,7 +56,7 @@ def is_own(name: str) -> bool:
 
 
 def title_of(name: str) -> str:
-    """Return a name without the folder of the module, and what tells a function given in Python from others."""
+    """Return a name without the folder of its module and without the `@id` of a function given in Python."""
     return re.sub(r"@\w+$", "", name.rpartition("/")[2])
 
 
@@ -66,9 +66,10 @@ def beside(folder: Path, name: str) -> str:
 
 
 def named(observable: str | Callable) -> str:
-    """Return the name of an observable that is given in Python; a function stands for itself.
+    """Return the name of an observable that is given in Python, by name or as a function.
 
-    It is another one than any of its name, and than what its file says by now. Raises RequestError for other objects.
+    A function gets an `@id`: others may have its name, and its file may have changed. Raises RequestError for other
+    objects.
     """
     if not callable(observable):
         return str(observable).strip()
@@ -80,7 +81,7 @@ def named(observable: str | Callable) -> str:
 
 
 def identity(name: str) -> str:
-    """Return the name of an observable, of one's own with the digest of its source. Raises RequestError without it."""
+    """Return the name of an observable, of the user's own with the source's digest; RequestError if it is not found."""
     return f"{title_of(name)} {_found(name).source}" if is_own(name) else name
 
 
@@ -128,7 +129,7 @@ def _in_words(error: Exception, file: str) -> str:
 
 
 def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, RunArray]) -> dict[str, np.ndarray]:
-    """Return the arrays of a function in a module for a run, and add what is said of them to `known`.
+    """Return the arrays of a function in a module for a run, and add their descriptions to `known`.
 
     `axes` are the dimensions with coordinates. Raises RequestError for whatever goes wrong in a function, and for
     arrays that are not numbers, or are unlike those of the runs before.

@@ -1,6 +1,6 @@
 """Web pages from templates (jinja2): one HTML file each, that needs neither network nor other files.
 
-`page.html` is that of all results of a dataset, `replay.html` (`replay.py`) that of one run.
+`page.html` shows all results of a dataset, `replay.html` (`replay.py`) one run.
 """
 
 import base64

@@ -24,10 +24,10 @@ def write(
 ) -> list[Path]:
     """Write the products of a dataset, with the options in their record, into a folder. Return the paths.
 
-    page: file of the page with all of them. cores: on which figures of a study are drawn at the same time. No file is
-    replaced before all are written; then what an earlier drawing made here is removed if it was not drawn again. Raises
-    WrongFileError for a file in the place of a product that brownpipe did not make, FigureError as `cases_shown` does,
-    and for a trade-off with options, as it is shown as a whole.
+    page: file of the page with all of them. cores: number of figures of a study that are drawn at the same time. No
+    file is replaced before all are written; then what an earlier drawing made here is removed if it was not drawn
+    again. Raises WrongFileError for a file in the place of a product that brownpipe did not make, FigureError as
+    `cases_shown` does, and for a trade-off with options, as it is shown as a whole.
     """
     folder = Path(folder)
     if is_tradeoff(dataset):

@@ -32,7 +32,7 @@ LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader  # all s
 class Document(dict[str, Any]):
     """A mapping with the lines that it was read from."""
 
-    # From 1, of each value by its path of keys and indices: of its key or list item. 0: not from the text.
+    # Line (from 1) of each value's key or list item, by its path of keys and indices; 0: not in the file.
     lines: Mapping[tuple[str | int, ...], int] = {}
 
 
@@ -57,7 +57,7 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
 
 
 def part_of(whole: Any, words: Iterable[str]) -> Any:
-    """Return the part at a path of keys, and of names of items of a list; a mapping that is lacking is added, empty.
+    """Return the part at a path of keys and names of list items; missing mappings are created, empty.
 
     Raises LookupError or TypeError for other paths.
     """
@@ -92,7 +92,7 @@ def read_yaml(path: str | Path) -> Document:
 
 
 def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
-    """Return the value of a node, and add its line and those of all in it to `lines`."""
+    """Return the value of a node, and add the lines of it and of all in it to `lines`."""
     lines.setdefault(path, node.start_mark.line + 1)
     if isinstance(node, yaml.ScalarNode):
         return node.value if node.style else scalar(node.value)
@@ -153,7 +153,7 @@ class Record(BaseModel):
         return {key: part for key, part in value.items() if part is not None}
 
     def _resolve(self, **values: object) -> None:
-        """Give fields the values that follow from others, and attributes that are no keys; none counts as given."""
+        """Set fields that follow from others, and attributes that are no keys; none of them counts as given."""
         self.__dict__.update(values)
 
 
@@ -175,7 +175,7 @@ def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, 
 def plain(value: Any) -> Any:
     """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's.
 
-    A record becomes what was given of it.
+    A record becomes the mapping of its given keys.
     """
     if isinstance(value, Record):
         value = value.model_dump(exclude_unset=True)
@@ -202,14 +202,14 @@ PROBLEMS = {  # by pydantic's names of errors, with the context that comes with 
 
 
 def refuse(problem: str, *path: str | int) -> NoReturn:
-    """Refuse, within a validator, the value at a path of keys and indices below that which is validated."""
+    """Refuse, within a validator, the value at a path of keys and indices, relative to the validated value."""
     raise PydanticCustomError("refused", "{problem}", {"problem": problem, "path": path})
 
 
 def validated(kind: Any, value: object, file: str = "", key: str = "", context: Any = None) -> Any:
     """Return a value as `kind`, a type that pydantic knows. Raises RequestError, naming the file and the key.
 
-    The line is named, too, if the value is from a `Document`: that of the mapping that lacks a missing key.
+    It names the line, too, if the value is from a `Document`; for a missing key that of the mapping that lacks it.
     """
     try:
         return TypeAdapter(kind).validate_python(value, context=context)
@@ -224,7 +224,7 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
 
 
 def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str | int], str]:
-    """Return the path of a refused value, and what is wrong with it: of several the first of the innermost.
+    """Return the path of a refused value, and what is wrong with it: the first of the most deeply nested errors.
 
     A value that may be of several types has an error for each of them.
     """

@@ -23,12 +23,12 @@ from brownpipe.text import shell_path
 MOST_SAMPLES = 10_000_000
 ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
-LONGEST = 1e140  # side of a box, its inverse the shortest: squared displacements down to 1e-14 of it do not underflow
+LONGEST = 1e140  # side of a box; the shortest is 1/LONGEST: squared displacements of 1e-14 of it do not underflow
 LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
 SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
 HEXAGONAL_PACKING = math.pi / math.sqrt(12)  # its packing fraction; no placement of species is denser
 
-# With the values of varied keys (`variation`): `fluid,tracer_mass=10`.
+# The name of a scene with varied keys (`variation`) has their values: `fluid,tracer_mass=10`.
 SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,[\w-]+=[\w.-]{{1,64}})*$")]
 
 
@@ -106,11 +106,9 @@ class Mixture(Record):
 
 
 class Velocities(Record):
-    """Normal distribution of the initial velocity components: one of the two widths is given.
+    """Normal distribution of the initial velocity components: one of the two widths is given."""
 
-    Theory relies on it, wherever `scene.velocities` is read.
-    """
-
+    # Theory that reads `scene.velocities` relies on this distribution.
     standard_deviation: NotNegative | None = key("of every velocity component of every disk [length/time]", None)
     temperature: NotNegative | None = key("kT: velocity components have variance kT/m [energy]", None)
     zero_momentum: StrictBool | None = key(
@@ -148,7 +146,7 @@ class Scene(Record):
     equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", 0.0, validate_default=True)
     if TYPE_CHECKING:  # no keys: what follows from them
         given: dict[str, Any]  # the keys that were given, without what follows from them
-        name: str  # in results, that of the file
+        name: str  # in results; by default the stem of the file
         listed: tuple[Disk, ...]  # the disks of an explicit list; () for species
         species: tuple[Any, ...]  # tracer, if any, and species, each with name, count, radius and mass; () for a list
         placement: str  # of species: "auto", "random" or "lattice"; "" for a list of disks
@@ -160,7 +158,7 @@ class Scene(Record):
     def _check(self, info: ValidationInfo) -> "Scene":
         """Resolve what follows from the keys, and refuse what contradicts them.
 
-        With a context, that the box is still to be scaled, the disks need not fit into it.
+        A validation context says that the box is still to be scaled; then the disks need not fit into it.
         """
         self._resolve(given=self.model_dump(exclude_unset=True))
         self._resolve_times()
@@ -284,7 +282,7 @@ class Scene(Record):
 
     @property
     def label(self) -> str:
-        """Name and number of disks, by which a trade-off names it."""
+        """Name and number of disks: the scene's label in a trade-off."""
         return f"{self.name}_N{self.particles}"
 
     @cached_property
@@ -360,11 +358,11 @@ def overlap(position: np.ndarray, radius: np.ndarray, box: tuple | None = None) 
     position: (N, 2), radius: (N,) [length], N > 0. box: (low, high) of x and of y if it is periodic, at least twice the
     largest diameter, else None. Overlaps within round-off do not count.
 
-    A disk of radius R that overlaps another one, no larger, is nearer to it than 2 R: a k-d tree finds both.
+    Two overlapping disks, the larger one of radius R, are closer than 2 R: a k-d tree finds them.
     """
     from scipy.spatial import KDTree  # takes 0.2 s
 
-    margin = 2 * radius.max()  # of a box around all disks, in which none is near an image of another
+    margin = 2 * radius.max()  # of a box around all disks: in it none is near an image of another
     low, high = np.array(box, float).T if box else (position.min(axis=0) - margin, position.max(axis=0) + margin)
     sides = high - low
     tree = KDTree((position - low) % sides, boxsize=sides)

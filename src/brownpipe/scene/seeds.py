@@ -51,7 +51,7 @@ def brief_seed_text(seeds: Sequence[int] | np.ndarray) -> str:
 
 def ranges(seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     """Return first and last seed (included) of each range of consecutive seeds; the seeds ascend."""
-    if isinstance(seeds, range) and seeds.step == 1:  # which may be many
+    if isinstance(seeds, range) and seeds.step == 1:  # never expanded, as it may be long
         return [(seeds[0], seeds[-1])] if seeds else []
     seeds = np.asarray(seeds, np.int64)
     parts = np.split(seeds, np.flatnonzero(np.diff(seeds) != 1) + 1)

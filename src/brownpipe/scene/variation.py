@@ -52,9 +52,9 @@ Vary = Annotated[dict[str, Annotated[tuple[Any, ...], As(Values)]], AfterValidat
 
 
 def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
-    """Return the values by key of each variant: all combinations, or the first of each key, the second, ...
+    """Return the values by key of each variant: all combinations or, `together`, first values, second ones, ...
 
-    Raises RequestError for the number of disks, for values of equal names, and for lists of different lengths
+    Raises RequestError for the key `particles`, for values of equal names, and for lists of different lengths
     where values belong together.
     """
     if "particles" in vary:
@@ -70,7 +70,7 @@ def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict
 def scene_with(
     mapping: Any, where: str, values: Mapping[str, Any], particles: int | None = None, name: str | None = None
 ) -> Scene:
-    """Return the scene of a mapping, as `parse_scene` does, with these values by key, which its name tells.
+    """Return the scene of a mapping, as `parse_scene` does, with these values by key, which are added to its name.
 
     Raises RequestError for anything wrong.
     """
@@ -101,7 +101,7 @@ def short_name(path: str) -> str:
 
 def value_of(scene: Scene, path: str) -> Any:
     """Return the value of a varied key in a scene: a number, or a text."""
-    words = [*path.split("."), *(["time"] if path == "equilibrate" else [])]  # for which a number stands
+    words = [*path.split("."), *(["time"] if path == "equilibrate" else [])]  # a number stands for {time: number}
     found = part_of(scene.as_mapping() | {PACKING_FRACTION: scene.packing_fraction}, words)
     return type(found)(float(_word(found))) if is_number(found) else _word(found)
 

@@ -48,7 +48,7 @@ def read_dataset(path: str | Path) -> "xarray.Dataset":
 
 
 def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
-    """Return the contents of a trajectory file or a dataset; errors as of `read_dataset`."""
+    """Return the contents of a trajectory file or a dataset; errors as in `read_dataset`."""
     with reading(path, TRAJECTORIES, DATASET) as file:
         return trajectories_in(file) if TRAJECTORIES in file.attrs else _dataset_in(file)
 

@@ -22,7 +22,7 @@ from brownpipe.errors import RequestError, StorageError, WrongFileError
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
 SEAL = b"# brownpipe-sha256:"
 TRAJECTORIES, CHECKPOINT, DATASET = "runs_digest", "checkpoint", "dataset"
-KINDS = {  # of HDF5 files, by an attribute that files of this kind alone have, datasets none
+KINDS = {  # of HDF5 files, by the attribute that marks them; datasets have none
     TRAJECTORIES: "a trajectory file (of `brownpipe simulate`)",
     CHECKPOINT: "the checkpoint of unfinished runs (repeat the command that wrote it, and they continue)",
     DATASET: "a dataset (of `brownpipe aggregate`)",
@@ -33,7 +33,7 @@ MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, Storage
 def write_file(path: str | Path, contents: bytes) -> None:
     """Write a file such that any reader sees the old file or the complete new one, never a part of it.
 
-    The bytes go to a part beside it and are flushed to the disk; only then is the part renamed (`replacing`).
+    The bytes go to a temporary file beside it, the part, and are flushed to the disk; then it is renamed (`replacing`).
 
     Raises StorageError if the disk is full or the folder cannot be written to; the part is removed.
     """
@@ -116,9 +116,9 @@ def verified(path: str | Path) -> str | Path:
 
 @contextmanager
 def naming(path: str | Path, verb: str) -> Iterator[None]:
-    """Put the name of the file before errors of reading it and, if it is damaged, what to do behind them.
+    """Put the file's name before errors of reading it and, if it is damaged, append what to do.
 
-    verb: of brownpipe, which makes such files. What is intact but cannot be understood is of another version.
+    verb: the verb of brownpipe that makes such files. An intact file that cannot be understood is of another version.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""The groups, names, dimensions, units and meanings of runs, in files and in memory; they are drawn in `storage`."""
+"""The groups, names, dimensions, units and meanings of runs, in files and in memory; `storage` has an overview."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ AXES = {
     "component": Axis("1", "Cartesian component", lambda _: ["x", "y"]),
 }
 SAMPLED = ("time", "seed", "component")
-# Of each variable units, long_name, and its dimensions unless it is a number for each run.
+# For each variable: units, long_name and dimensions; without these it is one number for each run.
 VARIABLES: dict[str, tuple[str, ...]] = {
     "seed": ("1", "seed of the run"),
     "position": ("length", "position of the disk's centre", *SAMPLED),
@@ -64,7 +64,7 @@ def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
 
 
 def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
-    """Return the units and the meaning of a variable, and the function that measured it if it is one's own."""
+    """Return the units and the meaning of a variable, and if it is the user's own the function that measured it."""
     if name in own:
         return {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
     return dict(zip(("units", "long_name"), VARIABLES[name][:2], strict=True))

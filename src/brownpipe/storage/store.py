@@ -3,9 +3,8 @@
     results/runs/harrison2020/N150/exact-1a2b3c4d/0-2399.h5
 
 The last digits are those of a SHA-256 over the scene, the engine with its settings, what is recorded and measured, and
-the source of brownpipe that runs it. A file holds the seeds of its name. So every study that asks for the same runs
-finds them, and no run stands where another one is asked for: whatever was edited, copied or lost. Jobs of studies
-write them; Python reads them, too.
+the source of brownpipe that runs it. A file holds the seeds of its name. So studies share equal runs, and never find
+other runs in their place, whatever was edited, copied or lost. Jobs of studies write them; Python reads them, too.
 """
 
 import re
@@ -33,7 +32,7 @@ class StoredFile(NamedTuple):
     """A file of runs, and what it is to hold."""
 
     path: Path
-    seeds: Sequence[int]  # those that are wanted, of this and other files
+    seeds: Sequence[int]  # the wanted ones, also those in other files
 
 
 def runs_digest(scene: Scene, engine: Engine, record: Set[str], observables: Iterable[str], average: str) -> str:

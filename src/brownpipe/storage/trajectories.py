@@ -1,6 +1,6 @@
 """A batch of runs of one scene by one engine, in a trajectory file and in memory as `xarray.DataTree`.
 
-Both have the same groups, names and attributes, which are drawn in `brownpipe.storage`.
+Both have the same groups, names and attributes, of which `brownpipe.storage` has an overview.
 """
 
 import json
@@ -56,7 +56,7 @@ class Trajectories(NamedTuple):
 
     @property
     def attributes(self) -> dict:
-        """Those of the root: scene, engine, versions, the command that makes the runs again."""
+        """The attributes of the root: scene, engine, versions, the command that makes the runs again."""
         scene, engine, ensemble = self.scene, self.engine, self.ensemble
         made = {
             "scene": scene.text,
@@ -192,10 +192,10 @@ def chosen_seed(runs: Trajectories, path: str, seed: int | None, tracks: Mapping
 
 
 def to_tree(trajectories: Trajectories) -> "DataTree":
-    """Return runs as a tree, which shares arrays with them as far as `groups_of` does.
+    """Return runs as a tree, which shares with them the arrays that `groups_of` does not copy.
 
-    Besides what a file has, positions are there unwrapped, too, and the size of the box is one of their coordinates. So
-    is `failed`: what is calculated from them keeps it.
+    Unwrapped positions are added, with the size of the box and `failed` as coordinates, which arrays calculated from
+    them keep.
     """
     import xarray
 

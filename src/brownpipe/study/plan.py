@@ -55,7 +55,7 @@ class Pilot(NamedTuple):
     runs: tradeoff.EngineRuns
     cost: forecast.Cost  # of one run
     made: int  # runs that were not there before
-    settled: list[str]  # a line that says whether the runs drift, if that is tested
+    drifts: list[str]  # a line that says whether the runs drift, if that is tested
 
 
 def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
@@ -98,7 +98,7 @@ def case_title(scene: Scene) -> str:
 
 
 def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
-    """Determine by pilot runs how many runs the tolerance of a study needs, store it in a file; return it, and them.
+    """Determine by pilot runs how many runs the tolerance of a study needs, and store it; return it with the pilots.
 
     It is the largest number of all cases and covers statistical errors only: more runs do not reduce an engine's bias.
     Raises RequestError for too many runs, and for a study without a tolerance.
@@ -142,7 +142,7 @@ class Performance(NamedTuple):
     engine: Engine
     bias: float  # 0 for the exact engine
     bias_error: float  # standard error of the bias
-    runs: int | None  # that the tolerance needs, failing ones included; None for a bias, or its error, too large
+    runs: int | None  # needed for the tolerance, failing ones included; None if bias or its error is too large
     cost: forecast.Cost  # of one run
 
 
@@ -198,8 +198,8 @@ def recommendation(performances: Sequence[Performance], pilots: Sequence[Pilot],
         "runs": [f"{each.runs:,}" if each.runs else "bias or its error too large" for each in performances],
     }
     table = aligned([(heading, *cells) for heading, cells in columns.items()])
-    settled = [f"{case_title(pilot.runs.scene)}: {line}" for pilot in pilots for line in pilot.settled]
-    lines = [*table, *settled, f"{target} to {_percent(tolerance)}:"]
+    drifts = [f"{case_title(pilot.runs.scene)}: {line}" for pilot in pilots for line in pilot.drifts]
+    lines = [*table, *drifts, f"{target} to {_percent(tolerance)}:"]
     made = offers(performances)
     for word, offer in zip(("use", "or"), made, strict=False):
         runs = f"{offer.engine.label}: {offer.runs:,} runs in each case"
@@ -212,9 +212,9 @@ def _percent(share: float) -> str:
 
 
 def write_study(study: Study, keys: Mapping[str, Any], path: str | Path, offer: Offer, comment: str) -> None:
-    """Write a study below a line of comment, all or nothing: what another study runs, with the runs of an offer.
+    """Write a study file, completely or not at all: a copy of a study with engine and number of runs of an offer.
 
-    keys: those given for that study, as of `study.read_keys`.
+    keys: those given for the copied study, as from `study.read_keys`. comment: the first line of the file.
     """
     mapping: dict[str, Any] = {key: value for key, value in keys.items() if key not in NOT_INHERITED}
     folder, first = Path(path).resolve().parent, study.seeds[0]

@@ -25,16 +25,16 @@ from brownpipe.study.study import REFERENCE, Study
 from brownpipe.text import counted, in_bytes, in_time, shell_path
 
 SECONDS = 30.0  # CPU time of a job of `batch: auto`: starting one takes 2 % of it
-OFTEN = 20.0  # and it is longer by so many times what a job calculates once
+OFTEN = 20.0  # plus this many times the CPU time of what a job computes only once
 LARGEST = 3e8  # bytes of memory of such a job
-EQUAL_JOBS = 256  # then their length doubles whenever the number of runs before has doubled
+EQUAL_JOBS = 256  # of a case; then their length doubles whenever the number of runs before has doubled
 
-MARGIN = 2.0  # of memory and time in requests
-AROUND = 300e6  # further bytes: two processes of Snakemake wait on the node for that of the job
+MARGIN = 2.0  # requested over forecast memory and time
+AROUND = 300e6  # further bytes, for the two processes of Snakemake that wait on the node for the job
 DELAY = 300.0  # further seconds: to compile kernels, to start an analysis, to wait for a network file system
 ANALYSIS = 300e6  # bytes of a process that analyses or draws, besides data
-REPLICATES = 10_000  # of one run's data in memory, to average over the runs of a case
-COPIES = 5  # of a file in memory while it is read
+REPLICATES = 10_000  # memory of the bootstrap's sums, in units of one run's data
+COPIES = 5  # in memory, of a file while it is read
 ANALYSIS_TIME = 1800.0  # CPU seconds, enough for 1e10 bytes of runs
 RUNS_TRIED = 30  # of each engine and case in the trade-off, and in a plan
 
@@ -62,7 +62,7 @@ class RunSet(NamedTuple):
 
 
 def batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int | None = None) -> list[tuple[int, int]]:
-    """Return first and last seed of each batch, for ascending seeds of runs of this cost; None: of SECONDS and more.
+    """Return first and last seed of each batch of ascending seeds; `length` None: batches of SECONDS or more.
 
     Neither the number of cores nor that of seeds enters: a study has the same jobs on every machine, and complete
     batches stay valid when seeds are added. Every range of consecutive seeds is cut from its first seed on.
@@ -160,7 +160,7 @@ def digests(study: Study) -> dict[str, str]:
 
 
 def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
-    """Return the CPU seconds of so many processes that make and write so many runs together."""
+    """Return the CPU seconds of `jobs` processes that make and write `runs` runs together."""
     return jobs * (forecast.START_UP + cost.once) + runs * cost.seconds
 
 
@@ -192,7 +192,7 @@ def requests(study: Study) -> dict[str, dict[str, object]]:
 
 
 def _asked(need: Callable[[Mapping[str, str]], tuple[float, float]]) -> dict[str, object]:
-    """Return the resources of a rule whose jobs need so many bytes and CPU seconds: memory [MB] and wall time [min]."""
+    """Return the resources of a rule, memory [MB] and wall time [min]; `need`: bytes and CPU seconds of a job."""
 
     def request(part: int, more: float, unit: float) -> Callable[..., int]:
         return lambda wildcards, attempt: 2 ** (attempt - 1) * math.ceil((MARGIN * need(wildcards)[part] + more) / unit)

@@ -185,7 +185,7 @@ class Study(Record):
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many.
 
-        Until that is known, they are as many as a quantity needs whose standard deviation is its mean, as r^2 has it.
+        Until that is known, their number is that for a standard deviation equal to the mean, as r^2 has it.
         """
         if (self.tolerance is None) == (self.seeds is None):
             refuse("must be given, or a tolerance in their place; not both", "seeds")
@@ -259,7 +259,7 @@ class Study(Record):
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
-    """Return why no number of runs has a relative error in one of the scenes; None if each has one."""
+    """Return why a relative error is undefined in one of the scenes; None if it is defined in all."""
     certain = (scene.name for scene in scenes if scene.listed or rms_speed(scene) == 0.0)
     return next((f"{name} leaves nothing to chance" for name in certain), None)
 
@@ -301,13 +301,13 @@ def read_keys(path: str | Path, overrides: Mapping[str, Any]) -> reading.Documen
 def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
     """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
 
-    `overrides` are as of `read_keys`. Raises RequestError, one line, for any mistake in the study, or in any of its
+    `overrides` as in `read_keys`. Raises RequestError, one line, for any mistake in the study, or in any of its
     scenes with any of its particle counts.
     """
     overrides = overrides or {}
     mapping = read_keys(path, overrides)
     name = reading.validated(Name, Path(path).stem, str(path), "name")
-    for replaced, value in sorted(overrides.items()):  # so that the results stand in another folder
+    for replaced, value in sorted(overrides.items()):  # the results then have a folder of their own
         word = value if isinstance(value, str) else json.dumps(value)
         name += f"+{replaced}={word if PLAIN.fullmatch(word) else digest_of(word)}"
     return reading.validated(Study, mapping, str(path), context=(name, Path(path).parent))

@@ -18,7 +18,7 @@ from brownpipe.storage.store import read_stored, stored_batches, without
 def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]:
     """Verify the seals of a study's datasets, its figures and every file of its runs, and look for what is missing.
 
-    What there has to be stands beside the results, of one or more studies: the runs in `made_from_*.txt`, dataset and
+    Files beside the results, of one or more studies, list what must exist: the runs in `made_from_*.txt`, dataset and
     figures with their SHA-256 in `drawn_from_*.txt`. Returns the paths of intact, damaged and missing files; of missing
     runs their folder and seeds. A file that holds other runs than its name says is damaged. Raises WrongFileError if
     there is no such folder, or nothing in it that can be verified. Nothing is written.

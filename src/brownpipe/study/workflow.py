@@ -75,7 +75,7 @@ def from_command_line(value: Any) -> Any:
 def remove_stale_locks() -> None:
     """Remove Snakemake's locks of this folder if no Snakemake is alive in it: one was killed, or the machine went down.
 
-    Each one holds a lock of its own until its process ends, however it ends.
+    Every Snakemake keeps a file locked until its process ends, however it ends.
     """
     with suppress(OSError):  # the file system cannot tell
         LOCKS.mkdir(parents=True, exist_ok=True)

@@ -15,8 +15,8 @@ import numpy as np
 
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate, replicates, resample
 
-SHELLS, NEAR_CONTACT = 5, 1.25  # of equal width, from contact to so many contact distances, in which g(r) is compared
-RINGS = 10  # of equal probability, in which displacement distributions are compared
+SHELLS, NEAR_CONTACT = 5, 1.25  # shells of equal width, from contact to NEAR_CONTACT contact distances, for g(r)
+RINGS = 10  # rings of equal probability, for displacement distributions
 CERTAIN = 0.95
 RARE = 4.6  # standard errors from one event to the upper end of Poisson's 95 % interval; from two 3.7, from three 3.3
 Pairs = tuple[np.ndarray, np.ndarray]  # (n,), (n,) rows of the runs of equal seeds in two samples
@@ -48,7 +48,7 @@ def relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | Non
     """Return the bias of the mean of `approximate` (S_a, ...) relative to that of `exact` (S_e, ...).
 
     NaN where the exact mean is not positive. `pairs` are the runs of equal seeds, `same_seeds`. Approximate runs
-    without an exact partner are left out, unless without pairs, by all runs, the standard error is smaller.
+    without an exact partner are left out, unless the unpaired bias of all runs has a smaller standard error.
     """
     found = _relative_bias(approximate, exact, pairs)
     if pairs is None or len(pairs[0]) == len(approximate):
@@ -79,7 +79,7 @@ def _relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | No
 
 
 def _resampled(runs: np.ndarray) -> Estimate:
-    """Return `resample`; where up to three runs are unlike, which have no interval there, with one of RARE errors."""
+    """Return `resample`; where it gives no interval, as at most three runs differ from the others, +-RARE errors."""
     found = resample(runs)
     reach = RARE * found.standard_error if len(runs) >= FEWEST_FOR_INTERVAL else np.nan
     low = np.where(np.isnan(found.low), found.mean - reach, found.low)
@@ -110,10 +110,10 @@ def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | N
     """Return the total variation distance of displacements (S_a,) and (S_e,): half the sum of abs(p_a - p_e).
 
     p are the shares of the runs in rings, which hold equal shares of the exact runs; differences inside a ring are not
-    detected. Noise alone gives a positive distance. Its size is that of the distances between resampled shares and the
-    measured ones: the square of their mean is subtracted from the square of the distance, and their 95 % quantile q is
-    the half-width of the interval, as the true distance is within q of the measured one (triangle inequality). The
-    coverage is above 95 %. In place of a standard error it has the mean of these distances, the noise.
+    detected. Noise alone gives a positive distance. Its size is estimated from the distances between resampled and
+    measured shares: the square of their mean is subtracted from the square of the distance, and their 95 % quantile q
+    is the half-width of the interval, as the true distance is within q of the measured one (triangle inequality). The
+    coverage is above 95 %. The mean of these distances, the noise, stands in place of the standard error.
     """
     edges = np.quantile(exact, np.linspace(0.0, 1.0, RINGS + 1))
     edges[0], edges[-1] = 0.0, np.inf

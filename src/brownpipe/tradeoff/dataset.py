@@ -83,8 +83,8 @@ def measure(
     seconds_per_run: CPU seconds of a run of an engine in a scene; by default measured, in turn with the exact engine
         (`timing.ratio_to`).
 
-    Scenes with exact runs alone are left out. Raises AnalysisError for a scene without exact runs, for exact runs
-    alone, for stand-ins without runs or with other sample times, and what `read_runs` raises.
+    Scenes that have exact runs only are left out. Raises AnalysisError for a scene without exact runs, if no scene has
+    other runs, for stand-ins without runs or with other sample times, and what `read_runs` raises.
     """
     groups = groups_of(paths)
     all_runs = read_runs(groups)

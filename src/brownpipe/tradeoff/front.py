@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import xarray
 
 REFERENCE_NAME = "exact"  # the engine that all others are compared with
-FEWEST_RUNS = 10  # of a setting, before its total error is stated
+FEWEST_RUNS = 10  # with fewer runs of a setting its total error is not stated
 
 
 class MeasuredSetting(NamedTuple):

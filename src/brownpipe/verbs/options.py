@@ -31,7 +31,7 @@ def typed(kind: Any, separator: str = "") -> Callable[[str], Any]:
 
 
 def several(read: Callable[[str], Value]) -> Callable[[str], list[Value]]:
-    """Return the reader of values that are separated by commas, from that of one value."""
+    """Return the reader of values separated by commas, made from the reader of one value."""
     return lambda text: [read(part.strip()) for part in text.split(",")]
 
 
@@ -47,7 +47,7 @@ def key_value(text: str) -> tuple[str, object]:
 
 
 def refuse_together(arguments: Namespace, *options: str, but: Sequence[str] = ()) -> None:
-    """Raise RequestError if several of these options are given, unless these are all: `but`."""
+    """Raise RequestError if several of these options are given, unless they are just those in `but`."""
     given = [name for name in options if (value := getattr(arguments, name)) is not None and value is not False]
     if len(given) > 1 and given != but:
         raise RequestError(f"--{given[0]}: must not be given with --{given[1]}".replace("_", "-"))

@@ -33,9 +33,9 @@ def say(message: str, status: int) -> int:
 def writable(path: str, *inputs: str, suffixes: Sequence[str], size: float = 0.0) -> str:
     """Return the path of an output file, a link resolved, and make its folder.
 
-    suffixes: those that the file may have, with "" if it may have none. size: that is expected [bytes], good to a
-    factor of 2. Called before anything is computed. Raises OSError, RequestError or StorageError if the file could not
-    be written afterwards, or is an input.
+    suffixes: those that the file may have, with "" if it may have none. size: expected [bytes], good to a factor of 2.
+    Called before anything is computed. Raises OSError, RequestError or StorageError if the file could not be written
+    afterwards, or is an input.
     """
     path = os.path.realpath(path) if os.path.islink(path) else path
     if any(os.path.exists(file) and os.path.exists(path) and os.path.samefile(path, file) for file in inputs):

@@ -87,7 +87,7 @@ def add_figures(add: Callable) -> None:
     add("--panel", type=several(str), metavar="NAMES", help="draw what differs in these labels in panels of its own")
     add("--title", metavar="TEXT", help="of the study, above the answer and the page")
     add("--note", metavar="TEXT", help="what the study is about, at the top of the page")
-    add("--planned", metavar="SHA256", help="refuse a dataset other than that of a study as it is")
+    add("--planned", metavar="SHA256", help="refuse a dataset that was not made from the study in its present state")
     cores = "draw so many figures at the same time (default: 1); the files are the same"
     add("--cores", type=typed(AtLeastOne), metavar="N", default=1, help=cores)
 

@@ -19,7 +19,7 @@ from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.kernels import entry_point, kernel, prefetch
 from brownpipe.engines.records import local_copy
 
-BUCKET_WORDS, CAPACITY = 16, 15  # of a bucket: uint32, a cache line; disks
+BUCKET_WORDS, CAPACITY = 16, 15  # uint32 words of a bucket, one cache line; disks that it can hold
 MOST_DEFERRED = 64  # insertions deferred during one bucket at most: more than its events schedule
 IN_CURRENT, BEYOND_BLOCK = 0xFFFFFFFE, 0xFFFFFFFF  # in place of a bucket's number in the BUCKET field
 

@@ -180,7 +180,7 @@ def steps(w: ws.Workspace, event: int) -> tuple[int, int]:
 def gather_three(w: ws.Workspace, middle: int, step: int, m: int) -> int:
     """Append the disks of three cells to the m candidates; return their new number.
 
-    Four entries are copied at once, valid or not. Few cells have more disks.
+    Four entries of a cell are copied at once, whether valid or not: few cells have more disks.
     """
     for first in three_cells(w.grid.slots * middle, w.grid.slots * step):
         n = w.cell[first]

@@ -174,7 +174,7 @@ def run_until(w: ws.Workspace, r: ws.Recorder, until: float, most: int) -> tuple
 
 @kernel
 def begin_block(w: ws.Workspace) -> None:
-    """List all disks in cells, and let each begin with a stale pair event at local time 0, so that it predicts anew.
+    """List all disks in cells, and give each a stale pair event at local time 0, so that it predicts anew.
 
     A block depends on nothing but the positions and velocities at its beginning. A disk with a neighbour list may have
     left a periodic box by half a square; its neighbours are found only from its cell inside.

@@ -16,14 +16,14 @@ from brownpipe.scene.scene import HEXAGONAL_PACKING
 
 EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a power of two
 PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
-MOST_PER_BUCKET = 6.0  # as counted in a run: a pair collision enters the events of two disks, in 15 places
+MOST_PER_BUCKET = 6.0  # counted in a run (bucket: 15 places); a pair collision enters an event for each disk
 SHORTER_AT_ONCE = 64.0  # factor at most by which buckets become shorter: disks that began close together may spread out
-MOST_BUCKETS = 2.0**30  # of a block; to open as many empty ones takes some 8 s of CPU
+MOST_BUCKETS = 2.0**30  # in a block; to open so many empty ones takes some 8 s of CPU
 COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 FITS_CACHE = 10_000  # disks; from this number on, prefetching upcoming events is faster
 CANDIDATES_FIT_CACHE = 20_000  # disks; from this number on, prefetching candidates in cells and a shorter ring are, too
-LEAST_SLOTS, MOST_SLOTS = 8, 64  # of a cell, at the first try; four disks are copied at once
+LEAST_SLOTS, MOST_SLOTS = 8, 64  # words of a cell at the first try; four disks are copied at once
 CACHE_LINE, HUGE_PAGE = 64, 2 << 20  # bytes
 
 
@@ -101,12 +101,12 @@ def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
 
 
 def _prefetches_candidates(n: int, half: float) -> bool:
-    """Whether the candidates for upcoming events of n disks are prefetched; `half` as of neighbour lists, 0 without."""
+    """Whether candidates for upcoming events of n disks are prefetched; `half` a square's side is 0 without lists."""
     return n >= (FITS_CACHE if half > 0.0 else CANDIDATES_FIT_CACHE)
 
 
 def begin(w: ws.Workspace, motion: np.ndarray) -> None:
-    """Set a workspace to the beginning of a run from positions and velocities (N, 4) as of `units.motion_of`."""
+    """Set a workspace to the beginning of a run from positions and velocities (N, 4) of `units.motion_of`."""
     disk = w.disk.reshape(-1, ws.ROW)
     disk[:, ws.MOTION] = motion
     disk[:, ws.TIME] = 0.0
@@ -151,8 +151,8 @@ def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, bool | None]:
 def _grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
     """Return cells, `slots` not yet set, 1.1 (dense) to 2 (dilute) contact distances wide, and at most about 4 N.
 
-    With neighbour lists the cells hold the centres of squares of half the side `half`. Along an axis, those of two
-    disks that can touch are up to 2 (common + half) apart: the width of a cell.
+    With neighbour lists the cells hold the centres of squares of half the side `half`. Along an axis, the centres for
+    two disks that can touch are up to 2 (common + half) apart: the width of a cell.
     """
     box, n = scene.box, scene.particles
     width, height = box.width / frame.length, box.height / frame.length
@@ -180,7 +180,7 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
 
 
 def with_fitting_buckets(w: ws.Workspace, events: int, elapsed: float, estimated: float) -> ws.Workspace:
-    """Return a workspace whose buckets are as long as so many events in so much time [engine's unit] require.
+    """Return a workspace with buckets of a duration that fits so many events in the `elapsed` time [engine's unit].
 
     Close to the densest packing collisions are far more frequent than estimated: buckets become shorter where they have
     more than MOST_PER_BUCKET events. Where they have less than a quarter of that, as disks have spread out since,
@@ -195,7 +195,7 @@ def with_fitting_buckets(w: ws.Workspace, events: int, elapsed: float, estimated
     width = min(power_of_two(max(most / max(events, 1), shortest)), estimated)
     if width != scale.width:
         w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
-        of_queue = w._replace(mass=None, image=None, shift=None, big=None, lists=None)  # for all kinds of scenes alike
+        of_queue = w._replace(mass=None, image=None, shift=None, big=None, lists=None)  # one kernel for all scenes
         compile_all(partial(push_all, of_queue))
     return w
 

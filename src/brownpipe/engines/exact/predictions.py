@@ -22,11 +22,12 @@ def earliest(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a four of the times of the earliest collisions of disk i, and a four of the indices of the partners.
 
-    The candidates are candidates[first : first + m]. Four at a time are considered, in place of the last ones perhaps
+    The candidates are candidates[first : first + m]. They are considered four at a time; the last four are completed by
     disk i itself, which it never meets. Each of the `best` is the earliest of every fourth candidate, `chosen` its
     index; where none is earlier than the pair event that disk i has, `best` is the time of that event and `chosen` is
     `first`, which is always readable. Skip a partner whose own next collision is earlier: it will be re-predicted then
-    and will find disk i. No time is earlier than `latest` for a pair that does not meet, not even -inf.
+    and will find disk i. For a pair that does not meet `latest` is NaN, so that no time, not even -inf, counts as
+    earlier.
     """
     disk, a = w.disk, ws.ROW * i
     x_i, y_i = position(w, i, now)
@@ -65,7 +66,7 @@ def set_partner(
     sooner = time < disk[a + ws.PAIR_TIME]
     disk[a + ws.PAIR_TIME] = time
     partner, changes = np.int64(link[a + ws.PARTNER]), np.int64(link[a + ws.PARTNER_CHANGES])
-    other = np.int64(candidates[int(least(where(best <= time, chosen, four(math.inf))))])  # of several, the first
+    other = np.int64(candidates[int(least(where(best <= time, chosen, four(math.inf))))])  # the first of equal ones
     other_changes = np.int64(disk[ws.ROW * (other & ws.DISK_MASK) + ws.CHANGES])
     link[a + ws.PARTNER] = partner + sooner * (other - partner)
     link[a + ws.PARTNER_CHANGES] = changes + sooner * (other_changes - changes)

@@ -34,8 +34,8 @@ from brownpipe.observables.observable import Events, Run
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
-FEW_EVENTS = 10_000  # and 2 per disk: of the first call of the kernel, and while buckets are shorter than estimated
-EVENTS_PER_CALL = 2_000_000  # of all others; between two calls Python handles signals such as Ctrl-C
+FEW_EVENTS = 10_000  # plus 2 per disk: in the kernel's first call, and while buckets are shorter than estimated
+EVENTS_PER_CALL = 2_000_000  # in all other calls; between two of them Python handles signals such as Ctrl-C
 EVENTS_PER_LOG = 65_536  # collisions that a recorder holds; a full log is emptied between two calls of the kernel
 SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
 MOST_BLOCKS = 2.0**62  # an int64 counts the blocks of a run
@@ -58,7 +58,7 @@ class RunState(NamedTuple):
     slots: int  # capacity of a cell; above the default a run has no neighbour lists, which changes its round-off
     first: np.ndarray  # (N, 4) float64, positions and velocities at the beginning
     motion: np.ndarray  # (N, 4) float64, positions and velocities now
-    arrays: dict[str, np.ndarray]  # those of `_arrays_of`, samples as far as they are taken; empty at the beginning
+    arrays: dict[str, np.ndarray]  # those of `_arrays_of`, with the samples taken so far; empty at the beginning
     events: Events | None = None  # the log so far, in the scene's units and order
 
 
@@ -76,7 +76,7 @@ NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 def prepare_scene(scene: Scene, times: np.ndarray, record: Collection[str] = (), pinned: bool = False) -> PreparedScene:
     """Return what runs of a scene need that are sampled at the times (T,) [scene's units], with its kernels compiled.
 
-    `record` as of `simulate`; a `pinned` tracer has infinite mass. Raises RequestError if the last time is more blocks
+    `record` as in `simulate`; a `pinned` tracer has infinite mass. Raises RequestError if the last time is more blocks
     away than can be counted.
     """
     frame = frame_of(scene)
@@ -173,7 +173,7 @@ def events_so_far(w: ws.Workspace) -> int:
 
 
 def _refuse_standstill(scene: Scene, frame: Frame, now: float, elapsed: float, events: int) -> None:
-    """Raise RunError if so many events took less time than round-off resolves."""
+    """Raise RunError if the `events` took less time than round-off resolves."""
     if elapsed * scene.particles < SHORTEST_PATH * events:
         raise RunError(
             f"no progress at t = {now * frame.time:.9g}: {events} events took {elapsed * frame.time:.3g}; "
@@ -187,7 +187,7 @@ def _refuse_standstill(scene: Scene, frame: Frame, now: float, elapsed: float, e
 def new_recorder(
     scene: Scene, frame: Frame, duration: float, times: np.ndarray, record: Collection[str]
 ) -> ws.Recorder:
-    """Return an empty recorder as of `prepare_scene`; `duration` of a block, which larger cells do not change."""
+    """Return an empty recorder for `prepare_scene`; `duration` is that of a block, whatever the size of cells."""
     n, table, quarters = scene.particles, species_table(scene), ends_of_quarters(times)
     quarters = quarters if claims_equilibrium(scene) else quarters[:0]
     log_length = EVENTS_PER_LOG if "events" in record else 0
@@ -234,7 +234,7 @@ def _joined(logs: list[Events]) -> Events | None:
 def quarter_of(recorder: ws.Recorder, w: ws.Workspace) -> ws.Recorder:
     """Return the recorder for samples up to the next end of a quarter, or for all if there is none.
 
-    The kernel takes no totals itself: even where it never did, this made every collision 2 to 3 % slower.
+    The kernel takes no totals itself: code for it made every collision 2 to 3 % slower, even where it never ran.
     """
     ends = recorder.quarter[recorder.quarter >= w.progress[ws.SAMPLE]]
     return recorder._replace(block=recorder.block[: ends[0] + 1]) if len(ends) else recorder

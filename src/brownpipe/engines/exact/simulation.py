@@ -44,9 +44,9 @@ def simulate(
     what displacements and autocorrelations among them are averaged (brownpipe.observables).
     `checkpoints` says when the state of the batch is stored, and which stored state to continue from; the result is
     bit-identical to that of an uninterrupted batch.
-    A run that makes no progress, whose equilibration fails or whose disks find no place at random is failed, with
-    the reason in `stopped`. Raises RequestError if the scene leaves no place for its disks in any run, or has no such
-    observables.
+    A run that makes no progress, whose equilibration fails or whose disks find no place at random is marked as failed,
+    with the reason in `stopped`. Raises RequestError if the scene leaves no place for its disks in any run, or has no
+    such observables.
     """
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator, prepared = prepare_equilibration(scene), prepare_scene(scene, scene.times, batch.needed_record)
@@ -108,7 +108,7 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies.
 
     A name is the path of an array in the record of the ensemble or the state: `runs.tracer.position`,
-    `runs.whole.SEED.velocity`, `run.motion`. Texts are bytes, what is said of one's own arrays JSON.
+    `runs.whole.SEED.velocity`, `run.motion`. Texts are stored as bytes, descriptions of a user's own arrays as JSON.
     """
     runs = select(ensemble, slice(finished))._asdict()
     return _flat("runs", runs | {"own": json.dumps(ensemble.own)}) | _flat("run", state)

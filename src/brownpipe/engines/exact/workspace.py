@@ -265,7 +265,7 @@ def four_disks(w: Workspace, k: np.ndarray, now: float) -> tuple[np.ndarray, ...
 
 @kernel
 def four_contact_distances(mass: np.ndarray | None, w: Workspace, i: int, radius: np.ndarray) -> np.ndarray:
-    """Return sigma of disk i and four others, as of `contact_distance`."""
+    """Return sigma of disk i and each of four others, like `contact_distance`."""
     if mass is None:
         return four(w.grid.sigma)
     return w.disk[ROW * i + RADIUS] + radius
@@ -275,7 +275,7 @@ def four_contact_distances(mass: np.ndarray | None, w: Workspace, i: int, radius
 def four_shifted(
     shift: np.ndarray | None, candidate: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions of four candidates, as of `shifted`; seldom is one of them an image."""
+    """Return the positions of four candidates, like `shifted`; seldom is one of them an image."""
     if shift is None:
         return x, y
     if all_bits(candidate) <= DISK_MASK:

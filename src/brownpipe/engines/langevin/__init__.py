@@ -25,7 +25,7 @@ LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision 
 # box matter, too: with a ratio of 50 at phi = 0.3 the MSD by Enskog's friction is 51 % too small (docs/results.md).
 HEAVY = 10.0
 RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
-RATE_RUNS = 8  # of the exact engine that share these collisions
+RATE_RUNS = 8  # of the exact engine, over which these collisions are divided
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
 Friction = Literal["enskog", "boltzmann", "measured"]
 
@@ -60,7 +60,7 @@ def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str] = fro
 def caution(scene: Scene) -> str | None:
     """Return one line of caution if the tracer has less than HEAVY times the mass of a bath disk; otherwise None.
 
-    None, too, of scenes that `refuse_unfit` refuses for want of a bath.
+    None, too, for scenes that `refuse_unfit` refuses because they have no bath.
     """
     if scene.listed or scene.particles < 2 or _mass_ratio(scene) >= HEAVY:
         return None

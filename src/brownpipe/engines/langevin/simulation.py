@@ -98,7 +98,7 @@ def _collision_rate(scene: Scene) -> float:
 
 
 def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
-    """Return the track (M = 1) of a free path (T, 2, 2) in the box, and whether the path is known, by `fold`."""
+    """Return the track (M = 1) of a free path (T, 2, 2) in the box, and whether it could be computed (`fold`)."""
     region = scene.box.accessible(followed(scene).radius)
     position, velocity = np.empty((2, len(path), 1, 2))
     image = np.empty((len(path), 1, 2), np.int32) if scene.box.periodic else None

@@ -55,13 +55,11 @@ def simulate(
 ) -> Ensemble:
     """Run the scene once for every seed, from the same initial states as the exact engine.
 
-    `record`: "tracer" (disk 0) and "all" (every disk).
-    `collisions`: "at_contact", where a pair met within the step, or "late", where it
-    overlaps at the end of the step. A sample is a free flight from the last step before it, so that no step depends on
-    the sample times.
-    A run whose disks find no place at random or whose equilibration fails is failed, with the reason in `stopped`.
-    Raises RequestError for a time step or record that the engine refuses, and if the scene leaves no place for its
-    disks in any run.
+    `record`: "tracer" (disk 0) and "all" (every disk). `collisions`: "at_contact", where a pair met within the step, or
+    "late", where it overlaps at the end of the step. A sample is a free flight from the last step before it, so that no
+    step depends on the sample times. A run whose disks find no place at random or whose equilibration fails counts as
+    failed (`stopped`: the reason). Raises RequestError for a time step or record that the engine refuses, and if the
+    scene leaves no place for its disks in any run.
     """
     refuse_unfit(scene, Settings(**settings), record)
     batch = new_batch(scene, seeds, record, observables, average)
@@ -193,7 +191,7 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
 def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finite: bool) -> dict[str, Any]:
     """Return the report of a run from its workspace at the end and its motion (N, 4) at the beginning.
 
-    It fails, too, if its samples are not `finite`.
+    The run fails, too, if its samples are not `finite`.
     """
     last = np.empty((len(w.disk), 4))
     last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)

@@ -196,7 +196,7 @@ def collide(w: ws.Workspace, pair: int, now: float) -> None:
 
 @kernel
 def deflect(w: ws.Workspace, i: int, fx: float, fy: float, gx: float, gy: float, back: float) -> float:
-    """Change the velocity of disk i by f + g as of a time `back` ago; return the distance by which that shifts it."""
+    """Change the velocity of disk i by f + g, from a time `back` ago on; return how far this shifts it."""
     ux, uy = w.vx[i], w.vy[i]
     w.vx[i] = ux + fx + gx
     w.vy[i] = uy + fy + gy
