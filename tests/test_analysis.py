@@ -73,8 +73,7 @@ def test_initial_square_speed_is_that_of_drawn_states(velocities):
 
 
 def test_initial_square_speed_of_a_hot_tracer_that_cools_is_not_known():
-    cooling = make_scene(equilibrate={"time": 1.0, "tracer": "free"})
-    assert np.isnan(initial_square_speed(cooling))
+    assert np.isnan(initial_square_speed(make_scene(equilibrate={"time": 1.0, "tracer": "free"})))
     assert initial_square_speed(make_scene(equilibrate={"time": 1.0, "tracer": "pinned"})) == 8.0
 
 

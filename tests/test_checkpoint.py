@@ -289,8 +289,7 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
 
 @pytest.mark.slow
 def test_a_damaged_checkpoint(kept, capsys):
-    random = np.random.default_rng(3)
-    bits = random.integers(0, 8 * len(kept), 20)
+    bits = np.random.default_rng(3).integers(0, 8 * len(kept), 20)
     damaged = [kept[: len(kept) // 2], kept[:-1], b"", kept + b"\0"]
     for bit in bits.tolist():
         flipped = bytearray(kept)

@@ -196,8 +196,7 @@ def seeds_of(scene):
 
 def shadow(state, size):
     """The same state with positions and velocities changed by about `size`, relative to radii and speeds."""
-    rng = np.random.default_rng(0)
-    position, velocity = rng.standard_normal((2, *state.position.shape))
+    position, velocity = np.random.default_rng(0).standard_normal((2, *state.position.shape))
     position, velocity = size * state.radius.min() * position, size * np.abs(state.velocity).max() * velocity
     return state._replace(position=state.position + position, velocity=state.velocity + velocity)
 

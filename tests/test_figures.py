@@ -445,8 +445,7 @@ def test_the_answer_says_what_a_drift_of_all_disks_adds_to_d(hot):
 
 def test_of_many_cases_some_are_drawn_unless_the_figure_is_that_of_a_scan(dataset, monkeypatch):
     monkeypatch.setattr("brownpipe.figures.render.MOST_CASES", 3)
-    data = in_densities(dataset, 5)
-    some, scan = (draw_figure(data, name) for name in ("msd", "scan"))
+    some, scan = (draw_figure(in_densities(dataset, 5), name) for name in ("msd", "scan"))
     drawn = [line.get_label()[:15] for line in some.axes[0].lines if "tracer_mass" in line.get_label()]
     assert drawn == [f"tracer_mass = {k}" for k in (1, 3, 5)]
     assert (some.get_suptitle()[:12], scan.get_suptitle()) == ("3 of 5 cases", "")

@@ -81,8 +81,7 @@ def test_msd_of_the_tracer(boundary):
     gamma = friction.friction_rate(scene, "enskog")
     assert 7.0 < gamma < 8.0
     found = langevin.simulate(scene, range(RUNS))
-    square = np.square(unwrapped(scene, found)).sum(axis=-1)
-    mean, error = mean_and_error(square)
+    mean, error = mean_and_error(np.square(unwrapped(scene, found)).sum(axis=-1))
     expected = langevin_msd(found.times, gamma, 2 * 4.0, 2 * 1.6)
     for t in (0.01, 0.03, 0.1, 0.3, 1.0, 4.0):
         k = round(t / 0.01)

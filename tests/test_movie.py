@@ -20,8 +20,7 @@ SEEDS = (3, 8)
 
 def whole(scene, seed):
     """A whole run that is no physics: every disk on a straight line, across the edges of the box again and again."""
-    numbers = np.random.default_rng(seed)
-    start, velocity = numbers.uniform(-3, 3, (2, scene.particles, 2))
+    start, velocity = np.random.default_rng(seed).uniform(-3, 3, (2, scene.particles, 2))
     free = start + scene.times[:, None, None] * 5 * velocity + 3
     image = np.floor_divide(free, 6).astype(np.int32)
     return Track(free - 6 * image - 3, np.broadcast_to(velocity, free.shape), image)

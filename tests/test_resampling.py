@@ -28,16 +28,14 @@ def ensembles_of_diffusers(runs, count, seed):
 @pytest.mark.parametrize(("runs", "count"), [(20, 1000), (50, 1000), (400, 600), (2400, 600)])
 def test_interval_covers_the_truth(runs, count):
     """95 +- 4 % of the ensembles, for MSD(1) and for the slope: 4.5 standard errors of 600 ensembles, 5.8 of 1,000."""
-    samples = ensembles_of_diffusers(runs, count, seed=runs)
-    estimate = resampling.resample(samples)
+    estimate = resampling.resample(ensembles_of_diffusers(runs, count, seed=runs))
     covered = (estimate.low < 4 * DIFFUSION) & (estimate.high > 4 * DIFFUSION)
     assert covered.mean(axis=0) == pytest.approx([0.95, 0.95], abs=0.04)
 
 
 def test_sums_over_resampled_runs_have_no_round_off():
     """So no order of summation, number of threads or processor changes a bit of an interval."""
-    rng = np.random.default_rng(6)
-    columns = rng.exponential(1.0, (777, 5)) * [1.0, 1e-30, 1e20, np.pi, 0.0]
+    columns = np.random.default_rng(6).exponential(1.0, (777, 5)) * [1.0, 1e-30, 1e20, np.pi, 0.0]
     columns[3, 0] = 1e6
     values, unit = resampling._on_a_grid(columns)
     weights = resampling._weights(0)[:20, :777]

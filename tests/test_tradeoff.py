@@ -59,8 +59,7 @@ def test_bias_covers_the_truth_in_95_of_100_ensembles(correlation, runs, others)
 
 
 def test_pairs_and_more_exact_runs_sharpen_the_bias():
-    rng = np.random.default_rng(2)
-    approximate, exact = skewed(rng, 0.995, 500, 5000, 1.02)
+    approximate, exact = skewed(np.random.default_rng(2), 0.995, 500, 5000, 1.02)
     same = (np.arange(500),) * 2
     alone = bias.relative_bias(approximate, exact[:500]).standard_error.item()
     more = bias.relative_bias(approximate, exact).standard_error.item()
