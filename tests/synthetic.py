@@ -46,8 +46,7 @@ def _estimate(name, dims, mean, error, rng):
 
 def _spread(dataset, shape, values):
     """The same values for every scene, particle count and engine."""
-    each = [dataset.sizes[dim] for dim in EACH]
-    return np.broadcast_to(values, [*each, *shape]).copy()
+    return np.broadcast_to(values, [*(dataset.sizes[dim] for dim in EACH), *shape]).copy()
 
 
 def _over_time(dataset, rng):

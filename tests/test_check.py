@@ -65,7 +65,7 @@ def test_study_of_several_engines(tmp_path):
     assert next(line for line in lines if line.startswith("total ")).startswith("total     360 runs in 6 jobs")
 
 
-SIZES = {"x": [0.0, 6.0], "y": [0.0, 6.0]}
+SIZES = {"x": [0.0, 9.0], "y": [0.0, 4.0]}
 TRACER = {"tracer": {"radius": 0.3, "mass": 1.0}}
 BATH = {"name": "bath", "count": "rest", "radius": 0.1, "mass": 0.4}
 HEAVY = {"name": "heavy", "count": 40, "radius": 0.2, "mass": 3.0}
@@ -131,8 +131,7 @@ def fails(scene, seed):
 
 def at_least(number, scene, seeds):
     """Whether so many of the runs fail; no more are drawn than it takes to know."""
-    failed = (seed for seed in seeds if fails(scene, seed))
-    return len([*islice(failed, number)]) == number
+    return len([*islice((seed for seed in seeds if fails(scene, seed)), number)]) == number
 
 
 PLACED = {  # numbers of disks of which nearly all and nearly no runs are placed: measured with 15 to 60 other seeds

@@ -289,9 +289,8 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
 
 @pytest.mark.slow
 def test_a_damaged_checkpoint(kept, capsys):
-    bits = np.random.default_rng(3).integers(0, 8 * len(kept), 20)
     damaged = [kept[: len(kept) // 2], kept[:-1], b"", kept + b"\0"]
-    for bit in bits.tolist():
+    for bit in np.random.default_rng(3).integers(0, 8 * len(kept), 20).tolist():
         flipped = bytearray(kept)
         flipped[bit // 8] ^= 1 << bit % 8
         damaged.append(bytes(flipped))

@@ -64,8 +64,7 @@ def test_help_has_an_example_that_parses(verb, capsys):
     with pytest.raises(SystemExit) as left:
         main([verb, "--help"])
     assert left.value.code == DONE
-    shown = " ".join(capsys.readouterr().out.split())
-    example = shown.partition("example: brownpipe ")[2].split()
+    example = " ".join(capsys.readouterr().out.split()).partition("example: brownpipe ")[2].split()
     assert example[0] == verb
     build_parser(example).parse_args(example)
 

@@ -73,8 +73,7 @@ def test_a_distribution_that_is_not_normal_is_rejected(tmp_path):
     trajectories = make_runs(scene, range(2000))
     track = trajectories.ensemble.tracer.position
     track *= np.sqrt(rng.gamma(4.0, 1 / 4.0, 2000))[:, None]  # kurtosis 1.25
-    found = aggregate([write(tmp_path, trajectories)], dr=0.2, rings=3).squeeze()
-    one = found.sel(model="msd")
+    one = aggregate([write(tmp_path, trajectories)], dr=0.2, rings=3).squeeze().sel(model="msd")
     assert one.kurtosis.item() > 1.1 and one.kurtosis_p_value.item() < 1e-4 * one.p_value.item()
     assert one.p_value_joint.item() < goodness.LEVEL
 

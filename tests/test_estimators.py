@@ -237,8 +237,7 @@ def test_expected_slope_is_enskogs_friction():
     assert np.isnan(velocity.expected_slope(case, found))
     both = {"tracer_collisions": np.full(12, rate * case.times[-1]), "velocity_autocorrelation": correlation}
     found = estimator.Averages().add(np.arange(12), estimator.Columns(both))
-    friction = theory.enskog_friction(n, 1.5, 1.3, 0.75, 1.0)
-    expected = -friction / 3.0 * 2 / 3  # with <v^2> = 2 kT/m
+    expected = -theory.enskog_friction(n, 1.5, 1.3, 0.75, 1.0) / 3.0 * 2 / 3  # with <v^2> = 2 kT/m
     share = 3 / 19  # of the tracer in the mass of all disks
     assert velocity.expected_slope(case, found) == pytest.approx(expected / (1 - share))
     assert velocity.expected_slope(case._replace(average="origins"), found) == pytest.approx(expected / (1 - share))
@@ -416,8 +415,7 @@ def test_contact_value_of_the_fluid_is_that_of_its_collisions(phi, time, samples
                 equilibrate={"time": 20.0, "tracer": "free"})  # fmt: skip
     scene = scene.replace(**{"disks.placement": "lattice"})
     found = exact.simulate(scene, np.arange(16), frozenset({"none"}), observables=("pair_distribution",)).observables
-    case = case_of(scene)
-    values = values_of(case, found, pairs)
+    values = values_of(case_of(scene), found, pairs)
     both = np.hypot(values["contact_value_standard_error"], values["contact_value_rate_standard_error"])
     assert np.abs(values["contact_value"] - values["contact_value_rate"]) < 3 * both
     assert both < 0.02 * values["contact_value_rate"]  # of 16 runs it is 0.3 to 1.4 %

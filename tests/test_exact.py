@@ -172,7 +172,7 @@ SCENES = {
     "walls-big-10": make(box(6, 6, W), [(1, 1.0, 30), (80, 0.1, 1)], 1.2),
     "walls-big-at-wall": make(box(4, 4, W), [(1, 1.8, 5), (40, 0.06, 1)], 1.5),
     "walls-big-filling": make(box(4, 4, W), [(1, 1.95, 5), (40, 0.05, 1)], 1.5),
-    "walls-three-big": make(box(8, 6, W), [(3, 0.9, 20), (100, 0.1, 1)], 1.2),
+    "walls-three-big": make(box(8, 6, W), [(100, 0.1, 1), (3, 0.9, 20)], 1.2),
     "walls-big-30": make(box(4, 4, W), [(1, 0.9, 100), (60, 0.03, 1)], 1.2),
     "walls-big-unlike": make(box(8, 8, W), [(1, 1.5, 3), (1, 0.4, 50), (2, 0.7, 1), (90, 0.1, 1)], 1.2),
     "walls-big-fast": make(box(6, 6, W), [(2, 0.5, 0.01), (60, 0.1, 1)], 0.6, velocities={"temperature": 1.0}),
@@ -182,7 +182,7 @@ SCENES = {
     "periodic-big-1000": make(box(6, 6, P), [(2, 1.0, 1e4), (100, 0.001, 1)], 5.0),
     "periodic-big-4": make(box(5, 5, P), [(1, 0.5, 2), (90, 0.12, 1)], 0.8),
     "periodic-big-10": make(box(6, 5, P), [(1, 1.0, 3), (80, 0.1, 1)], 1.0),
-    "periodic-three-big": make(box(8, 6, P, (4.0, 3.0)), [(3, 0.9, 2), (100, 0.1, 1)], 1.0),
+    "periodic-three-big": make(box(8, 6, P, (4.0, 3.0)), [(3, 0.9, 2), (20, 0.1, 1)], 8.0),
     "periodic-big-narrowest": make(box(4, 4, P), [(1, 1.0, 2), (60, 0.05, 1)], 1.2),
     "periodic-big-fast": make(box(6, 6, P), [(2, 0.6, 0.02), (50, 0.1, 1)], 0.5, velocities={"temperature": 1.0}),
 }
@@ -300,8 +300,7 @@ def audit(scene, state, whole, events, seen):
     assert (whole.position <= high + slack).all()
     pairs = events.b >= 0
     assert (pairs.sum(), (~pairs).sum()) == (seen["pair_collisions"], seen["wall_collisions"])
-    followed = pairs & ((events.a == 0) | (events.b == 0))
-    assert followed.sum() == seen["tracer_collisions"]
+    assert np.sum(pairs & ((events.a == 0) | (events.b == 0))) == seen["tracer_collisions"]
     assert (np.diff(events.time) >= 0).all()
     # every disk's momentum is what it had and what it was given
     given = np.zeros_like(first)
@@ -347,7 +346,7 @@ def test_the_notes_scene_runs_backwards_to_where_it_began(duration, bound):
 
 BITS = {
     "walls": note_scene(1.0),
-    "periodic": make(box(5, 5, P), [(1, 0.5, 2), (90, 0.12, 1)], 1.0),
+    "periodic": make(box(5, 5, P), [(90, 0.12, 1), (1, 0.5, 2)], 1.0),  # the engine has the big one first
     "mixture": make(box(4, 4, W), [(30, 0.1, 1), (30, 0.14, 0.3), (20, 0.2, 4)], 1.0),
     "crowded": crowded(box(2.5, 2, P), [(57, 0.14, 1)], 1.0),
 }
@@ -563,7 +562,8 @@ def test_the_sample_at_t_0_is_taken_before_the_collisions_then():
 
 
 def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
-    scene = note_scene(0.1).replace(equilibrate={"time": 1.0, "tracer": "pinned"})
+    small = {"radius": 0.1, "mass": 1.0, "position": [0.0, 0.0]}  # the engine has the big ones first
+    scene = make(box(6, 6, W), [(99, 0.1, 0.4), (2, 0.6, 2)], 0.1, small, equilibrate={"time": 1.0, "tracer": "pinned"})
     begin, run = draw(scene, 3), simulate(scene, [3], {"all", "events"})
     first = run.whole[3]
     assert np.array_equal(first.position[0, 0], begin.position[0])

@@ -152,7 +152,7 @@ def test_the_walls_take_what_the_virial_says():
         left = [scene.mass @ np.sum(whole.position[j] * whole.velocity[j], axis=1) for j in (0, -1)]
         walls = impulse @ (np.array((where["x"][1], where["y"][1])) - 0.5)
         right = 2 * seen["kinetic_energy"] * scene.duration + seen["virial"] - walls
-        assert walls > 1000
+        assert walls > 1000 and seen["wall_impulse"] == pytest.approx(impulse.sum())
         assert left[1] - left[0] == pytest.approx(right, abs=1e-11 * walls)
 
 

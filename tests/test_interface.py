@@ -229,8 +229,7 @@ def test_the_mean_of_an_own_array_is_that_of_the_analysis(boundary):
 
 
 def test_a_table_has_a_row_for_each_case_in_the_order_given(runs):
-    fewer = bp.simulate(SCENE, 10, particles=10, quiet=True)
-    result = bp.analyse([runs, fewer])
+    result = bp.analyse([runs, bp.simulate(SCENE, 10, particles=10, quiet=True)])
     table = bp.table(result)
     assert table.particles.tolist() == result.particles.values.tolist() == [20, 10]
     assert table.attrs["diffusion_coefficient"] == "length^2/time"

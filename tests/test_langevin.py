@@ -241,6 +241,9 @@ def test_it_begins_with_the_velocity_of_the_exact_engine(velocities):
         state = draw(scene, seed)
         assert velocity.tobytes() == state.velocity[0].tobytes()
         assert np.array_equal(position, state.position[0])
+        assert np.array_equal(draw_tracer(scene.replace(equilibrate=1.0), scene.mass, seed, None)[1], velocity)
+        one, other = velocity / noise(scene, seed).standard_normal(2)
+        assert one != pytest.approx(other)  # other random numbers than those of the noise
 
 
 @pytest.mark.slow
@@ -333,6 +336,8 @@ def test_a_tagged_disk_has_the_friction_of_one_fluid():
     assert friction.partners_of(scene).contact_value == pytest.approx([chi], rel=1e-14)
     zeta = theory.enskog_friction(399 / 36, 0.2, chi, 0.8, 4.0)
     assert friction.friction_rate(scene, "enskog") == pytest.approx(zeta / 4.0, rel=1e-14)
+    often = 1.5 * friction.partners_of(scene).rate.sum()
+    assert friction.friction_rate(scene, "measured", often) == pytest.approx(1.5 * zeta / 4.0, rel=1e-14)
 
 
 def test_frictions_of_several_species_add():

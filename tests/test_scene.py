@@ -155,6 +155,7 @@ def test_digests_of_the_notes_scenes_do_not_change():
     digests = [read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml").digest for end in ("", "_thermal")]
     assert [digest[:16] for digest in digests] == ["b6cea58f932097a2", "9c381c577af2d9a3"]
     assert explicit(samples={"per_decade": 3}).digest != explicit().digest
+    assert explicit(samples={"per_decade": 3}).times[1] == 1e-4 * explicit().duration
 
 
 # -- contact and overlap ---

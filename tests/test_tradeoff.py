@@ -148,8 +148,7 @@ def test_largest_deviation_near_contact():
 
 def test_cheap_and_biased_pays_until_exact_is_as_good():
     exact, fast = MeasuredSetting("exact", 0.0, 1.0, 1e-3), MeasuredSetting("fast", 0.02**2, 1.0, 1e-4)
-    dear = MeasuredSetting("dear", 0.01**2, 1.0, 2e-3)
-    intervals = front.pareto_front([exact, fast, dear])
+    intervals = front.pareto_front([exact, fast, MeasuredSetting("dear", 0.01**2, 1.0, 2e-3)])
     crossing = (1e-3 - 1e-4) / 0.02**2  # where 1/n of exact runs = bias^2 + 1/n of fast ones
     assert [(one.label, one.start, one.end) for one in intervals] == [
         ("fast", pytest.approx(1e-3), pytest.approx(crossing)),
