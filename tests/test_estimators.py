@@ -268,8 +268,7 @@ def test_expected_slope_is_that_of_the_collisions(still):
     relative = slope / slope.mean() - sum(
         column / column.mean() for column in (means["tracer_collisions"], correlation[:, 0])
     )
-    error = relative.std() / np.sqrt(n)  # of the ratio, to first order
-    assert abs(slope.mean() / expected - 1) < SIGMAS * error < 0.1
+    assert abs(slope.mean() / expected - 1) < SIGMAS * relative.std() / np.sqrt(n) < 0.1  # to first order
 
 
 def test_initial_slope_of_a_real_gas():

@@ -112,8 +112,7 @@ def test_a_cradle_of_unequal_masses_in_contact_conserves_and_separates():
 @pytest.mark.parametrize("gap", [1e-6, 1e-10, 1e-14])
 def test_small_gaps(gap):
     """Collision after gap/speed, to the round-off of the positions, and the speed handed on from disk to disk."""
-    a = 0.25 * (1 + gap)
-    disks = state_of([(a * i, 0, float(i == 0), 0) for i in range(6)])
+    disks = state_of([(0.25 * (1 + gap) * i, 0, float(i == 0), 0) for i in range(6)])
     _, velocity, events, _ = outcome(box(6, 6, W), disks, 0.5)
     first = np.array([events.time[np.flatnonzero((events.a == i) | (events.b == i))[0]] for i in range(1, 6)])
     np.testing.assert_allclose(first, 0.25 * gap * np.arange(1, 6), rtol=0, atol=2e-15)

@@ -421,8 +421,7 @@ def in_densities(dataset, count):
 def test_cases_share_a_panel_with_colours_and_words_that_tell_them_apart(dataset, name):
     of_species = {"energy": 2, "density_profile": 2, "pair_distribution": 2}.get(name, 1)
     data = in_densities(dataset, 3)
-    figure = draw_figure(data, name)
-    panels = [axes for axes in figure.axes if title(axes)]
+    panels = [axes for axes in draw_figure(data, name).axes if title(axes)]
     assert len(panels) == of_species
     for axes in panels:
         lines = [line for line in axes.lines if str(line.get_label()).startswith("tracer_mass = ")]

@@ -40,8 +40,7 @@ def test_a_piece_is_reported_by_what_is_tracked_within_it_and_by_nothing_else(re
         progress.report("runs", 1, 3)
         for _ in progress.tracked("cd", "engines"):
             progress.report("runs", 2, 3)
-    shares = [0.5, 1, 1]  # of a case: after each engine, at its end
-    assert reported == [("cases", case + share, 2) for case in (0, 1) for share in shares]
+    assert reported == [("cases", case + share, 2) for case in (0, 1) for share in (0.5, 1, 1)]  # engines, end
 
 
 @pytest.mark.parametrize("engine", [EXACT, STEPS], ids=lambda engine: engine.name)

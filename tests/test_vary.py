@@ -15,7 +15,7 @@ import brownpipe as bp
 from brownpipe.analysis.runs import _refuse_namesakes
 from brownpipe.cli import main
 from brownpipe.engines import Engine
-from brownpipe.figures.cases import cases_of
+from brownpipe.figures.cases import cases_of, series_of
 from brownpipe.figures.scan import table
 from brownpipe.scene import parse_scene
 from brownpipe.scene.reading import validated
@@ -152,6 +152,12 @@ def test_a_scan_refuses_a_scene_before_any_is_run(monkeypatch):
     monkeypatch.setattr(Engine, "simulate", None)
     with pytest.raises(bp.RequestError, match="for a heavy tracer"):
         bp.scan(bp.Scene(**FLUID), {MASS: [10.0, 1.0]}, 3, engine="langevin", friction="enskog", quiet=True)
+
+
+def test_a_varied_number_of_disks_is_the_axis_of_one_series():
+    vary = {"disks.species.bath.count": [5, 10], PHI: [0.1, 0.2]}
+    cases = cases_of(bp.scan(bp.Scene(**FLUID), vary, seeds=2, quiet=True))
+    assert [len(series) for series in series_of(cases, "bath_count").values()] == [2, 2]
 
 
 def test_differences_are_of_runs_with_the_same_seeds():

@@ -230,8 +230,7 @@ def test_added_seeds_run_alone_and_other_studies_and_keys_use_the_same_runs(stud
 
 def due(study, verb):
     """The words of the only job of a verb that is due."""
-    printed = snakemake(study, "--dry-run")
-    (command,) = re.findall(rf"brownpipe ({verb} .*?) > ", printed)
+    (command,) = re.findall(rf"brownpipe ({verb} .*?) > ", snakemake(study, "--dry-run"))
     return shlex.split(command)
 
 

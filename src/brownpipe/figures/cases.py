@@ -155,6 +155,9 @@ def series_of(cases: list[Dataset], *axes: str, drift: bool = False) -> dict[str
     drift: those that are found not to be in equilibrium are a series of their own.
     """
     names = [name for name in differing(cases) if name not in axes]
+    others = [name for name in names if name != "particles"]
+    if len({tuple(case[name].item() for name in (*axes, *others)) for case in cases}) == len(cases):
+        names = others  # N follows from them, as where the number of disks of a species is varied
     ascending = sorted(cases, key=lambda case: case[axes[0]].item())
     return _grouped(ascending, lambda case: in_words(case, names) + (drift_in_words(case) if drift else ""))
 

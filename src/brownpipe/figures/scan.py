@@ -66,8 +66,9 @@ def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str
 def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and fit window: D and the quantities of the case, theory, and differences.
 
-    A difference is taken from the case before along the axis, whose runs with the same seeds begin alike; its standard
-    error is that of the mean over these pairs of runs. The difference of D is for the first window.
+    A difference is taken from the case before along the axis, whose runs with the same seeds begin alike if they have
+    as many disks; its standard error is that of the mean over these pairs of runs. The difference of D is for the first
+    window.
     """
     axis, ends = axis_of(cases), []
     for series in series_of(cases, axis).values():
