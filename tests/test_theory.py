@@ -162,11 +162,11 @@ def test_mean_root_of_a_chi_square():
 
 
 def test_diffusion_of_equal_disks():
-    """D_E = kT/zeta."""
-    n, s, chi, m, temperature = 0.6, 0.9, 1.4, 2.0, 1.7
-    expected = np.sqrt(temperature / (np.pi * m)) / (2 * n * s * chi)
+    """D_E = kT/zeta with zeta = 2 mu times the collision rate."""
+    n, s, chi, m, mu, temperature = 0.6, 0.9, 1.4, 3.0, 1.5, 1.7
     zeta = theory.enskog_friction(n, s, chi, theory.reduced_mass(m, m), temperature)
-    assert temperature / zeta == pytest.approx(expected, rel=1e-14)
+    assert zeta == pytest.approx(2 * mu * theory.collision_rate(n, s, chi, mu, temperature), rel=1e-14)
+    assert temperature / zeta == pytest.approx(np.sqrt(temperature / (np.pi * m)) / (2 * n * s * chi), rel=1e-14)
 
 
 # --- two sizes of disks

@@ -74,8 +74,7 @@ def new_batch(
 def make_runs(
     batch: Batch, run: Callable[[int], Run], first: int = 0, after: Callable[[int], object] = lambda done: None
 ) -> Ensemble:
-    """Make the runs `run(column)` of a batch from column `first` on, with `after(done)` after each; return the
-    ensemble.
+    """Return the ensemble of a batch with `run(column)` for each column from `first` on; call `after(done)` after each.
 
     If a run raises RunError or PlacementError, note the reason and continue with the next. Put the scene's name,
     N and the seed before the message of any other RequestError, and of PlacementError if nearly every run of the scene

@@ -154,8 +154,7 @@ def part(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
 
 @entry_point
 def push_apart(p: Places, held: int, stretch: float) -> int:
-    """Go once over all disks and push those that overlap apart, to `stretch` contact distances; return the overlaps
-    found.
+    """Go once over all disks, push overlapping ones apart to `stretch` contact distances, and count the overlaps.
 
     With a stretch of 0 nothing is moved. Disk `held` stays where it is (-1: none).
     """

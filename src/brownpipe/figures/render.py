@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 HEIGHTS = (4.4, 3.2)  # of the panels of a column [inch]
-MOST_CASES = 36  # in a figure, but the one of a scan
+MOST_CASES = 36  # in a figure, except that of a scan
 
 
 class Drawing(NamedTuple):

@@ -101,7 +101,7 @@ def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
 
 
 def _prefetches_candidates(n: int, half: float) -> bool:
-    """Whether candidates for upcoming events of n disks are prefetched; `half` a square's side is 0 without lists."""
+    """Whether candidates for upcoming events of n disks are prefetched; `half`: of `_grid`, 0 without lists."""
     return n >= (FITS_CACHE if half > 0.0 else CANDIDATES_FIT_CACHE)
 
 
