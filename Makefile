@@ -65,21 +65,23 @@ gallery: ready
 	@python docs/_ext/gallery.py $(CORES)
 
 ready: .venv/installed-run
-ready_dev: .venv/installed-dev
-ready_docs: .venv/installed-docs
-ready_cluster: .venv/installed-cluster
+ready_dev ready_docs ready_cluster: ready_%:
+	@$(MAKE) --silent --jobs=2 .venv/installed-run .venv/installed-$*
 
 # A stamp is written last, when all that a lock pins is installed: after a failure or Ctrl-C the next `make` installs again.
 # A folder that was moved needs a new environment: rm -rf .venv
-.venv/installed-run: requirements.lock pyproject.toml
+.venv/created:
 	@$(PYTHON) -c "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))" 2> /dev/null || { echo "brownpipe: set-up: $(PYTHON) must be Python >= 3.11 with venv (Debian, Ubuntu: apt install python3-venv); another one: make study PYTHON=python3.12" >&2; exit 1; }
-	@echo "brownpipe: set-up: installing the packages of $< into .venv, which takes a minute" >&2
 	@$(PYTHON) -m venv .venv
+	@touch $@
+
+.venv/installed-run: requirements.lock pyproject.toml | .venv/created
+	@echo "brownpipe: set-up: installing the packages of $< into .venv, which takes a minute" >&2
 	@$(PIP) --require-hashes --requirement $<
 	@$(PIP) --no-build-isolation --editable .
 	@touch $@
 
-.venv/installed-%: requirements-%.lock .venv/installed-run
+.venv/installed-%: requirements-%.lock | .venv/created
 	@echo "brownpipe: set-up: installing the packages of $< into .venv" >&2
 	@$(PIP) --require-hashes --requirement $<
 	@touch $@
