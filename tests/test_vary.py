@@ -17,6 +17,7 @@ from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.figures.cases import cases_of, series_of
 from brownpipe.figures.scan import table
+from brownpipe.figures.summary import summary
 from brownpipe.scene import parse_scene
 from brownpipe.scene.reading import validated
 from brownpipe.scene.variation import Vary, scene_with
@@ -138,14 +139,15 @@ def test_packing_fractions_of_several_numbers_of_disks_have_boxes_of_their_own(f
             assert np.array_equal(part[name].squeeze(), single[name].squeeze(), equal_nan=True), name
 
 
-def test_keys_together_share_a_dimension():
+def test_keys_together_share_a_dimension_and_are_named_in_summary_and_table():
     vary = {MASS: [1.0, 4.0, 9.0], "disks.tracer.radius": [0.5, 0.6, 0.7]}
     result = bp.scan(bp.Scene(**FLUID), vary, seeds=2, together=True, quiet=True)
-    assert result.sizes["tracer_mass"] == 3 and "tracer_radius" not in result.dims
     assert (result.tracer_mass.units, result.tracer_radius.units) == ("mass", "length")
+    assert result.tracer_radius.dims == ("tracer_mass",) and "tracer mass  tracer radius" in summary(result)
+    ((_, series),) = series_of(cases_of(result), "tracer_mass").items()
+    assert table(series).tracer_radius.unique().tolist() == [0.5, 0.6, 0.7]
     rest = bp.scan(bp.Scene(**FLUID), {"equilibrate": [0, 1.5]}, seeds=2, quiet=True).equilibrate
     assert (rest.units, rest.values.tolist()) == ("time", [0.0, 1.5])
-    assert result.tracer_radius.dims == ("tracer_mass",) and result.tracer_radius.values.tolist() == [0.5, 0.6, 0.7]
 
 
 def test_a_scan_refuses_a_scene_before_any_is_run(monkeypatch):

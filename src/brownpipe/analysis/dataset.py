@@ -87,7 +87,7 @@ def aggregate(
     found = ALWAYS.union(*parts)
     held = {name: one for name, one in (ALL_VARIABLES | with_uncertainties(own)).items() if name in found}
     table, keys = _over_keys(held, scenes, vary, vary_together)
-    attributes |= {VARIED: " ".join(key for key, one in keys.items() if one.dims == (key,))} if keys else {}
+    attributes |= {VARIED: " ".join(keys)} if keys else {}
     dataset = joined(parts, table, {**ALL_COORDINATES, **keys}, attributes, (*EACH, *keys))
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value

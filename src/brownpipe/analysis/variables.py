@@ -107,9 +107,9 @@ COORDINATES = {
     "seed": Variable(("seed",), None, "seed of the run"),
 }
 
-VARIED = "varied"  # attribute of a dataset: the names of its dimensions over keys of the scenes that were varied
+VARIED = "varied"  # attribute of a dataset: the names of its coordinates for keys of the scenes that were varied
 
 
 def labels_of_cases(dataset: "Dataset") -> list[str]:
-    """Return the dimensions whose coordinates tell the cases of a dataset apart: scene, varied keys, count, engine."""
+    """Return the coordinates that tell the cases of a dataset apart: scene, varied keys, count, engine."""
     return [EACH[0], *str(dataset.attrs.get(VARIED, "")).split(), *EACH[1:]]

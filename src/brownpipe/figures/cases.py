@@ -35,7 +35,7 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
     With g(r) it has `contact_theory`, the contact value of equal disks, or of a tracer and its only species; of other
     pairs, whose value is not in a dataset, NaN.
     """
-    dims, cases = labels_of_cases(dataset), []
+    dims, cases = [name for name in labels_of_cases(dataset) if name in dataset.dims], []
     for labels in product(*(dataset[dim].values for dim in dims)):
         case = dataset.sel(dict(zip(dims, labels, strict=True)))
         if int(case.runs) + int(case.failed_runs) == 0:
@@ -155,9 +155,10 @@ def series_of(cases: list[Dataset], *axes: str, drift: bool = False) -> dict[str
     drift: those that are found not to be in equilibrium are a series of their own.
     """
     names = [name for name in differing(cases) if name not in axes]
-    others = [name for name in names if name != "particles"]
-    if len({tuple(case[name].item() for name in (*axes, *others)) for case in cases}) == len(cases):
-        names = others  # N follows from them, as where the number of disks of a species is varied
+    for name in labels_of_cases(cases[0])[1:-1]:
+        others = [other for other in names if other != name]
+        if len({tuple(case[label].item() for label in (*axes, *others)) for case in cases}) == len(cases):
+            names = others  # it follows from them: a key varied together with the axis, N if a species' count is varied
     ascending = sorted(cases, key=lambda case: case[axes[0]].item())
     return _grouped(ascending, lambda case: in_words(case, names) + (drift_in_words(case) if drift else ""))
 
