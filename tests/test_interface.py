@@ -338,7 +338,7 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         (lambda: bp.scan(SCENE, {"duration": [1]}, fit_windows=[(1, 0.5)], observables="no"), "fit_windows"),
         (lambda: bp.analyse("a.h5", fit_windows=(0.1, 1)), r"fit_windows\[0\]: must be a list"),
         (lambda: bp.run("study.yaml", config=["seeds=3"]), r"config: must be .*, not \['seeds=3'\]"),
-        (lambda: bp.save(xarray.Dataset({"failed_runs": 0}, attrs={"a": None}), "a.nc"), "data: .* attr 'a': None"),
+        (lambda: bp.save(xarray.Dataset({"failed_runs": 0}, attrs={"a": None}), "a.nc"), "data: cannot be written: "),
         (lambda: bp.simulate(SCENE, observables=[partial(max, 0)]), "functools.partial.*: must be a function"),
         (lambda: bp.analyse("a.h5", rings={"dr": 0.1}), "rings.count: missing"),
         (lambda: bp.run("a.yaml", config={"seeds": "17"}), "config: seeds: must not have a text for a number, .* '17'"),
