@@ -122,21 +122,21 @@ def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, dura
 def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
     """Columns of contact values from collisions; none if the runs are not in equilibrium from t = 0.
 
-    The collisions of each pair of species are known for one species, and for one beside a single tracer.
+    The collisions of each pair of species are known for one species, and for one beside a single tracer. Between walls
+    its contact value needs the ideal gas around it.
     """
-    scene, names = case.scene, ("pair_collisions", "tracer_collisions", "kinetic_energy")
-    if not is_stationary(scene) or not runs.observables.keys() >= {*names}:
+    scene, seen, names = case.scene, runs.observables, ("pair_collisions", "tracer_collisions", "kinetic_energy")
+    if not is_stationary(scene) or not seen.keys() >= {*names}:
         return {}
-    every, tracers, energy = (np.asarray(runs.observables[name], float) for name in names)
+    every, tracers, energy = (np.asarray(seen[name], float) for name in names)
     number = species_table(scene).number
     if len(number) == 1 and number[0] > 1:
         collisions = every[:, None]
-    elif len(number) == 2 and number[0] == 1:
+    elif len(number) == 2 and number[0] == 1 and (scene.box.periodic or "pair_expected" in seen):
         collisions = np.stack([np.full_like(every, np.nan), tracers, every - tracers], axis=1)
     else:
         return {}
-    kt = temperature(scene, energy)
-    return {"contact_value_rate": contact_from_rate(scene, collisions, kt, case.times[-1])}
+    return {"contact_value_rate": contact_from_rate(scene, collisions, temperature(scene, energy), case.times[-1])}
 
 
 def bin_edges(scene: Scene) -> np.ndarray:
@@ -158,8 +158,7 @@ def weights_of(scene: Scene) -> np.ndarray:
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return g(r), contact values, and the density at the walls; in the totals numbers of pairs."""
-    seen = runs.observables
-    means = _by_rate(case, runs)
+    seen, means = runs.observables, _by_rate(case, runs)
     if "density_profile" in seen and not case.scene.box.periodic:
         means |= _extrapolated("contact_density", seen["density_profile"], wall_weights(case.scene))
     if "pair_counts" not in seen:
@@ -206,14 +205,16 @@ def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate
     return estimate._replace(low=np.fmin(estimate.low, low), high=np.fmax(estimate.high, high))
 
 
-def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
-    """Estimate of the contact values, with the error of the extrapolation."""
+def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> dict[str, Estimate]:
+    """Contact values relative to the ideal gas around lone disks; those from g(r) with the error of extrapolation."""
     of_lone, following_of_lone = (np.sum(around_lone * of_order, axis=-1) for of_order in weights_of(case.scene))
-    estimate = averages.estimate("contact_value").scaled(_per_lone(of_lone))
+    per_lone = np.where(np.isfinite(around_lone).any(axis=-1), _over(np.ones_like(of_lone), of_lone), 1.0)
+    found = [name for name in ("contact_value", "contact_value_rate") if name in averages.places]
+    values = {name: averages.estimate(name).unless_alike().scaled(per_lone) for name in found}
     following = averages.estimate("contact_value_following")
-    of_ideal = np.where(np.isfinite(of_lone), estimate.mean * following_of_lone, 0.0)
-    following = following._replace(mean=following.mean - of_ideal).scaled(_per_lone(of_lone))
-    return widened(estimate, following)
+    of_ideal = np.where(np.isfinite(of_lone), values["contact_value"].mean * following_of_lone, 0.0)
+    following = following._replace(mean=following.mean - of_ideal).scaled(per_lone)
+    return values | {"contact_value": widened(values["contact_value"], following)}
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
@@ -226,7 +227,7 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
     if "pair_distribution" in averages.places:
         around_lone = averages.totals["around_lone"] / averages.runs
         values["pair_distribution"] = _of_few(case, averages, around_lone)
-        values["contact_value"] = _at_contact(case, averages, around_lone)
+        values |= _at_contact(case, averages, around_lone)
     return values
 
 
