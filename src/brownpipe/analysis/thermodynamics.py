@@ -29,12 +29,13 @@ def compressibility(scene: Scene, virial: np.ndarray, kt: np.ndarray, duration: 
 
     W is the `virial` (n,) of pair collisions, T the duration. In a periodic box Z = P/(n kT). Between walls it is not:
     the forces of the walls, which act on centres at a distance R from the sides w and h, contribute to the virial, too.
-    By the virial theorem, for equal disks and the same pressure P on all walls,
+    By the virial theorem, for equal disks and the same pressure P on all walls, as in a square (w = h),
 
         2 N kT + W/T = P [h (w - 2R) + w (h - 2R)],  so that  Z = Z_wall (1 - R/w - R/h),
 
     with Z_wall = P/(n kT), n = N/A, A the area of the box. With several species R is the mean radius weighted by the
-    momentum transferred to the walls.
+    momentum transferred to the walls. In other rectangles the mean pressures on short and long walls differ, to first
+    order in R/w even for an ideal gas, and Z_wall is that of both together.
     """
     return 1.0 + virial / (2.0 * scene.particles * kt * duration)
 
