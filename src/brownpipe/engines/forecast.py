@@ -16,7 +16,7 @@ import numpy as np
 
 from brownpipe import observables as measures
 from brownpipe import theory
-from brownpipe.engines.friction import DENSEST, partners_of
+from brownpipe.engines.friction import DENSEST, bath_of, partners_of
 from brownpipe.engines.placement import is_grown, placement_caution
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
@@ -37,7 +37,7 @@ BYTES_PER_SAMPLE = 120  # of a disk that is recorded, during its run: its sample
 BYTES_PER_EVENT = 32  # of a collision in memory, and some two thirds of that in a file
 BYTES_PER_NUMBER = 8
 SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
-FRICTION_TIMES = 5.0  # in units of 1/gamma: then a hot tracer's excess kinetic energy has fallen by e^-10
+FRICTION_TIMES = 5.0  # in units of (1 + m_b/m)/gamma: then a hot tracer's excess kinetic energy has fallen by e^-10
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
 TOO_SHORT = 0.5  # share of the forecast time to settle, below which `check` cautions: the forecast is rough
 MOST_RUNS = 10**9  # upper limit for one process
@@ -235,7 +235,7 @@ def settling_time(scene: Scene) -> float:
 
     The most numerous disks, of speed v (standard deviation of a component), move by the distance of neighbours a: a/v
     in flight and, to forget a lattice, also a^2/D, with D = v^2/gamma and gamma about their collision rate. It is at
-    least FRICTION_TIMES of the tracer, unless velocities are drawn at a temperature.
+    least FRICTION_TIMES of the tracer, unless velocities are drawn at a temperature (docs/theory.md, section 5).
     """
     rate = 2 * pair_rate(scene) / scene.particles if scene.particles >= FEWEST_DISKS else 0.0
     if not rate > 0 or scene.packing_fraction > DENSEST:
@@ -243,7 +243,8 @@ def settling_time(scene: Scene) -> float:
     flight = math.sqrt(scene.box.area / scene.particles) / speeds(scene)[np.argmax(species_table(scene).number)]
     diffusion = flight * flight * rate if _is_ordered(scene) else 0.0
     is_hot = scene.velocities.temperature is None
-    cooling = FRICTION_TIMES / max(partners_of(scene).friction.sum(), SMALLEST_NORMAL) if is_hot else 0.0
+    heavier = 1 + bath_of(scene).mass / scene.mass[0]  # a light tracer forgets its velocity long before its energy
+    cooling = FRICTION_TIMES / max((partners_of(scene).friction / heavier).sum(), SMALLEST_NORMAL) if is_hot else 0.0
     return float(max(flight + diffusion, cooling))
 
 
@@ -260,7 +261,7 @@ def settling_in_words(scene: Scene) -> str | None:
     if math.isnan(needed):
         return f"no forecast for few disks, or above a packing fraction of {DENSEST:g}, where disks freeze"
     basis = "to move to a neighbour's place" + (" by diffusion" if _is_ordered(scene) else "")
-    hot = "" if scene.velocities.temperature is not None else f", {FRICTION_TIMES:g}/gamma of the tracer"
+    hot = "" if scene.velocities.temperature is not None else f", {FRICTION_TIMES:g} (1 + m_b/m)/gamma of the tracer"
     return f"some {needed:.2g} should be enough ({basis}{hot}; Enskog's theory of the fluid, not of crystals)"
 
 
