@@ -157,9 +157,10 @@ def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np
             if outcome != OUT_OF_NUMBERS:
                 break
     if outcome == STUCK:
+        others = "`placement: lattice`" if scene.placement == "auto" else "`placement: auto` or `lattice`"
         raise PlacementError(
             f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries (packing "
-            f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: auto` or `lattice`"
+            f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or {others}"
         )
     return (p.position + scene.box.origin).take(back, axis=0)
 
