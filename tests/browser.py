@@ -104,8 +104,7 @@ class Browser:
 
     def picture(self):
         """The bytes of a PNG of the whole page."""
-        taken = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)
-        return base64.b64decode(taken["data"])
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)["data"])
 
     def close(self):
         """End the browser."""

@@ -401,8 +401,7 @@ def test_a_run_that_needs_more_room_leaves_no_trace_in_those_after_it(monkeypatc
     batch = simulate(scene, range(8, 13))
     assert 5 < starts[0] < 10  # some had too little room
     for column, seed in enumerate(range(8, 13)):
-        alone = simulate(scene, [seed])
-        assert np.array_equal(alone.tracer.position[:, 0], batch.tracer.position[:, column]), seed
+        assert np.array_equal(simulate(scene, [seed]).tracer.position[:, 0], batch.tracer.position[:, column]), seed
 
 
 @pytest.mark.slow

@@ -123,8 +123,7 @@ def test_a_dataset_says_its_results_and_what_made_it(dataset, tmp_path):
     unknown = contents.drop_attrs().assign_attrs({name: contents.attrs[name] for name in ("title",)})
     for changed, source in ((contents.assign_attrs(source_digest="0" * 64), "000000000000"), (unknown, "unknown")):
         write_dataset(tmp_path / "changed.nc", changed)
-        text = inspection.report(tmp_path / "changed.nc")
-        assert f"source       {source}, not that of this installation" in text
+        assert f"source       {source}, not that of this installation" in inspection.report(tmp_path / "changed.nc")
 
 
 def test_all_variables_with_units_and_meaning(dataset, said):

@@ -233,8 +233,7 @@ def test_a_table_has_a_row_for_each_case_in_the_order_given(runs):
     table = bp.table(result)
     assert table.particles.tolist() == result.particles.values.tolist() == [20, 10]
     assert table.attrs["diffusion_coefficient"] == "length^2/time"
-    expected = result.msd_standard_error.isel(time=-1).values.ravel()
-    np.testing.assert_array_equal(table.msd_standard_error, expected)
+    np.testing.assert_array_equal(table.msd_standard_error, result.msd_standard_error.isel(time=-1).values.ravel())
     assert not table.drifts.any() and (table.diffusive_from == result.diffusive_from.values.ravel()).all()
     assert [*result.data_vars][:3] == ["msd", "diffusion_coefficient", "compressibility"]
     assert [*result.data_vars][-1] == "run_status"

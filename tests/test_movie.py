@@ -102,8 +102,7 @@ def test_images_of_disks_that_reach_over_an_edge():
     corner = [(0, x, y) for x in (-2.9, 3.1) for y in (-3.2, 2.8)]
     assert found == [*corner, (1, 0.0, -2.95), (1, 0.0, 3.05)]
     assert list(which) == sorted(which, reverse=True)  # the disk that is followed lies on top
-    walled = make_scene(particles=2)
-    assert len(movie.with_images(walled, np.array([[-2.7, 2.7], [0.0, -2.9]]))[1]) == 2
+    assert len(movie.with_images(make_scene(particles=2), np.array([[-2.7, 2.7], [0.0, -2.9]]))[1]) == 2
 
 
 def test_path_has_a_gap_where_it_goes_on_at_the_other_edge():

@@ -233,14 +233,16 @@ def caution(scene: Scene) -> str | None:
 def settling_time(scene: Scene) -> float:
     """Return the time [time] in which the fluid of a scene forgets its start; NaN beyond Enskog's theory.
 
-    The most numerous disks, of speed v (standard deviation of a component), move by the distance of neighbours a: a/v
-    in flight and, to forget a lattice, also a^2/D, with D = v^2/gamma and gamma about their collision rate. It is at
-    least FRICTION_TIMES of the tracer, unless velocities are drawn at a temperature (docs/theory.md, section 5).
+    The slowest species of several disks, of speed v (standard deviation of a component), moves by the distance of
+    neighbours a: a/v in flight and, to forget a lattice, also a^2/D, with D = v^2/gamma and gamma about the collision
+    rate. It is at least FRICTION_TIMES of the tracer, unless velocities are drawn at a temperature (docs/theory.md,
+    section 5).
     """
     rate = 2 * pair_rate(scene) / scene.particles if scene.particles >= FEWEST_DISKS else 0.0
     if not rate > 0 or scene.packing_fraction > DENSEST:
         return math.nan
-    flight = math.sqrt(scene.box.area / scene.particles) / speeds(scene)[np.argmax(species_table(scene).number)]
+    number = species_table(scene).number
+    flight = math.sqrt(scene.box.area / scene.particles) / speeds(scene)[number > (number.max() > 1)].min()
     diffusion = flight * flight * rate if _is_ordered(scene) else 0.0
     is_hot = scene.velocities.temperature is None
     heavier = 1 + bath_of(scene).mass / scene.mass[0]  # a light tracer forgets its velocity long before its energy
