@@ -54,8 +54,7 @@ def test_too_few_disks_for_the_box_are_said():
 def test_study_of_several_engines(tmp_path):
     scene = CONFIG / "scenes" / "harrison2020.yaml"
     engines = "[exact, {name: timestep, time_step: 1e-3}, {name: langevin, friction: enskog}]"
-    text = f"scenes: {scene}\nparticles: [50, 150]\nseeds: 60\nengines: {engines}\n"
-    (tmp_path / "study.yaml").write_text(text)
+    (tmp_path / "study.yaml").write_text(f"scenes: {scene}\nparticles: [50, 150]\nseeds: 60\nengines: {engines}\n")
     lines = describe_scene_or_study(str(tmp_path / "study.yaml")).splitlines()
     assert [line.split(":")[0].split()[-1] for line in lines if line.startswith("engine ")] == [
         "exact", "timestep-0.001", "langevin-enskog"

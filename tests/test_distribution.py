@@ -144,8 +144,7 @@ def test_a_time_without_a_sample_is_refused_and_one_that_is_given_twice_counts_o
 def test_kurtosis_and_its_error():
     """Of exponential r^2: 1, and log(m4/m2^2) has variance 1/n by the delta method."""
     n, sets = 4000, 300
-    squared = np.random.default_rng(2).exponential(1.0, (n, sets))
-    estimate = distribution.kurtosis(found_of(squared, range(sets)))
+    estimate = distribution.kurtosis(found_of(np.random.default_rng(2).exponential(1.0, (n, sets)), range(sets)))
     assert abs(estimate.mean.mean() - 1) < SIGMAS / np.sqrt(n * sets) + 2 / n  # the bias is -1/n
     scatter = estimate.mean.std(ddof=1)
     assert scatter == pytest.approx(estimate.standard_error.mean(), rel=SIGMAS / np.sqrt(2 * sets) + 0.05)

@@ -109,12 +109,16 @@ def test_few_runs_or_samples_do_not_tell():
 def test_quarters_add_up_to_the_run():
     disks = {"species": MIXTURE["disks"]["species"][::-1]}  # small ones first; the engine has big ones first
     scene = MIXTURE | {"equilibrate": {"time": 0.5, "tracer": "free"}, "disks": disks, "velocities": {"temperature": 5}}
-    names = ("species_energy", "orientational_order")
-    of = runs_of(scene, range(3), observables=names).ensemble.observables
+    found = runs_of(scene | {"sample_interval": 0.3}, range(3), observables=("species_energy", "orientational_order"))
+    of, times, at = found.ensemble.observables, found.ensemble.times, ends_of_quarters(found.ensemble.times)
+    lengths, quarters = np.diff(times[at]), drift.quarters_of(found.scene, times, of)
+    virials = 2.0 + of["virial"] / (2 * of["kinetic_energy"])
+    for name, total in (("collision rate", of["pair_collisions"]), ("pressure", virials)):
+        np.testing.assert_allclose((quarters[name] * lengths).sum(axis=1), total, rtol=1e-12)
     np.testing.assert_array_equal(of["quarter_collisions"].sum(axis=1), of["pair_collisions"])
-    assert (of["quarter_collisions"] > 0).all()
+    assert (of["quarter_collisions"] > 0).all() and np.ptp(lengths) > 0.2
     np.testing.assert_allclose(of["quarter_virial"].sum(axis=1), of["virial"], rtol=1e-12)
-    ends = of["species_energy"][:, ::5]
+    ends = of["species_energy"][:, at]
     np.testing.assert_allclose(of["quarter_energy"], (ends[:, 1:] + ends[:, :-1]) / 2, rtol=1e-12)
     assert observables.ARRAYS["quarter_energy"].dims == ("quarter", "species")
     assert of["quarter_energy"].shape == (3, 4, 2)

@@ -440,9 +440,11 @@ def test_pair_virial_and_wall_pressure_differ_by_the_room_of_the_centres():
     means = thermodynamics.columns(case_of(scene), block(np.arange(60), None, seen)).means
     difference = means["compressibility"] - 7 / 8 * means["wall_compressibility"]
     error = difference.std(ddof=1) / np.sqrt(60)
-    assert abs(difference.mean()) < 4 * error
-    assert error < 0.002 * means["compressibility"].mean()
+    assert abs(difference.mean()) < 4 * error < 0.008 * means["compressibility"].mean()
     assert means["wall_compressibility"] == pytest.approx(means["wall_pressure"] * 64 / seen["kinetic_energy"])
+    wide = case_of(scene.replace(box={"x": [0, 16], "y": [0, 8]}))
+    pressure = thermodynamics.columns(wide, block(np.arange(60), None, seen)).means["wall_pressure"]
+    assert pressure == pytest.approx(seen["wall_impulse"] / (2 * (16 + 8) * 40))
 
 
 @pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
@@ -456,8 +458,7 @@ def test_rate_and_virial_of_four_disks_have_one_contact_value(boundary):
     means = thermodynamics.columns(case_of(scene), seen).means
     difference = means["compressibility_rate"] - means["compressibility"]
     error = difference.std(ddof=1) / np.sqrt(100)
-    assert abs(difference.mean()) < 4 * error
-    assert error < 0.004 * (means["compressibility"].mean() - 1)
+    assert abs(difference.mean()) < 4 * error < 0.016 * (means["compressibility"].mean() - 1)
 
 
 def test_what_is_alike_in_all_runs_has_no_error():
