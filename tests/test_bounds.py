@@ -72,8 +72,7 @@ def scenes():
     """Boxes of every shape and boundary with few disks or many, equal, of two sizes, with a big one, and crowded."""
     for aspect, boundary, n in product(ASPECTS, ("reflecting", "periodic"), COUNTS):
         crowd = 0.16 if aspect * SIDE**2 > n / 6 else 0.04
-        kinds = [(n, crowd, 1.0)]
-        yield scene(aspect, boundary, kinds)
+        yield scene(aspect, boundary, [(n, crowd, 1.0)])
     for boundary in ("reflecting", "periodic"):
         yield scene(7, boundary, [(10, 0.1, 1.0), (10, 0.14, 0.3)])
         yield scene(50, boundary, [(1, 0.25, 5.0), (40, 0.02, 1.0)])
@@ -102,8 +101,7 @@ def run_exact():
     """Run every scene by the exact engine, with all that can be recorded."""
     _check(exact_run, "prepare", "new_recorder")
     for one in scenes():
-        run = exact.simulate(one, [1], {"all", "events"})
-        assert not run.observables["failed"][0], one.name
+        assert not exact.simulate(one, [1], {"all", "events"}).observables["failed"][0], one.name
 
 
 def run_timestep():

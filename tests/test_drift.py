@@ -170,8 +170,7 @@ def test_the_power_stated_is_that_of_the_test():
 def test_the_family_is_all_cases_of_a_dataset():
     """p-values of the dataset are those of its cases, adjusted together."""
     one = runs_of(MIXTURE, range(8), observables=("orientational_order",))
-    other = runs_of(parse_scene(MIXTURE, "other.yaml"), range(8))
-    alone, both = aggregate([one]), aggregate([one, other])
+    alone, both = aggregate([one]), aggregate([one, runs_of(parse_scene(MIXTURE, "other.yaml"), range(8))])
     energies = ["kinetic energy of big", "kinetic energy of small"]
     assert alone["quantity"].values.tolist() == ["pressure", "collision rate", *energies, "psi_6"]
     assert (both.drift_p_value.sel(scene="scene").values >= alone.drift_p_value.values - 1e-12).all()

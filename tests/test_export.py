@@ -53,8 +53,7 @@ def fluid(tmp_path_factory):
 @pytest.fixture(scope="module")
 def walled(tmp_path_factory):
     """The file of two made-up runs of a large and 11 small disks between walls."""
-    path = tmp_path_factory.mktemp("walled") / "walled.h5"
-    return written(path, make_scene("walled", 12), (3, 8))
+    return written(tmp_path_factory.mktemp("walled") / "walled.h5", make_scene("walled", 12), (3, 8))
 
 
 def written(path, scene, seeds, failed=()):

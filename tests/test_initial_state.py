@@ -135,8 +135,7 @@ def assert_sound(scene, state):
     margin = 0.0 if scene.box.periodic else state.radius[:, None] * (1 - 1e-14)
     assert (state.position >= low + margin).all()
     assert (state.position <= high - margin).all()
-    sides = (scene.box.x, scene.box.y) if scene.box.periodic else None
-    assert overlap(state.position, state.radius, sides) is None
+    assert overlap(state.position, state.radius, (scene.box.x, scene.box.y) if scene.box.periodic else None) is None
 
 
 RANDOM = {

@@ -92,8 +92,7 @@ def test_a_run_in_a_periodic_box_is_unwrapped(folder):
     track = ensemble.tracer
     unwrapped = track.position[:, 2] + track.image[:, 2] * [scene.box.width, scene.box.height]
     assert np.any(track.image[-1, 2])
-    text = inspection.report(folder / "langevin.h5", 2)
-    found = float(re.search(r"squared displacement (\S+)", text)[1])
+    found = float(re.search(r"squared displacement (\S+)", inspection.report(folder / "langevin.h5", 2))[1])
     assert found == pytest.approx(np.sum((unwrapped[-1] - unwrapped[0]) ** 2), rel=1e-5)
 
 

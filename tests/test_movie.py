@@ -99,8 +99,7 @@ def test_images_of_disks_that_reach_over_an_edge():
     scene = make_scene(particles=2, boundary="periodic")
     centres, which = movie.with_images(scene, np.array([[-2.9, 2.8], [0.0, -2.95]]))
     found = sorted((int(k), *map(float, centre.round(9))) for k, centre in zip(which, centres, strict=True))
-    corner = [(0, x, y) for x in (-2.9, 3.1) for y in (-3.2, 2.8)]
-    assert found == [*corner, (1, 0.0, -2.95), (1, 0.0, 3.05)]
+    assert found == [*((0, x, y) for x in (-2.9, 3.1) for y in (-3.2, 2.8)), (1, 0.0, -2.95), (1, 0.0, 3.05)]
     assert list(which) == sorted(which, reverse=True)  # the disk that is followed lies on top
     assert len(movie.with_images(make_scene(particles=2), np.array([[-2.7, 2.7], [0.0, -2.9]]))[1]) == 2
 

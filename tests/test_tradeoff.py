@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from brownpipe.errors import AnalysisError
 from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
 from brownpipe.storage.datasets import read_dataset, write_dataset
-from brownpipe.tradeoff import bias, front, timing
+from brownpipe.tradeoff import bias, dataset, front, timing
 from brownpipe.tradeoff.front import Interval, MeasuredSetting
 from ensembles import make_runs, make_scene, write
 
@@ -102,8 +103,7 @@ def radial(rng, runs, width=1.0):
 
 def distance_of_shares(width, rings=bias.RINGS):
     """Between Rayleigh laws of widths 1 and `width`, in rings that hold equal shares of the first."""
-    tail = (1 - np.arange(rings) / rings) ** (1 / width**2)
-    return np.abs(-np.diff(tail, append=0.0) - 1 / rings).sum() / 2
+    return np.abs(-np.diff((1 - np.arange(rings) / rings) ** (1 / width**2), append=0.0) - 1 / rings).sum() / 2
 
 
 @pytest.mark.slow
@@ -204,7 +204,7 @@ def files(tmp_path_factory):
     folder, scene, small = tmp_path_factory.mktemp("files"), make_scene("full"), make_scene("small", particles=10)
     exact = [make_runs(scene, range(300), failed=(7,)), make_runs(scene, range(300, 400))]
     fast = stretched(make_runs(scene, range(200), failed=(11,)), 1.05)
-    runs = [*exact, fast, make_runs(small, range(1000, 1300))]
+    runs = [*exact, fast, make_runs(small, range(100, 400))]
     return [write(folder / str(k), one) for k, one in enumerate(runs) if (folder / str(k)).mkdir() is None]
 
 
@@ -235,6 +235,7 @@ def test_exact_runs_are_off_by_nothing(measured):
     one = measured.sel(scene="full_N20", setting="exact")
     assert one.msd_bias == one.displacement_bias == one.d_bias == 0.0
     assert one.departure_time == np.inf
+    assert one.window_start == pytest.approx(one.window_end / 10)
     assert one.msd_spread == pytest.approx(1.0, rel=0.2)  # r^2 of a Gaussian displacement; 400 runs say so to 7 %
 
 
@@ -286,6 +287,13 @@ class Clocked(NamedTuple):
         late = {0: 5.0, 4: 1.0}.get(len(self.calls), 0.0)  # the first compiles, another is disturbed
         self.calls.append(list(seeds))
         self.clock[0] += 1.0 + late + 3e-3 * len(seeds)
+
+
+def test_a_cost_ratio_is_to_the_exact_engine(monkeypatch):
+    seconds = {"exact": iter([2.0] * 3), "fast": iter([1.0, 0.5, 4.0])}
+    monkeypatch.setattr(timing, "_ready", lambda engine, _: (lambda: next(seconds[engine]), 3))
+    fast, exact = SimpleNamespace(engine="fast", scene=None), SimpleNamespace(engine="exact", scene=None)
+    assert dataset._cost(fast, exact, 1.0, None) == timing.Ratio(0.5, low=0.25, high=2.0)
 
 
 def test_a_cost_leaves_out_compiling_what_a_call_takes_once_and_what_disturbs(monkeypatch):

@@ -164,8 +164,7 @@ def test_dilute_disks_have_the_pair_distribution_of_first_order():
         duration=100.0,
         sample_interval=5.0,
     )
-    runs = bp.simulate(scene, 20, observables=["pair_distribution"], quiet=True)
-    result = bp.analyse(runs, quiet=True).squeeze()
+    result = bp.analyse(bp.simulate(scene, 20, observables=["pair_distribution"], quiet=True), quiet=True).squeeze()
     near = result.isel(distance=(result.distance.values > 1) & (result.distance.values < 2))
     expected = theory.dilute_pair_distribution(near.distance.values, 1.0, phi) - 1
     weights = expected * near.distance.values / (expected**2 * near.distance.values).sum()
