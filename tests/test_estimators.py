@@ -358,8 +358,7 @@ def test_points_around_a_tracer_off_centre_have_no_structure(off_centre):
 def test_contact_value_around_a_tracer_off_centre(off_centre):
     """By either route a gas of points has 1 at contact, too, though walls cut the ring of contact around the tracer."""
     scene, seen = off_centre
-    angle = np.linspace(0, 2 * np.pi, 10_001)[1:]
-    ring = 2 * np.exp(1j * angle) + complex(1.6, 2.2)
+    ring = 2 * np.exp(1j * np.linspace(0, 2 * np.pi, 10_001)[1:]) + complex(1.6, 2.2)
     density = 2 * np.pi * 2 / 49 * np.mean((ring.real > 0.5) & (ring.imag > 0.5))  # of a point's distance, at contact
     number = 40 * density * np.sqrt(0.8 / (2 * np.pi * 0.75)) * scene.times[-1] / theory.mean_root_chi_square(82)
     counts = {"pair_collisions": number, "tracer_collisions": number, "kinetic_energy": 0.8 * 41}
