@@ -13,7 +13,7 @@ UNKNOWN = "unknown"  # version of a package that is not installed
 NAME = PACKAGE.name
 SUFFIXES = (".py", ".css", ".html", ".js", ".mplstyle", ".rst")  # of source files
 PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "scipy")  # that compute and write runs
-ANALYSIS_PACKAGES = ("matplotlib", "pandas", "xarray")  # and datasets and figures
+ANALYSIS_PACKAGES = ("h5netcdf", "matplotlib", "pandas", "xarray")  # and datasets and figures
 
 # Source files that determine the output of a step, besides its input and options; `tests/test_architecture.py` compares
 # them with what is imported. `sources` adds those of the engine that runs; all engines use parts of the exact one.

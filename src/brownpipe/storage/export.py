@@ -89,6 +89,7 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
         raise RequestError(f"--to gsd: needs the package gsd ({error}): pip install gsd; or xyz or csv") from error
 
     ((position, velocity, image),), box, species = tracks.values(), scene.box, species_table(scene)
+    assert velocity is not None  # whole runs have velocities
     edges = np.array([box.width, box.height])
     sizes, single = np.concatenate([edges, scene.radius, scene.mass]), np.finfo(np.float32)
     if sizes.min() < single.tiny or max(2 * sizes.max(), velocity.max(), -velocity.min()) > single.max:
@@ -121,6 +122,7 @@ def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
     1 and 0. The species is a `type`, as ASE takes `species` for chemical elements.
     """
     ((position, velocity, image),), box, mass = tracks.values(), scene.box, scene.mass[:, None]
+    assert velocity is not None  # whole runs have velocities
     head = f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1" Origin="{box.x[0]} {box.y[0]} -0.5"'
     head += f' pbc="{"T T" if box.periodic else "F F"} F" Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1'
     head += f":velo:R:3:momenta:R:3{':image:I:3' if box.periodic else ''}"

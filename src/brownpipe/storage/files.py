@@ -9,11 +9,10 @@ or YAML do not notice it.
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -28,9 +27,6 @@ KINDS = {  # of HDF5 files, by the attribute that marks them; datasets have none
     CHECKPOINT: "the checkpoint of unfinished runs (repeat the command that wrote it, and they continue)",
     DATASET: "a dataset (of `brownpipe aggregate`)",
 }
-CHUNK_BYTES = 2**18
-SMALL = 4096  # bytes of a variable that is not compressed: it would grow
-NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable."  # as netCDF4 marks such a scale
 MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, StorageError, TypeError, ValueError)
 
 
@@ -137,40 +133,14 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
 
 
 @contextmanager
-def writing(path: str | Path, track_order: bool = False) -> Iterator[h5py.File]:
+def writing(path: str | Path) -> Iterator[h5py.File]:
     """Yield an HDF5 file in memory, which is then written with its seal; raises StorageError as `write_file` does.
 
-    The same groups, datasets and attributes give the same bytes. With `track_order` the root keeps their order.
+    The same groups, datasets and attributes give the same bytes.
     """
-    with h5py.File(image := BytesIO(), "w", track_order=track_order) as file:
+    with h5py.File(image := BytesIO(), "w") as file:
         yield file
     write_sealed(path, image.getbuffer())
-
-
-def write_variable(
-    group: h5py.Group, name: str, dims: Sequence[str], values: np.ndarray, attributes: Mapping[str, Any]
-) -> None:
-    """Write a variable as netCDF4 stores it; one with the name of its dimension has the coordinates along that.
-
-    Coordinates, which are in the group or in the root, must be written before the variables along them.
-    """
-    values = values.astype(object) if values.dtype.kind == "U" else values  # text, as h5py takes it
-    filters: dict[str, Any] = {}
-    if values.nbytes > SMALL and values.dtype.kind in "iuf":  # a chunk: as much of a run as fits, then more runs
-        chunks, items = dict.fromkeys(dims, 1), CHUNK_BYTES // values.itemsize
-        for dim, size in sorted(zip(dims[::-1], values.shape[::-1], strict=True), key=lambda pair: pair[0] == "seed"):
-            chunks[dim] = max(1, min(size, items))
-            items //= chunks[dim]
-        filters = {"chunks": tuple(chunks.values()), "compression": "gzip", "compression_opts": 4, "shuffle": True}
-    dataset = group.create_dataset(name, data=values, **filters)
-    dataset.attrs.update(sorted(attributes.items()))  # in which order they are read
-    if (*dims,) == (name,):
-        dataset.make_scale(name)
-        return
-    for axis, dim in enumerate(dims):
-        if dim not in group and dim not in group.file:  # collisions have no coordinates
-            group.create_dataset(dim, values.shape[axis : axis + 1], ">f4").make_scale(NO_COORDINATES)
-        dataset.dims[axis].attach_scale(group[dim] if dim in group else group.file[dim])
 
 
 @contextmanager

@@ -15,15 +15,19 @@ from brownpipe.engines import Engine, recorded
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError
 from brownpipe.observables import OBSERVABLES
-from brownpipe.observables.own import own_arrays
+from brownpipe.observables.own import Own, own_arrays
 from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
-from brownpipe.storage.files import MALFORMED, TRAJECTORIES, reading, write_variable, writing
+from brownpipe.storage.files import MALFORMED, TRAJECTORIES, reading, writing
 from brownpipe.storage.layout import AXES, PLACES, SCALES, Groups, described, dims_of, ensemble_of, groups_of
 
 if TYPE_CHECKING:
     from xarray import DataTree
+
+CHUNK_BYTES = 2**18
+SMALL = 4096  # bytes of a variable that is not compressed: it would grow
+NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable."  # as netCDF4 marks such a scale
 
 
 class Trajectories(NamedTuple):
@@ -104,8 +108,29 @@ def write_trajectories(
         for place, variables in groups_of(scene, ensemble).items():
             group = file.require_group(place)
             for name in sorted(variables, key=lambda name: (name not in SCALES, name)):
-                # Whole runs are copies: one variable at a time.
-                write_variable(group, name, dims_of(place, name, own), variables.pop(name), described(name, own))
+                _write_variable(group, name, variables.pop(name), own)  # whole runs are copies: one variable at a time
+
+
+def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) -> None:
+    """Write a variable with units, meaning and the scales of its dimensions, which are in the group or in the root."""
+    dims = dims_of(group.name, name, own)
+    values = values.astype(object) if values.dtype.kind == "U" else values  # text, as h5py takes it
+    filters: dict[str, Any] = {}
+    if values.nbytes > SMALL and values.dtype.kind in "iuf":  # a chunk: as much of a run as fits, then more runs
+        chunks, items = dict.fromkeys(dims, 1), CHUNK_BYTES // values.itemsize
+        for dim, size in sorted(zip(dims[::-1], values.shape[::-1], strict=True), key=lambda pair: pair[0] == "seed"):
+            chunks[dim] = max(1, min(size, items))
+            items //= chunks[dim]
+        filters = {"chunks": tuple(chunks.values()), "compression": "gzip", "compression_opts": 4, "shuffle": True}
+    dataset = group.create_dataset(name, data=values, **filters)
+    dataset.attrs.update(described(name, own))
+    if name in SCALES:
+        dataset.make_scale(name)
+        return
+    for axis, dim in enumerate(dims):
+        if dim not in group and dim not in group.file:  # collisions have no coordinates
+            group.create_dataset(dim, values.shape[axis : axis + 1], ">f4").make_scale(NO_COORDINATES)
+        dataset.dims[axis].attach_scale(group[dim] if dim in group else group.file[dim])
 
 
 def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:
