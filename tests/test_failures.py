@@ -286,8 +286,7 @@ def test_summary_health_figure_and_status_name_the_failed_runs(batches, said):
     (label,) = draw(dataset, "health").axes[0].get_yticklabels()
     assert "(4 of 16 failed)" in label.get_text()
     line = "brownpipe: a.nc: 4 of 16 runs failed and are in no average, {}: crowd, N = 40: seeds 0,2,11,14\n"
-    limits = ("allow_failed: 3 accepts no more", "accepted by allow_failed: 4")
-    refused, accepted = map(line.format, limits)
+    refused, accepted = map(line.format, ("allow_failed: 3 accepts no more", "accepted by allow_failed: 4"))
     assert said("inspect", "a.nc", "--allow-failed", 3) == (FAILED, "", refused)
     assert said("inspect", "a.nc", "--allow-failed", 4) == (DONE, "", accepted)
     write_dataset("b.nc", aggregate(batches(1, (1, 3))))

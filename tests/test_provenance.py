@@ -101,8 +101,7 @@ def test_movies_and_exports_say_how_their_run_is_made_again(tmp_path, monkeypatc
 
 def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypatch):
     def git(*words):
-        who = ["-c", "user.name=a", "-c", "user.email=b", "-c", "init.defaultBranch=main"]
-        command = ["git", *who, *words]
+        command = ["git", "-c", "user.name=a", "-c", "user.email=b", "-c", "init.defaultBranch=main", *words]
         return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.strip()
 
     package = tmp_path / "src" / PACKAGE.name

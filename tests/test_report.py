@@ -188,8 +188,7 @@ def test_names_of_others_are_escaped(results, tmp_path):
 def test_a_long_table_is_cut(results):
     rows = 100_000
     table = DataFrame({"scene": "a", "N": range(rows), "x": np.arange(rows) / 7, "y": np.nan})
-    drawing = Drawing("msd", {"svg": SVG}, table)
-    text = page.page_of_study(read_dataset(results / "s.nc"), [drawing], RECORD).decode()
+    text = page.page_of_study(read_dataset(results / "s.nc"), [Drawing("msd", {"svg": SVG}, table)], RECORD).decode()
     assert "the first 400 of 100,000 rows" in text and len(text) < 200_000
     shown = text.partition("The numbers")[2].partition("</table>")[0]
     assert shown.count("<tr>") == 1 + 400 and ">0.142857<" in shown and ">nan<" not in shown

@@ -94,8 +94,7 @@ def test_a_first_study_comes_to_its_figures(installed, new, finished):
     assert finished.startswith((figures / "summary.txt").read_text())
     visible = {path.name for path in installed.folder.iterdir() if not path.name.startswith(".")}
     assert visible == {"first.yaml", "first_scene.yaml", "results"}
-    readme = Path(new.rpartition("all keys: ")[2].strip())
-    assert readme.read_bytes() == (ROOT / "config" / "README.md").read_bytes()
+    assert Path(new.rpartition("all keys: ")[2].strip()).read_bytes() == (ROOT / "config/README.md").read_bytes()
 
 
 def test_the_page_is_there_and_the_report_of_snakemake_runs_nothing_again(installed, finished):

@@ -208,6 +208,7 @@ def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate
 def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> dict[str, Estimate]:
     """Contact values relative to the ideal gas around lone disks; those from g(r) with the error of extrapolation."""
     of_lone, following_of_lone = (np.sum(around_lone * of_order, axis=-1) for of_order in weights_of(case.scene))
+    # NaN where the ideal gas around a lone disk is not known at contact.
     per_lone = np.where(np.isfinite(around_lone).any(axis=-1), _over(np.ones_like(of_lone), of_lone), 1.0)
     found = [name for name in ("contact_value", "contact_value_rate") if name in averages.places]
     values = {name: averages.estimate(name).unless_alike().scaled(per_lone) for name in found}

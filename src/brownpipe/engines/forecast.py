@@ -242,7 +242,8 @@ def settling_time(scene: Scene) -> float:
     if not rate > 0 or scene.packing_fraction > DENSEST:
         return math.nan
     number = species_table(scene).number
-    flight = math.sqrt(scene.box.area / scene.particles) / speeds(scene)[number > (number.max() > 1)].min()
+    slowest = speeds(scene)[number >= min(2, number.max())].min()  # of single disks if there is no other species
+    flight = math.sqrt(scene.box.area / scene.particles) / slowest
     diffusion = flight * flight * rate if _is_ordered(scene) else 0.0
     is_hot = scene.velocities.temperature is None
     heavier = 1 + bath_of(scene).mass / scene.mass[0]  # a light tracer forgets its velocity long before its energy
