@@ -233,6 +233,7 @@ def test_a_table_has_a_row_for_each_case_in_the_order_given(runs):
     table = bp.table(result)
     assert table.particles.tolist() == result.particles.values.tolist() == [20, 10]
     assert table.attrs["diffusion_coefficient"] == "length^2/time"
+    np.testing.assert_array_equal(table.diffusion_coefficient, result.diffusion_coefficient[..., 0].values.ravel())
     np.testing.assert_array_equal(table.msd_standard_error, result.msd_standard_error.isel(time=-1).values.ravel())
     assert not table.drifts.any() and (table.diffusive_from == result.diffusive_from.values.ravel()).all()
     assert [*result.data_vars][:3] == ["msd", "diffusion_coefficient", "compressibility"]
@@ -272,10 +273,9 @@ def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
         return simulate(self, scene, seeds, *rest, **options)
 
     monkeypatch.setattr(Engine, "simulate", counted)
-    again = bp.analyse(
-        bp.simulate(SCENE, "2-8", particles=20, quiet=True).sel(seed=range(2, 6)), fit_windows=[(0.1, 1)]
-    )
-    assert made == [6, 7, 8]
+    runs = bp.simulate(SCENE, "2-8", particles=20, quiet=True)
+    again = bp.analyse(runs.sel(seed=range(2, 6)), fit_windows=[(0.1, 1)])
+    assert (made, runs.seed.values.tolist()) == ([6, 7, 8], [*range(2, 9)])
     assert np.array_equal(again.run_msd, result.run_msd.sel(seed=range(2, 6)))
     bp.simulate(SCENE, 1, particles=20, record="all", quiet=True)
     assert made[3:] == [0], "other runs"

@@ -69,13 +69,20 @@ def test_cheapest_that_meets_the_tolerance_comes_first():
 
 
 def test_bias_and_what_is_not_known_of_it_count_as_error(study_file, here, monkeypatch):
-    """Each alone is below the tolerance of 2 %; together they are sqrt(0.015^2 + 0.018^2) = 2.3 %."""
+    """Each alone is below the tolerance of 2 %; together they are sqrt(0.015^2 + 0.018^2) = 2.3 %.
+
+    They are those of the engine's runs relative to exact ones, with D from the first fit window.
+    """
     monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 10)
     values = {"msd_bias": 0.015, "msd_bias_standard_error": 0.018, "msd_spread": 1.0}
-    monkeypatch.setattr(tradeoff, "compare", lambda *_: values)
-    study = read_study(study_file(seeds=5))
+    compared = []
+    monkeypatch.setattr(tradeoff, "compare", lambda *given: compared.append(given) or values)
+    engine = {"name": "timestep", "time_step": 0.01}
+    study = read_study(study_file(seeds=5, engines=engine, fit_windows=[[0.1, 0.4], [0.2, 0.5]]))
     needed = [plan.performance_of(study, "msd", tolerance)[0][0].runs for tolerance in (0.02, 0.03)]
     assert needed == [None, math.ceil((2.26216 / 1.95996) ** 2 / (0.03**2 - 0.018**2 - 0.015**2))]  # Student's, normal
+    asked = {(runs.engine.name, exact.engine.name, window) for runs, exact, window, _ in compared}
+    assert asked == {("timestep", "exact", (0.1, 0.4))}
 
 
 def test_one_engine_for_all_cases_has_the_most_runs_of_any():
@@ -191,12 +198,12 @@ def test_only_engines_of_the_study_are_considered_in_their_order(study_file, her
     monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 20)
     (here / "scenes" / "few.yaml").write_text(SCENE.replace("mass: 1.0", "mass: 5.0"))
     langevin = {"name": "langevin", "friction": "enskog"}
-    for engines in (["exact"], [langevin], [langevin, "exact"]):
-        found, pilots = plan.performance_of(read_study(study_file(seeds="7-9", engines=engines)), "msd", 0.05)
+    for first, engines in ((7, ["exact"]), (9, [langevin]), (5, [langevin, "exact"])):  # some runs are stored
+        found, pilots = plan.performance_of(read_study(study_file(seeds=f"{first}-12", engines=engines)), "msd", 0.05)
         names = [engine if engine == "exact" else "langevin" for engine in engines]
         assert [one.engine.name for one in found] == names
         assert {pilot.runs.engine.name for pilot in pilots} == {"exact", *names}
-        assert all(pilot.runs.seeds.tolist() == [*range(7, 27)] for pilot in pilots)
+        assert all(pilot.runs.seeds.tolist() == [*range(first, first + 20)] for pilot in pilots)
 
 
 @pytest.mark.slow
@@ -270,11 +277,11 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
 
 
 def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, here):
-    path, engine = study_file(seeds=5, figures=["thermodynamics"]), requested("langevin", {"friction": "enskog"})
+    path, engine = study_file(seeds="7-9", figures=["thermodynamics"]), requested("langevin", {"friction": "enskog"})
     keys = read_keys(path, {"particles": 9})
     plan.write_study(read_study(path, {"particles": 9}), keys, "other.yaml", plan.Offer(engine, 20, 1.0), "planned")
     assert "msd" in read_study("other.yaml").figures
-    assert read_study("other.yaml").particles == (9,)
+    assert (read_study("other.yaml").particles, [*read_study("other.yaml").seeds]) == ((9,), [*range(7, 27)])
     assert cli.main(["plan", str(path), "--tolerance", "9%", "--write", "other.yaml"]) == WRONG_REQUEST
 
 

@@ -38,7 +38,8 @@ def finished(tmp_path_factory):
             simulate = ["simulate", str(SCENE), "--particles", "10", "--seeds", seeds]
             assert main([*simulate, "--output", f"{CASE}/{seeds}.h5"]) == DONE
         files = map(str, Path(CASE).iterdir())
-        assert main(["aggregate", *files, "--output", PRODUCTS[0], "--fit-windows", "0.1:1"]) == DONE
+        analysis = ["--fit-windows", "0.1:1", "--ring-width", "0.3", "--rings", "7", "--displacement-times", "0.4,0.7"]
+        assert main(["aggregate", *files, "--output", PRODUCTS[0], *analysis]) == DONE
         words = ["--output", "results/s/figures", "--figures", "msd", "--page", PAGE]
         assert main(["figures", PRODUCTS[0], *words]) == DONE
     return folder
@@ -53,7 +54,7 @@ def test_a_dataset_has_scenes_seeds_engines_options_and_installation(finished):
     assert parse_scene(entry["scene"], "harrison2020.yaml") == read_scene(SCENE, 10)
     assert entry["source_digest"] == read_trajectories(finished / CASE / "0-11.h5").source
     assert entry["command"] == "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
-    options = {"fit_windows": [[0.1, 1.0]], "ring_width": None, "rings": None, "displacement_times": []}
+    options = {"fit_windows": [[0.1, 1.0]], "ring_width": 0.3, "rings": 7, "displacement_times": [0.4, 0.7]}
     assert json.loads(attributes["options"]) == options
     assert attributes["python"] == platform.python_version() and attributes["scipy_version"]
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from brownpipe.engines import Engine, forecast
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
+from brownpipe.provenance import source_digest
 from brownpipe.scene.reading import validated
 from brownpipe.scene.seeds import Seeds, ranges, seed_text
 from brownpipe.storage.store import stored_batches, without
@@ -55,10 +56,7 @@ def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_r
     assert len(set(paths)) == len(paths) == 4
     assert re.fullmatch(r"results/runs/harrison2020/N50/exact-[0-9a-f]{8}/0-29\.h5", paths[0])
     assert paths == [str(file.path) for file in files_of(small(particles=[50], fit_windows=[[0.2, 1]], seeds="0-59"))]
-    energy = {"observables": "species_energy"}
-    others = ({}, energy, energy | {"record": "none"}, {"engines": [ALL_ENGINES[1]]})
-    asked = [{file.path.parent for file in files_of(small(particles=[50], **more))} for more in others]
-    assert len(set.union(*asked)) == sum(map(len, asked)) == 8
+    assert len(commands(small(particles=[50], engines=ALL_ENGINES))) == 8
     namesake = shutil.copy(SCENE, tmp_path / "of_the_same_text.yaml")
     assert len(commands(small(particles=[50], scenes=[str(SCENE), str(namesake)]))) == 2
 
@@ -74,7 +72,10 @@ def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
     chosen = stored_batches(folder, wanted)
     held = [seed for first, last in chosen for seed in range(first, last + 1)]
     assert len(held) == len(set(held))
-    assert sorted([*(seeds & set(held)), *without(wanted, chosen)]) == wanted.tolist()
+    left = without(wanted, chosen)
+    assert sorted([*(seeds & set(held)), *left]) == wanted.tolist()
+    files = [{*range(first, first + more + 1)} for first, more in stored]
+    assert all(file & set(held) for file in files if file & {*left.tolist()})  # each that can be used is
 
 
 def test_title_note_and_panel_concern_the_figures_alone():
@@ -83,25 +84,53 @@ def test_title_note_and_panel_concern_the_figures_alone():
     assert figure_options(small()) == [] and figure_options(small(figures=["msd"])) == ["--figures=msd"]
     masses = small(vary={"disks.tracer.mass": [1, 3]}, panel="disks.tracer.mass")
     assert figure_options(masses) == ["--panel=tracer_mass"]
-    before, after = digests(small()), digests(study)
-    assert {step for step in before if before[step] != after[step]} == {"figures"}
 
 
-OTHERS = {  # keys with another value than in config/small.yaml
-    "scenes": "scenes/harrison2020.yaml", "particles": [50], "vary": {"duration": [1, 2]}, "vary_together": True,
-    "shown_particles": 50, "engines": [{"name": "timestep", "time_step": 0.001}], "seeds": 7, "tolerance": 0.1,
-    "target": "d", "record": "none", "observables": "species_energy", "average": "origins", "title": "A", "note": "B",
-    "figures": "msd", "panel": "scene", "displacement_times": [0.5], "fit_windows": [[0.2, 1]],
-    "rings": {"dr": 0.1, "count": 9}, "instead_of": {"harrison2020": "harrison2020_thermal"},
+ALL = {"runs", "plan", "aggregate", "figures", "tradeoff", "tradeoff_figures"}
+LATER, ANALYSIS, FIGURE = ALL - {"runs"}, {"aggregate", "figures"}, {"figures"}
+TRADEOFF = {"tradeoff", "tradeoff_figures"}
+OTHERS = {  # keys with another value than in config/small.yaml, and what is made from it
+    "scenes": ("scenes/harrison2020.yaml", ALL), "particles": ([50], ALL), "vary": ({"duration": [1, 2]}, ALL),
+    "vary_together": (True, ANALYSIS), "shown_particles": (50, FIGURE), "seeds": (7, LATER), "tolerance": (0.1, LATER),
+    "engines": ([{"name": "timestep", "time_step": 0.001}], ALL), "target": ("d", LATER), "batch": (7, set()),
+    "record": ("none", ALL), "observables": ("species_energy", ALL), "average": ("origins", ALL),
+    "title": ("A", FIGURE), "note": ("B", FIGURE), "figures": ("msd", FIGURE), "panel": ("scene", FIGURE),
+    "displacement_times": ([0.5], ANALYSIS), "rings": ({"dr": 0.1, "count": 9}, ANALYSIS), "allow_failed": (7, set()),
+    "fit_windows": ([[0.2, 1], [0.5, 1]], LATER), "instead_of": ({"harrison2020": "harrison2020_thermal"}, TRADEOFF),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("key", [key for key in Study.model_fields if key not in ("batch", "allow_failed")])
-def test_every_key_decides_runs_or_a_later_step(key):
-    """But for those that results do not depend on."""
-    before, replaced = small(), {key: OTHERS[key]}
+def made_from(study):
+    return digests(study) | {"runs": commands(study).keys()}
+
+
+def due(before, after):
+    return {step for step in before if before[step] != after[step]}
+
+
+@pytest.mark.parametrize("key", Study.model_fields)
+def test_each_key_makes_the_steps_due_that_are_made_from_it_and_no_others(key):
+    value, expected = OTHERS[key]
+    before, replaced = small(), {key: value}
     after = before.model_copy(update=replaced) if key == "average" else small(**replaced)  # these scenes have none
-    assert (commands(before).keys(), digests(before)) != (commands(after).keys(), digests(after))
+    assert due(made_from(before), made_from(after)) == expected
+    if key == "fit_windows":  # the first one is that of plans; a dataset says if windows were asked for
+        assert due(made_from(before), made_from(small(fit_windows=[[0.1, 1], [0.4, 1]]))) == ANALYSIS
+        unasked = small(fit_windows=None)
+        assert due(made_from(unasked), made_from(small(fit_windows=unasked.fit_windows))) == ANALYSIS
+
+
+DRAWINGS = {"figures", "tradeoff_figures"}
+SOURCES = {"simulate": ALL, "aggregate": ANALYSIS, "tradeoff": LATER - ANALYSIS, "figures": DRAWINGS}
+
+
+@pytest.mark.parametrize("changed", SOURCES)
+def test_a_changed_source_makes_its_step_due_and_all_after_it(monkeypatch, changed):
+    before = made_from(small())
+    for module in ("storage.store", "study.run_sets"):
+        digest = lambda step, *_: "changed" if step == changed else source_digest(step, *_)  # noqa: E731
+        monkeypatch.setattr(f"brownpipe.{module}.source_digest", digest)
+    assert due(before, made_from(small())) == SOURCES[changed]
 
 
 @pytest.mark.parametrize(("figure", "observables"), [("thermodynamics", []), ("energy", "species_energy")])
@@ -161,34 +190,13 @@ def replaced(*entries):
     return read_study(CONFIG / "small.yaml", from_command_line(parse_config(entries)))
 
 
-@pytest.mark.parametrize(
-    ("entry", "key", "value"),
-    [
-        ("seeds=[0-1,17]", "seeds", (0, 1, 17)),
-        ("figures=[msd, health]", "figures", ("msd", "health")),
-        ("rings={dr: 0.04, count: 24}", "rings", Rings(dr=0.04, count=24)),
-        (
-            "instead_of={harrison2020: harrison2020_thermal}",
-            "instead_of",
-            {"harrison2020": ("harrison2020_thermal",)},
-        ),
-    ],
-)
-def test_replaced_keys(entry, key, value):
-    assert getattr(replaced(entry), key) == value
-
-
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ("particles=[150,x]", "particles[1]: must be a valid integer, not 'x'"),
-        ("duration=2", "duration: unknown key; allowed: scenes, "),
-    ],
-)
-def test_replaced_keys_are_refused_in_words(entry, message):
+def test_replaced_keys():
+    study = replaced("seeds=[0-1,17]", "figures=[msd, health]", "rings={dr: 0.04, count: 24}")
+    assert (study.seeds, study.figures, study.rings) == ((0, 1, 17), ("msd", "health"), Rings(dr=0.04, count=24))
     with pytest.raises(RequestError) as refusal:
-        replaced(entry)
-    assert str(refusal.value).startswith(f"{CONFIG / 'small.yaml'} (replaced): {message}")
+        replaced("particles=[150,x]")
+    where = f"{CONFIG / 'small.yaml'} (replaced): particles[1]"
+    assert str(refusal.value) == f"{where}: must be a valid integer, not 'x'"
 
 
 def test_seeds_and_tolerance_replace_each_other(tmp_path):
@@ -197,8 +205,6 @@ def test_seeds_and_tolerance_replace_each_other(tmp_path):
     (tmp_path / "study.yaml").write_text(f"scenes: {SCENE}\ntolerance: 2%\ntarget: d\n")
     study = read_study(tmp_path / "study.yaml", {"seeds": 3})
     assert (study.tolerance, study.seeds) == (None, range(3))
-    with pytest.raises(RequestError, match="seeds: must be given, or a tolerance in their place; not both"):
-        replaced("tolerance=2%", "seeds=3")
 
 
 # -- seeds ---

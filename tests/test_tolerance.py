@@ -33,7 +33,7 @@ sys.exit(main())
 """  # runs are timed for a tenth of the usual time: how precisely is not tested here
 BROWNPIPE = """\
 #!/bin/bash
-if [ $1 = tradeoff ]; then exec {} -c '{}' "$@"; fi
+if [ $1 = tradeoff ]; then exec {} -c '{}' "$@" --fit-window 0.2:0.9; fi
 exec {} "$@"
 """
 pytestmark = pytest.mark.slow
@@ -82,6 +82,7 @@ def test_seeds_are_as_many_as_the_tolerance_needs(finished):
     assert plan["runs"] == max(plan["needed"].values()) and set(plan["needed"]) == {"full, N = 12", "half, N = 6"}
     measured = read_dataset(made / "tradeoff" / "study.nc").sel(scene="full_N12")
     assert [int(n) for n in measured.runs.sel(setting=["exact", "langevin-boltzmann"])] == [plan["runs"], 300]
+    assert (measured.window_start.item(), measured.window_end.item()) == (0.2, 0.9)
     # r^2 of one run scatters by s, and 20 % were asked for; the pilot's s and this one are known to some 20 % together
     achieved = float(measured.msd_spread.sel(setting="exact")) / np.sqrt(plan["runs"])
     assert achieved == pytest.approx(0.2, rel=0.6)

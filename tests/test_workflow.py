@@ -167,8 +167,6 @@ CHANGES = (
     ("scenes/hot.yaml", "mass: 0.4", "mass: 0.5", HALF),
     ("study.yaml", "seeds: 10", "seeds: 20", ALL),  # the second batch of each case
     ("study.yaml", "seeds: 10", "seeds: 7", ANALYSIS),
-    ("study.yaml", "seeds: 10", "seeds: 10\nfit_windows: [[0.2, 1.0]]", ANALYSIS),
-    ("study.yaml", "seeds: 10", "seeds: 10\nobservables: [square_displacement]", ALL),
     ("results/runs/hot/N8/*/0-9.h5", "", "deleted", ONE),
     ("results/study/aggregate/study.nc", "", "deleted", ANALYSIS),
 )
