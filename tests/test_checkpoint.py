@@ -172,10 +172,11 @@ SCENE = """
 box: {x: [0.0, 3.0], y: [0.0, 3.0], boundary: reflecting}
 particles: 24
 disks: {species: [{name: bath, count: rest, radius: 0.2, mass: 1.0}]}
-velocities: {standard_deviation: 1.0}
+velocities: {temperature: 1.0}
+equilibrate: 1.0
 duration: DURATION
 """
-ASKED = ["--seeds", "3-5", "--record", "tracer,events", "--output", "x.h5"]
+ASKED = ["--seeds", "3-5", "--record", "tracer,events", "--observables", "square_displacement", "--output", "x.h5"]
 KEPT = Path("x.h5.checkpoint")
 
 
@@ -261,7 +262,8 @@ def test_killed_at_any_moment():
     [
         ("--seeds", "3-6", "seeds 3-5, not 3-6"),
         ("--record", "all,events", "record events,tracer, not all,events,tracer"),
-        ("--observables", "species_energy", "observables none, not species_energy"),
+        ("--observables", "species_energy", "observables square_displacement, not species_energy"),
+        ("--average", "disks", "average runs, not disks"),
         ("scene", "71.0", "scene "),
         ("source", "0" * 64, "source "),
         ("numba", "0.0.1", f"numba {version('numba')}, not 0.0.1"),

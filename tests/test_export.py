@@ -242,7 +242,6 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
     asked = {
         "tracer.h5: holds no whole runs; brownpipe simulate SCENE --record all makes some": (tracer, "gsd"),
         "walled.h5: holds no run of seed 17; must be of 3,8": (walled, "csv", "--seed", 17),
-        "tracer.h5: holds no run of seed 17; must be of 1": (tracer, "csv", "--seed", 17),
         "empty.h5: holds no whole runs; brownpipe simulate SCENE --record all makes some": (empty, "csv"),
         "bare.h5: holds no whole runs": (bare, "csv"),
         "run.xyz: the output must end in .gsd, not '.xyz'": (walled, "gsd", "--output", "run.xyz"),

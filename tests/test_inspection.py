@@ -142,6 +142,7 @@ def test_all_variables_with_units_and_meaning(dataset, said):
 def test_the_command_in_a_file_works_with_that_file_alone(name, folder, said):
     path = folder / f"{name}.h5"
     simulate = shlex.split(read_trajectories(path).header["command"])[1:]
+    assert {*MADE[name][1:]} <= {*simulate}
     Path(simulate[1]).write_text(said("inspect", path, "--scene")[1])
     assert read_scene(simulate[1]).digest == read_trajectories(path).scene.digest
     assert main([*simulate, "--output", "again.h5"]) == DONE

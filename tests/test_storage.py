@@ -126,7 +126,6 @@ def test_xarray_shows_the_tree_of_brownpipe(engine, full):
             assert all({"units", "long_name"} <= variable.attrs.keys() for variable in shown.values())
             assert shown.keys() - node.to_dataset().variables.keys() <= {"unwrapped", "box_size", "failed"}
     assert runs.image.dims == ("time", "seed", "component")
-    assert runs.disks.velocity.dims == ("time", "seed", "disk", "component")
     assert runs.events.impulse.dims == ("event", "component")
     assert np.array_equal(runs.position.sel(seed=7), read_trajectories(full).ensemble.tracer.position[:, 3])
 

@@ -127,11 +127,14 @@ def test_the_dataset_of_a_study_is_that_of_python_and_each_part_that_of_its_scen
 def test_packing_fractions_of_several_numbers_of_disks_have_boxes_of_their_own(folder):
     """A finite-size study at given densities, from a scene in whose own box 100 disks would not fit."""
     Path("fluid.yaml").write_text(yaml.safe_dump(FLUID).replace("count: 15", "count: rest"))
-    write_study(vary={PHI: [0.1, 0.2], "velocities.temperature": [1.0, 1.5]}, vary_together=True, particles=[16, 100])
+    vary, energy = {PHI: [0.1, 0.2], "velocities.temperature": [1.0, 1.5]}, {"observables": "species_energy"}
+    write_study(vary=vary, vary_together=True, particles=[16, 100], **energy)
     study = read_study("study.yaml")
     dataset = dataset_of(study)
     assert dict(dataset.sizes).items() >= {"scene": 1, "packing_fraction": 2, "particles": 2}.items()
     assert dataset.temperature.dims == ("packing_fraction",) and json.loads(dataset.options)["fit_windows"] is None
+    scanned = bp.scan("fluid.yaml", vary, 6, 16, together=True, quiet=True, **energy)
+    xarray.testing.assert_equal(dataset.species_energy.sel(particles=[16]), scanned.species_energy)
     scenes = {one["scene_digest"]: one["scene"] for one in json.loads(dataset.made_from)}
     for phi, count in [(0.1, 100), (0.2, 16)]:
         (case,) = (case for case in study.cases if f",{PHI}={phi}," in case.name and case.particles == count)
@@ -161,7 +164,9 @@ def test_a_scan_refuses_a_scene_before_any_is_run(monkeypatch):
 
 def test_a_varied_number_of_disks_is_the_axis_of_one_series():
     vary = {"disks.species.bath.count": [5, 10], PHI: [0.1, 0.2]}
-    cases = cases_of(bp.scan(bp.Scene(**FLUID), vary, seeds=2, quiet=True))
+    result = bp.scan(bp.Scene(**FLUID), vary, seeds=2, quiet=True)
+    assert len(bp.plot(result, panel=PHI).axes) == 2 * len(bp.plot(result).axes)
+    cases = cases_of(result)
     assert [len(series) for series in series_of(cases, "bath_count").values()] == [2, 2]
 
 
