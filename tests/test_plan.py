@@ -187,7 +187,7 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file,
     assert f"exact: {runs:,} runs" in said and "0 pilot runs made" in said
     assert files_of(read_study("planned.yaml"))[0].path == file
     others = ["--tolerance", "9%", "--target", "d", "--config", "particles=9", "--write", "other.yaml"]
-    assert cli.main(["plan", str(path), *others]) == DONE and "d to 9 %:" in capsys.readouterr().out
+    assert cli.main(["plan", str(path), *others]) == DONE and "\nd to 9 %:" in capsys.readouterr().out
     assert read_study("other.yaml").particles == (9,) and Path("results/runs/few/N9").is_dir()
 
 
