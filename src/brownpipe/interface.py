@@ -35,7 +35,7 @@ from brownpipe.provenance import source_digest
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene import parse_scene
 from brownpipe.scene import read_scene as scene_of_file
-from brownpipe.scene.reading import AtLeastOne, Positive, did_you_mean, plain, validated
+from brownpipe.scene.reading import AtLeastOne, Positive, did_you_mean, plain, read_yaml, validated
 from brownpipe.scene.seeds import Seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
 from brownpipe.storage.datasets import read_contents, read_dataset, write_dataset
@@ -205,10 +205,13 @@ def scan(
 
     Each key is a dimension: `result.diffusion_coefficient.sel(tracer_mass=10)`. Raises what `simulate` does.
     """
-    base = _scene(scene, particles)
+    if isinstance(scene, SceneRecord):
+        name, mapping, where = scene.name, _scene(scene, particles).given, "scene"
+    else:  # the file's own box may be too small for its disks, if a packing fraction is varied
+        name, mapping, where = None, read_yaml(validated(Path, scene, key="scene")), str(scene)
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
-    scenes = [scene_with(base.given, "scene", one, name=base.name) for one in combinations(values, together)]
+    scenes = [scene_with(mapping, where, one, plain(particles), name) for one in combinations(values, together)]
     options = {key: [*one] if isinstance(one, Iterator) else one for key, one in options.items()}
     for one in scenes:
         _requested({**simulate.__kwdefaults__, **options, "scene": one, "seeds": seeds})

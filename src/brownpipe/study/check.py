@@ -38,7 +38,7 @@ def _scene(scene: Scene) -> list[str]:
         "run": f"from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
         "diffusion": f"from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)" if start > 0 else None,
         "collisions": f"{cost.pair_collisions:,.0f} between disks, {cost.wall_collisions:,.0f} with walls per run"
-        f" ({theory}, in equilibrium)",
+        f"{' and its equilibration' if scene.equilibrate.time else ''} ({theory}, in equilibrium)",
         "cost": f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.recorded)} of file per run"
         f" of the exact engine; {in_bytes(forecast.memory(cost, 1))} of memory",
     }
