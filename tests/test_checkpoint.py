@@ -18,23 +18,14 @@ from brownpipe.engines import Engine
 from brownpipe.engines.exact.simulation import NO_CHECKPOINTS, Checkpoints, simulate
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
-from brownpipe.scene import parse_scene
 from brownpipe.storage.files import read_checkpoint, write_checkpoint
 from brownpipe.storage.trajectories import write_trajectories
 from test_exact import swarm
+from test_timestep import make
 
 SEEDS = [8, 9, 10]  # as texts 10 is the first
 W, P = "reflecting", "periodic"
 TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
-
-
-def make(boundary, size, kinds, duration, tracer=None, placement="random", **more):
-    """A scene of species from (count, radius, mass) each, perhaps around the note's tracer."""
-    species = [{"name": f"s{j}", "count": n, "radius": r, "mass": m} for j, (n, r, m) in enumerate(kinds)]
-    disks = {"species": species, "placement": placement} | ({} if tracer is None else {"tracer": tracer})
-    box = {side: [-length / 2, length / 2] for side, length in zip("xy", size, strict=True)} | {"boundary": boundary}
-    mapping = {"box": box, "disks": disks, "velocities": {"standard_deviation": 1.0}, "duration": duration}
-    return parse_scene(mapping | more, "made.yaml")
 
 
 def around_tracer(boundary, duration, **more):
@@ -209,26 +200,20 @@ def kept(of_early_end):
     return of_early_end
 
 
-def said(capsys, *argv):
-    """Exit status, and what is on standard error."""
-    status = main(["simulate", "some.yaml", *argv])
-    return status, re.sub("^brownpipe: (compiling|waiting) .*\n", "", capsys.readouterr().err, flags=re.MULTILINE)
-
-
 @pytest.mark.slow
-def test_the_interval_changes_nothing_and_nothing_is_left(kept, capsys):
+def test_the_interval_changes_nothing_and_nothing_is_left(kept, said):
     Path("x.h5.checkpoint.brownpipe.part").write_bytes(b"of a process that was killed while it wrote")
-    assert said(capsys, *ASKED, "--checkpoint-every", "1e6") == (DONE, "")
+    assert said("simulate", "some.yaml", *ASKED, "--checkpoint-every", "1e6")[::2] == (DONE, "")
     first = Path("x.h5").read_bytes()
     assert sorted(os.listdir()) == ["some.yaml", "x.h5"]
     for more in ([], ["--checkpoint-every", "1e-9"], ["--checkpoint-every", "0.01"]):
-        assert said(capsys, *ASKED, *more) == (DONE, "")
+        assert said("simulate", "some.yaml", *ASKED, *more)[::2] == (DONE, "")
         assert Path("x.h5").read_bytes() == first
         assert sorted(os.listdir()) == ["some.yaml", "x.h5"]
 
 
-def test_without_the_option_a_checkpoint_is_left_alone(kept, capsys):
-    assert said(capsys, *ASKED) == (DONE, "")
+def test_without_the_option_a_checkpoint_is_left_alone(kept, said):
+    assert said("simulate", "some.yaml", *ASKED)[::2] == (DONE, "")
     assert KEPT.read_bytes() == kept
 
 
@@ -269,7 +254,7 @@ def test_killed_at_any_moment():
         ("numba", "0.0.1", f"numba {version('numba')}, not 0.0.1"),
     ],
 )
-def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monkeypatch):
+def test_a_checkpoint_of_another_run(option, value, message, kept, said, monkeypatch):
     asked = [*ASKED, "--checkpoint-every", "60"]
     if option == "scene":
         Path("some.yaml").write_text(SCENE.replace("DURATION", value))
@@ -280,7 +265,7 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
         )
     else:
         asked += [option, value]
-    status, err = said(capsys, *asked)
+    status, err = said("simulate", "some.yaml", *asked)[::2]
     assert status == WRONG_REQUEST
     assert err.startswith(f"brownpipe: x.h5.checkpoint: is of a run with {message}")
     assert err.endswith("; repeat that command, delete this file to begin anew, or choose another --output\n")
@@ -290,7 +275,7 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, capsys, monke
 
 
 @pytest.mark.slow
-def test_a_damaged_checkpoint(kept, capsys):
+def test_a_damaged_checkpoint(kept, said):
     damaged = [kept[: len(kept) // 2], kept[:-1], b"", kept + b"\0"]
     for bit in np.random.default_rng(3).integers(0, 8 * len(kept), 20).tolist():
         flipped = bytearray(kept)
@@ -298,7 +283,7 @@ def test_a_damaged_checkpoint(kept, capsys):
         damaged.append(bytes(flipped))
     for contents in damaged:
         KEPT.write_bytes(contents)
-        status, err = said(capsys, *ASKED, "--checkpoint-every", "60")
+        status, err = said("simulate", "some.yaml", *ASKED, "--checkpoint-every", "60")[::2]
         assert status == FAILED
         assert re.fullmatch(r"brownpipe: x\.h5\.checkpoint: [^\n]* delete it and run [^\n]* again\n", err)
         assert not Path("x.h5").exists()

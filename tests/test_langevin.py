@@ -96,10 +96,7 @@ def one_step(dt, gamma, square_speed):
     return matrix, noise_on @ noise_on.T
 
 
-X = [0.0, 1e-9, 1e-4, 0.03, 0.0999, 0.1, 0.3, 2.0, 30.0, 800.0]
-
-
-@pytest.mark.parametrize("x", X)
+@pytest.mark.parametrize("x", [0.0, 1e-9, 1e-4, 0.03, 0.0999, 0.1, 0.3, 2.0, 30.0, 800.0])
 def test_a_step_has_the_moments_of_the_langevin_equation(x):
     """To 1e-12, for gamma dt = x: those of a start at rest and those that a first velocity adds."""
     gamma, square_speed = 3.0, 1.6
@@ -109,16 +106,6 @@ def test_a_step_has_the_moments_of_the_langevin_equation(x):
     expected = [[msd, square_speed / gamma * (1 - decay) ** 2], [0, -square_speed * math.expm1(-2 * x)]]
     assert np.allclose(np.triu(covariance), expected, rtol=1e-12, atol=1e-22)
     assert np.allclose(matrix, [[1.0, -math.expm1(-x) / gamma], [0.0, decay]], rtol=1e-14, atol=0)
-
-
-@pytest.mark.parametrize("x", X)
-def test_two_steps_are_one(x):
-    """No error of the step: the law of a path does not depend on where it is sampled."""
-    gamma, square_speed = 3.0, 1.6
-    (first, one), (then, two) = (one_step(part * x / gamma, gamma, square_speed) for part in (0.3, 0.7))
-    matrix, covariance = one_step(x / gamma, gamma, square_speed)
-    assert np.allclose(then @ first, matrix, rtol=1e-14, atol=1e-300)
-    assert np.allclose(then @ one @ then.T + two, covariance, rtol=1e-11, atol=1e-22)
 
 
 def free_path(gamma, square_speed, times, start, seed=1):

@@ -5,7 +5,7 @@ import pytest
 
 from brownpipe.analysis import aggregate
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import Ensemble, Track
+from brownpipe.engines.ensemble import Ensemble, Track, select
 from brownpipe.errors import AnalysisError
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_scene, walk
@@ -24,19 +24,12 @@ def everything():
     return Ensemble(SEEDS, SCENE.times, Track(walk(rng, SCENE.times, n), None, None), observables, {}, {}, {}, {})
 
 
-def part(ensemble, rows):
-    """Some of the runs."""
-    observables = {name: values[rows] for name, values in ensemble.observables.items()}
-    tracer = Track(ensemble.tracer.position[:, rows], None, None)
-    return ensemble._replace(seeds=ensemble.seeds[rows], tracer=tracer, observables=observables)
-
-
 def written(folder, ensemble, batches):
     """Files of the runs in the given rows."""
     folder.mkdir()
     paths = [folder / f"{k}.h5" for k in range(len(batches))]
     for path, rows in zip(paths, batches, strict=True):
-        write_trajectories(path, SCENE, Engine("exact"), part(ensemble, rows))
+        write_trajectories(path, SCENE, Engine("exact"), select(ensemble, rows))
     return paths
 
 
@@ -56,7 +49,7 @@ def test_the_layout_of_files_does_not_matter(everything, tmp_path):
 @pytest.mark.slow
 def test_files_with_other_observables_are_refused(everything, tmp_path):
     paths = written(tmp_path / "batches", everything, BATCHES)
-    more = part(everything, np.arange(405, 410))
+    more = select(everything, np.arange(405, 410))
     more = more._replace(observables=more.observables | {"virial": more.seeds * 1.0})
     write_trajectories(paths[-1], SCENE, Engine("exact"), more)
     with pytest.raises(AnalysisError, match=r"5\.h5: has other observables than .*0\.h5 \(virial\)"):

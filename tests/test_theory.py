@@ -80,11 +80,6 @@ def test_diffusion_from_the_msd_in_the_square():
     assert np.isnan(theory.reflecting_square_diffusion(0.0, 1.3, 2.7))
 
 
-def test_rings_and_overflow_share_out_all_runs():
-    edges = np.append(np.arange(25) * 0.04, np.inf)
-    assert theory.ring_probability(edges[:-1], edges[1:], 1.0, 0.249).sum() == pytest.approx(1.0, abs=1e-14)
-
-
 def test_ring_probability_is_the_integral_of_the_propagator():
     expected = integral(lambda r: propagator(r, 2.0, 0.3) * 2 * np.pi * r, 0.5, 0.9)
     assert theory.ring_probability(0.5, 0.9, 2.0, 0.3) == pytest.approx(expected, rel=1e-8)
@@ -98,19 +93,6 @@ def test_reflecting_square_starts_free_and_ends_uniform():
     assert theory.reflecting_square_msd(1e-9, 0.3, 2.7) == pytest.approx(4 * 0.3 * 1e-9, rel=1e-14)
     assert theory.reflecting_square_msd(1e6, 0.3, 2.7) == pytest.approx(2 * 2.7**2 / 3, rel=1e-14)
     assert theory.reflecting_square_msd(0.0, 0.3, 2.7) == 0.0
-
-
-def test_reflecting_square_has_no_seam():
-    below, above = theory.reflecting_square_msd(np.array([0.0067999999, 0.0068000001]), 1.0, 1.0)
-    assert above - below == pytest.approx(4 * 2e-10, rel=1e-5)
-
-
-def test_reflecting_square_against_folded_gaussians():
-    """A reflected path is a free path folded back into the box."""
-    rng, t, diffusion, a = np.random.default_rng(11), 2.0, 0.9, 1.5
-    free = rng.normal(0.0, np.sqrt(2 * diffusion * t), (400_000, 2))
-    folded = np.abs((free + a) % (4 * a) - 2 * a) - a
-    assert_mean((folded**2).sum(axis=1), theory.reflecting_square_msd(t, diffusion, a))
 
 
 # --- Enskog
@@ -161,14 +143,6 @@ def test_mean_root_of_a_chi_square():
     assert theory.mean_root_chi_square(2_000_000) == pytest.approx(1 - 1 / 8e6, abs=1e-8)
 
 
-def test_diffusion_of_equal_disks():
-    """D_E = kT/zeta with zeta = 2 mu times the collision rate."""
-    n, s, chi, m, mu, temperature = 0.6, 0.9, 1.4, 3.0, 1.5, 1.7
-    zeta = theory.enskog_friction(n, s, chi, theory.reduced_mass(m, m), temperature)
-    assert zeta == pytest.approx(2 * mu * theory.collision_rate(n, s, chi, mu, temperature), rel=1e-14)
-    assert temperature / zeta == pytest.approx(np.sqrt(temperature / (np.pi * m)) / (2 * n * s * chi), rel=1e-14)
-
-
 # --- two sizes of disks
 
 
@@ -201,19 +175,6 @@ def test_collisions_of_a_mixture_balance():
 
 
 # --- an ideal gas around a disk in a box
-
-
-@pytest.mark.parametrize("at", [(0.0, 0.0), (0.9, -0.3), (1.5, 0.2), (1.7, -0.8), (-0.4, 2.0)])
-def test_area_of_a_disk_in_a_rectangle_against_random_points(at):
-    """400,000 points, from within the smallest disk to beyond the farthest corner; the last three centres are outside
-    or on the side."""
-    rng, size, runs = np.random.default_rng(21), np.array([3.0, 1.0]), 400_000
-    distance = np.hypot(*((rng.random((runs, 2)) - 0.5) * size - at).T)
-    r = np.linspace(0.0, 4.2, 22)
-    share = theory.disk_area_in_rectangle(r, *at, *size) / size.prod()
-    within = np.count_nonzero(distance[:, None] < r, axis=0)
-    assert (np.abs(within - runs * share) <= SIGMAS * np.sqrt(runs * share * (1 - share).clip(0)) + 1).all()
-    assert share[0] == 0 and share[-1] == pytest.approx(1.0, rel=1e-14)
 
 
 def test_area_of_a_disk_within_and_around_a_rectangle():

@@ -23,11 +23,11 @@ EPSILON = np.finfo(float).eps
 
 
 def make(boundary, side, kinds, duration, tracer=None, **more):
-    """A scene of species from (count, radius, mass) each, on a square around the origin."""
-    half = side / 2
+    """A scene of species from (count, radius, mass) each, in a box, perhaps a square, around the origin."""
+    x, y = (np.broadcast_to(side, 2) / 2).tolist()
     disks = {"species": [{"name": f"s{j}", "count": n, "radius": r, "mass": m} for j, (n, r, m) in enumerate(kinds)]}
     disks |= {"placement": more.pop("placement", "random")} | ({} if tracer is None else {"tracer": tracer})
-    mapping = {"box": {"x": [-half, half], "y": [-half, half], "boundary": boundary}, "disks": disks}
+    mapping = {"box": {"x": [-x, x], "y": [-y, y], "boundary": boundary}, "disks": disks}
     mapping |= {"duration": duration, "velocities": {"standard_deviation": 1.0}}
     return parse_scene(mapping | more, "made.yaml")
 
@@ -397,6 +397,7 @@ def test_bad_settings_are_refused_in_one_line(time_step, more, message):
     with pytest.raises(RequestError, match=message) as refused:
         timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=time_step, **more)
     assert "\n" not in str(refused.value)
+    assert largest_step(SCENES["big"]) == pytest.approx(0.1 / math.sqrt(2 * 46 / 41))  # of the smallest disks
 
 
 # -- departure ------------------------------------------------------------------------------------------------------
