@@ -146,22 +146,10 @@ def test_largest_deviation_near_contact():
 # -- the front ------------------------------------------------------------------------------------------------------
 
 
-def test_cheap_and_biased_pays_until_exact_is_as_good():
-    exact, fast = MeasuredSetting("exact", 0.0, 1.0, 1e-3), MeasuredSetting("fast", 0.02**2, 1.0, 1e-4)
-    intervals = front.pareto_front([exact, fast, MeasuredSetting("dear", 0.01**2, 1.0, 2e-3)])
-    crossing = (1e-3 - 1e-4) / 0.02**2  # where 1/n of exact runs = bias^2 + 1/n of fast ones
-    assert [(one.label, one.start, one.end) for one in intervals] == [
-        ("fast", pytest.approx(1e-3), pytest.approx(crossing)),
-        ("exact", pytest.approx(crossing), np.inf),
-    ]
-    assert front.total_error(fast, 1e-4 * 400) == pytest.approx(math.hypot(0.02, 1 / 20))
-    assert np.isnan(front.total_error(fast, 9e-4))
-
-
 def test_front_is_the_smallest_error_at_every_time():
     rng = np.random.default_rng(5)
     settings = [MeasuredSetting("exact", 0.0, 1.0, 0.01)]
-    settings += [MeasuredSetting(f"{k}", b**2, 1.0, c) for k, (b, c) in enumerate(rng.lognormal(-5, 2, (12, 2)))]
+    settings += [MeasuredSetting(f"{k}", b**2, 1 + k / 9, c) for k, (b, c) in enumerate(rng.lognormal(-5, 2, (12, 2)))]
     intervals = front.pareto_front(settings)
     by_label = {one.label: one for one in settings}
     assert intervals[-1].end == np.inf and all(a.end == b.start for a, b in pairwise(intervals))
@@ -169,6 +157,9 @@ def test_front_is_the_smallest_error_at_every_time():
         (best,) = [one.label for one in intervals if one.start <= time < one.end]
         errors = [front.total_error(one, time) for one in settings]
         assert front.total_error(by_label[best], time) == pytest.approx(np.nanmin(errors))
+    fast = MeasuredSetting("fast", 0.02**2, 1.0, 1e-4)
+    assert front.total_error(fast, 1e-4 * 400) == pytest.approx(math.hypot(0.02, 1 / 20))
+    assert np.isnan(front.total_error(fast, 9e-4))
 
 
 def test_runs_for_a_tolerance():
@@ -181,7 +172,7 @@ def test_runs_for_a_tolerance():
 # -- from trajectory files to a dataset -----------------------------------------------------------------------------
 
 STEP = {"time_step": 0.01, "collisions": "at_contact"}
-FAST = "timestep-0.01"
+FAST, STAND_IN, SETTING = "timestep-0.01", "exact in small_N10", ("scene", "setting")
 COSTS = {"exact": 1e-3, FAST: 2e-4}
 
 
@@ -221,10 +212,15 @@ def test_bias_of_paired_runs_is_found_to_the_last_digits(measured):
     assert one.msd_bias_standard_error < 0.2 * float(one.msd_spread) / math.sqrt(199)
     assert one.d_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.d_bias_standard_error))
     assert one.departure_time == pytest.approx(0.05)  # the first sample
+    runs = make_runs(make_scene("full"), range(400)).ensemble
+    square, overlap = (runs.tracer.position[-1] ** 2).sum(axis=1), runs.observables["worst_overlap"]
+    spread = 1.05**2 * np.delete(square[:200], 11).std(ddof=1) / np.delete(square, 7).mean()  # over the exact mean
+    assert one.msd_spread == pytest.approx(spread, rel=1e-12)
+    assert one.worst_overlap == np.delete(overlap[:200], 11).max()
 
 
 def test_stand_in_is_compared_unpaired(measured):
-    one = measured.sel(scene="full_N20", setting="exact in small_N10")
+    one = measured.sel(scene="full_N20", setting=STAND_IN)
     assert (one.runs, one.paired_runs) == (300, 0) and np.isnan(one.departure_time)
     assert abs(one.msd_bias) < 4 * one.msd_bias_standard_error
     assert one.msd_bias_standard_error == pytest.approx(math.sqrt(1 / 300 + 1 / 399), rel=0.2)
@@ -242,7 +238,7 @@ def test_exact_runs_are_off_by_nothing(measured):
 def test_what_pays_is_the_front_of_the_settings(measured):
     for name, careful in (("pays", True), ("may_pay", False)):
         settings = front.settings_of(measured, "full_N20", careful=careful)
-        assert [one.label for one in settings] == ["exact", FAST, "exact in small_N10"]
+        assert [one.label for one in settings] == ["exact", FAST, STAND_IN]
         intervals = {one.label: one for one in front.pareto_front(settings)}
         for one in settings:
             found = measured.sel(scene="full_N20", setting=one.label)
@@ -250,8 +246,13 @@ def test_what_pays_is_the_front_of_the_settings(measured):
             times = [float(found[f"{name}_{end}"]) for end in ("from", "to")]
             assert times == pytest.approx([interval.start, interval.end], nan_ok=True)
     # the stand-in is cheaper and its bias not resolved: it may pay in the end, and is not known to
-    small = measured.sel(scene="full_N20", setting="exact in small_N10")
+    small = measured.sel(scene="full_N20", setting=STAND_IN)
     assert np.isnan(small.pays_to) and small.may_pay_to == np.inf
+    times = [f"{name}_{end}" for name in ("pays", "may_pay") for end in ("from", "to")]
+    ranges = {"cost_ratio_low": measured.cost_ratio / 2, "cost_ratio_high": measured.cost_ratio * 3}
+    again = dataset._with_front(measured.assign(ranges | {name: np.nan * measured[name] for name in times}))
+    for name in times:  # the lower cost ratio counts
+        assert np.allclose(again[name], measured[name] / (2 if name.startswith("may") else 1), equal_nan=True)
 
 
 @pytest.mark.slow
@@ -353,3 +354,49 @@ def test_every_line_has_its_name_beside_it(measured, count):
         assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0 and box.y1 <= figure.bbox.y1
     ends, places = ([getattr(one, name)[1] for one in named] for name in ("xy", "xyann"))
     assert np.argsort(ends, kind="stable").tolist() == np.argsort(places, kind="stable").tolist()
+
+
+def test_lines_are_the_errors_bold_on_the_front_and_dotted_below_the_bound(measured):
+    """The front with unresolved biases at their bounds; that of the stand-in is the lower one."""
+    wide = measured.assign(msd_bias_low=measured.msd_bias_low.where(measured.setting != STAND_IN, -0.3))
+    (axes,) = drawing.draw(wide, "full_N20").axes
+    intervals = front.pareto_front(front.settings_of(wide, "full_N20", careful=True))
+    assert [one.label for one in intervals] == [FAST, "exact"]
+    for k, setting in enumerate(front.settings_of(wide, "full_N20")):
+        times, below = axes.lines[3 * k].get_xdata(), 0.3 if setting.label == STAND_IN else 0.0
+        error = front.total_error(setting, times)
+        (bold,) = [(times >= one.start) & (times <= one.end) for one in intervals if one.label == setting.label] or [0]
+        for line, shown in zip(axes.lines[3 * k :], (~(error < below), error < below, bold), strict=False):
+            assert np.array_equal(line.get_ydata(), np.where(shown, error, np.nan), equal_nan=True)
+
+
+def test_text_and_table_have_each_number_in_its_column_its_row_and_its_unit(measured):
+    nan, inf, parts = np.nan, np.inf, ("", "_standard_error", "_low", "_high")
+    biases = {  # of the fast engine and of the stand-in
+        "msd_bias": ((0.0523, 0.0123, 0.03, 0.08), (0.01, 0.02, -0.031, 0.02)),
+        "d_bias": ((-0.0234, 0.0056, -0.04, -0.01), (0.2, 0.1, -0.1, 1.5)),
+        "displacement_bias": ((0.0712, nan, 0.01, 0.2), (0.3, nan, 0.0, 0.0444)),
+        "contact_bias": ((-0.31, 0.012, -0.4, -0.2), (nan, nan, nan, nan)),
+    }
+    values = {name + part: [0, a, b] for name, of in biases.items() for part, a, b in zip(parts, *of, strict=True)}
+    values |= {"runs": [401, 203, 302], "seconds": [2e-3, 1e-4, 5e-4], "worst_overlap": [1e-15, 0.03, nan]}
+    values |= {"departure_time": [inf, 0.15, nan], "pays_from": [0.7, 0.002, nan], "pays_to": [inf, 0.5, nan]}
+    values |= {"may_pay_from": [0.9, 0.01, 0.03], "may_pay_to": [8.0, 0.3, inf]}
+    one = measured.assign({name: (SETTING, [of]) for name, of in values.items() if name in measured})
+    assert drawing.columns_of(one, "full_N20") == [
+        ("setting", "exact", FAST, STAND_IN),
+        ("runs", "401", "203", "302"),
+        ("ms/run", "2", "0.1", "0.5"),
+        ("cost", "1", "0.05", "0.25"),
+        ("MSD bias", "-", "+5.2 ± 1.2 %", "< 3.1 %"),
+        ("D bias", "-", "-2.34 ± 0.56 %", "< 150 %"),
+        ("distance", "-", "7.1 %", "< 4.4 %"),
+        ("g(contact)", "-", "-31.0 ± 1.2 %", "-"),
+        ("overlap", "1e-15", "0.03", "-"),
+        ("departs", "never", "0.15", "-"),
+        ("front, s", "0.7 on", "0.002 to 0.5", "perhaps"),
+    ]
+    table, numbers = drawing.table(one), [name for name in one if "setting" in one[name].dims]
+    assert [*table.setting] == ["exact", FAST, STAND_IN] and {*table} == {"scene", "particles", "setting", *numbers}
+    for name in numbers:
+        assert np.array_equal(table[name], one[name].sel(setting=[*table.setting])[0], equal_nan=True), name
