@@ -134,6 +134,7 @@ def _thermodynamics(dataset, rng):
         **_estimate("compressibility_rate", EACH, z, 0.001 * z, rng),
         "enskog_compressibility": (EACH, z),
         **_estimate("collision_rate", EACH, rate, 0.004 * rate, rng),
+        **_estimate("collision_rate_at_temperature", EACH, 1.01 * rate, 0.001 * rate, rng),
         **_estimate("tracer_collision_rate", EACH, 3 * rate, 0.01 * rate, rng),
         "enskog_collision_rate": (EACH, rate),
         "enskog_tracer_collision_rate": (EACH, 2.9 * rate),

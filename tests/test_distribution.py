@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+import test_estimators
 from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution, estimator, goodness
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import Ensemble
 from brownpipe.errors import AnalysisError
-from brownpipe.figures import displacement_distribution
 from ensembles import DIFFUSION, make_runs, make_scene, write
 
 SIGMAS = 4.5
@@ -27,19 +26,11 @@ def case_of(times, **more):
     return estimator.Case(make_scene(), Engine("exact"), times, windows=((0.0, 1.0),), edges=edges, **more)
 
 
-def runs_of(squared, seeds):
-    """Runs with squared displacements (n, T)."""
-    return Ensemble(seeds, np.zeros(0), None, {"square_displacement": squared}, {}, {}, {}, {})
-
-
 def found_of(squared, at=(0,)):
     """What runs with the squared displacements (n, T) add up to, as the estimator sees them."""
     case = case_of(0.5 + np.arange(squared.shape[1]), displacement_times=tuple(0.5 + np.array(at)))
     case = case._replace(rings=(case.edges,) * len(at))
-    found = estimator.Averages()
-    for seeds in np.split(np.arange(len(squared)), range(1024, len(squared), 1024)):
-        found.add(seeds, distribution.columns(case, runs_of(squared[seeds], seeds)))
-    return found
+    return test_estimators.found_of(case, {"square_displacement": squared}, distribution)
 
 
 def test_every_time_has_its_counts(dataset):
@@ -57,13 +48,6 @@ def test_models_take_d_from_their_own_time(dataset):
     assert theory.reflecting_square_msd(np.array(TIMES), square, 2.7) == pytest.approx(msd, rel=1e-12)
     assert np.allclose(dataset.expected_counts.sum("r") + dataset.expected_overflow, 600)
     assert (dataset.p_value > 1e-4).all()  # 12 tests of a true model
-
-
-def test_the_figure_says_p_of_the_numbers_in_the_dataset(dataset):
-    panels, joint = displacement_distribution.draw([dataset]).axes, dataset.p_value_joint.sel(model="msd").values
-    for panel, p in zip(panels, joint, strict=False):
-        (label,) = (words for words in panel.get_legend_handles_labels()[1] if "MSD/4$t$" in words)
-        assert label.endswith(f" beyond; {goodness.in_words(p)}")
 
 
 @pytest.mark.slow
@@ -121,12 +105,6 @@ def test_a_few_percent_of_runs_are_beyond_the_last_ring_however_they_are_distrib
     found = aggregate([write(tmp_path, trajectories)]).squeeze()
     assert 3 * np.sqrt(found.msd[-1].item()) < 9.9 < found.r_outer[-1]
     assert found.displacement_overflow <= 0.03 * 240
-
-
-def test_distribution_of_an_average_is_none():
-    """Averages over time origins are no displacements: they have an MSD, and no distribution."""
-    averaged = runs_of(np.ones((20, 3)), np.arange(20))
-    assert distribution.columns(case_of(np.arange(3.0), average="origins"), averaged).means == {}
 
 
 def test_a_time_without_a_sample_is_refused_and_one_that_is_given_twice_counts_once(tmp_path):

@@ -10,7 +10,7 @@ from brownpipe.analysis import aggregate, drift
 from brownpipe.analysis.goodness import holm
 from brownpipe.engines import requested
 from brownpipe.engines.forecast import settling_caution, settling_time
-from brownpipe.figures.cases import cases_of, title_of
+from brownpipe.figures.cases import cases_of, drifts, title_of
 from brownpipe.figures.summary import answer, summary
 from brownpipe.inspection import reports
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
@@ -173,6 +173,8 @@ def test_the_family_is_all_cases_of_a_dataset():
     assert alone["quantity"].values.tolist() == ["pressure", "collision rate", *energies, "psi_6"]
     assert (both.drift_p_value.sel(scene="scene").values >= alone.drift_p_value.values - 1e-12).all()
     assert np.isfinite(both.drift_p_value).sum() == 5 + 4
+    one = alone.assign(drift_p_value=alone.drift_p_value.where(alone["quantity"] != "psi_6", 1e-3))
+    assert [*map(drifts, (*cases_of(one), *cases_of(alone)))] == [True, False]
 
 
 def test_settling_is_forecast_for_a_fluid():

@@ -3,6 +3,7 @@
 import csv
 import re
 import warnings
+from functools import partial
 from importlib import import_module
 
 import matplotlib
@@ -13,22 +14,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 from PIL import Image
 
-from brownpipe import provenance
-from brownpipe.analysis import aggregate
+from brownpipe import provenance, theory
+from brownpipe.analysis import aggregate, goodness
 from brownpipe.engines import Engine, requested
 from brownpipe.errors import FigureError
-from brownpipe.figures import (
-    cases,
-    displacement_distribution,
-    pair_distribution,
-    style,
-    tradeoff,
-    velocity_distribution,
-)
+from brownpipe.figures import cases, displacement_distribution, pair_distribution, style, velocity_distribution
 from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
 from brownpipe.figures.render import draw as draw_figure
 from brownpipe.figures.render import draw_into
-from brownpipe.figures.summary import answer, summary
+from brownpipe.figures.summary import FIT, SHAPE, TESTED, answer, summary, summary_table
 from brownpipe.observables.observable import Track
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_runs, make_scene, study, write
@@ -262,18 +256,6 @@ def test_residuals_only_where_theory_expects_something(dataset):
     assert panels(dataset.drop_vars(theory)) == 3
 
 
-def test_residuals_of_rates_are_those_at_the_temperature_of_the_scene(dataset):
-    """Where a case has such a rate, with its own interval; the raw rate stays in the upper panel."""
-    name = "collision_rate_at_temperature"
-    scaled = {f"{name}{part}": 1.01 * dataset.enskog_collision_rate for part in ("", "_low", "_high")}
-    axes = made("thermodynamics", dataset.assign(scaled))[0].axes
-    for container in axes[4].containers:
-        assert container.lines[0].get_ydata() == pytest.approx(np.ones(2))
-        assert np.concatenate(container.lines[2][0].get_segments())[:, 1] == pytest.approx(np.ones(4))
-    above = np.concatenate([container.lines[0].get_ydata() for container in axes[1].containers])
-    assert sorted(above) == sorted(dataset.collision_rate.values.ravel())
-
-
 def test_correlation_ends_where_its_band_reaches_zero(dataset, as_it_is):
     low = as_it_is["velocity_autocorrelation"][1][2]
     case = dataset.sel(scene="hot", particles=20, engine="exact")
@@ -373,17 +355,6 @@ def test_tick_labels_stand_clear_of_each_other(hot, times):
     with style.drawing():
         lay_out(figure)
     assert not touching(figure)
-
-
-def test_labels_keep_their_distance_and_their_order():
-    rng = np.random.default_rng(1)
-    for places in rng.uniform(0.2, 0.8, (50, 6)):
-        moved = tradeoff.apart(places, 0.05, 0, 1)
-        assert np.diff(moved[np.argsort(places)]).min() > 0.05 - 1e-12
-        assert np.abs(moved - places).max() <= 0.25 + 1e-12
-    assert tradeoff.apart([0.1, 0.5, 0.9], 0.05, 0, 1) == pytest.approx([0.1, 0.5, 0.9])
-    assert tradeoff.apart([0.99, 0.98, 0.01], 0.1, 0, 1) == pytest.approx([1, 0.9, 0.01])
-    assert tradeoff.apart([0.5] * 21, 0.1, 0, 1) == pytest.approx(np.linspace(0, 1, 21))
 
 
 def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(hot):
@@ -493,15 +464,96 @@ def test_theory_is_beside_the_pair_distribution(hot):
     assert ["theory at contact: 1.4" in words for words in legends(mixture)] == [True, False]
     assert {"theory at contact: 1.4", "first order in the density"} <= {*legends(equal)[0]}
     assert "first order in the density" not in legends(equal.assign(packing_fraction=each + 0.3))[0]
+    three = mixture.assign(pair_distribution=mixture.pair_distribution.fillna(0.0))
+    assert not any("theory at contact" in line for words in legends(three) for line in words)
 
 
 @pytest.mark.parametrize(("key", "label"), [(None, "packing fraction $\\phi$"), ("tracer_mass", "tracer mass")])
 def test_order_is_drawn_against_what_is_varied(dataset, key, label):
     (axes,) = draw_figure(dataset if key is None else in_densities(dataset, 3), "orientational_order").axes
     assert axes.get_xlabel() == label
-    points = [bar.lines[0].get_xdata().tolist() for bar in axes.containers]
-    of_counts = dataset.packing_fraction.sel(scene="hot", engine="exact").values.tolist()
-    assert points == ([of_counts] * 2 if key is None else [[1.0, 2.0, 3.0]])
+    assert key is None or [bar.lines[0].get_xdata().tolist() for bar in axes.containers] == [[1.0, 2.0, 3.0]]
+
+
+# -- what is drawn ----------------------------------------------------------------------------------------------------
+
+
+def points_of(bar):
+    """The places and values of points, and both ends of their intervals."""
+    ends = np.array(bar.lines[2][0].get_segments())[..., 1]
+    return [bar.lines[0].get_xdata(), bar.lines[0].get_ydata(), *ends.T]
+
+
+def values_of(case, name):
+    return np.array([case[f"{name}{part}"] for part in ("", "_low", "_high")])
+
+
+@pytest.mark.parametrize("name", ["scan", "thermodynamics"])
+def test_points_are_the_values_with_their_intervals_beside_theory(dataset, as_it_is, name):
+    """Theory: dashed lines of the scan, deviations in a second row, of the rate at the scene's temperature if known."""
+    end, panels = dataset.isel(time=-1, window=0, engine=0), as_it_is[name][1]
+    for k, variable in enumerate(MODULES[name].PANELS):
+        dashed = [line.get_ydata() for line in panels[k].lines if line.get_linestyle() == "--"]
+        expected = f"enskog_{'diffusion' if variable == 'diffusion_coefficient' else variable}"
+        for j, case in enumerate(end.sel(scene=scene) for scene in ("hot", "thermal")):
+            x, at = case["particles" if name == "scan" else "packing_fraction"], f"{variable}_at_temperature"
+            assert np.allclose(points_of(panels[k].containers[j]), [x, *values_of(case, variable)], rtol=1e-12)
+            if name == "thermodynamics":
+                off = 100 * (values_of(case, at if at in case else variable) / case[expected].values - 1)
+                assert np.allclose(points_of(panels[k + 3].containers[j]), [x, *off], rtol=1e-9)
+            elif expected in case:
+                assert np.array_equal(dashed[j], case[expected])
+
+
+def test_lines_are_those_of_the_dataset_and_their_legend_has_its_numbers(dataset, as_it_is):
+    """Of the second scene, each line by words of its label; bands end where the intervals do."""
+    case = dataset.sel(scene="thermal", particles=20, engine="exact").isel(displacement_time=0, r=slice(24))
+    of = {name: case[name].values for name in case.variables}
+    said = partial(estimate, case)
+    vacf, bath, d = of["velocity_autocorrelation"], of["bath_velocity_autocorrelation"], of["diffusion_coefficient"]
+    gamma, line = -of["vacf_initial_slope_expected"] / vacf[0], of["intercept"][0] + of["slope"][0] * np.array([0.1, 1])
+    counts, models, p = (
+        of["expected_counts"],
+        of["model_diffusion_coefficient"],
+        goodness.in_words(of["p_value_joint"][0]),
+    )
+    decay = cases.plus_minus(*(abs(of[f"vacf_initial_slope{part}"]) / vacf[0] for part in ("", "_standard_error")))
+    walled = theory.reflecting_square_msd(np.linspace(0, 1, 201), d[1], 2.7)
+    panels = {name: panels[1] for name, (_, panels) in as_it_is.items() if len(panels) > 1}
+    for name, words, values in [
+        ("msd", f"MSD(1) = {said('msd', time=-1)}", of["msd"]),
+        ("msd", f"over [0.1, 1]: slope {said('slope', window=0)}", line),
+        ("msd", f"between walls: D over [0.5, 1] = {said('diffusion_coefficient', window=1)}", walled),
+        ("diffusion", "/d$t$ / 4", of["diffusion_running"][1:]),
+        ("diffusion", "/ 4$t$", of["msd_over_4t"][1:]),
+        ("diffusion", "Green-Kubo", of["green_kubo"][1:]),
+        ("diffusion", f"D over [0.1, 1] = {said('diffusion_coefficient', window=0)}", [d[0]] * 2),
+        ("diffusion", "Enskog's theory: D = 0.21", [0.21] * 2),
+        ("velocity_autocorrelation", f"$\\gamma$ = {decay}", vacf / vacf[0]),
+        ("velocity_autocorrelation", "bath", bath / bath[0]),
+        ("velocity_autocorrelation", f"{gamma:.3g} from the collision rate", 1 - np.linspace(0, 1, 200)),
+        ("energy", f"tracer: {said('species_energy', time=-1, species=0)} at", of["species_energy"][:, 0]),
+        ("energy", f"bath: {said('species_energy', time=-1, species=1)} at", of["species_energy"][:, 1]),
+        ("energy", "equipartition", [of["kinetic_temperature"]] * 2),
+        ("density_profile", f"tracer: n(wall) = {said('contact_density', species=0)}", of["density_profile"][0]),
+        ("density_profile", f"bath: n(wall) = {said('contact_density', species=1)}", of["density_profile"][1]),
+        ("displacement_distribution", "58 runs", of["displacement_counts"]),
+        ("displacement_distribution", f"MSD/4$t$ = {models[0]:.3g}: 0 beyond; {p}", counts[0]),
+        ("displacement_distribution", f"slope/4 = {models[1]:.3g}", counts[1]),
+    ]:
+        (shown,) = [one.get_ydata() for one in panels[name].lines if words in one.get_label()]
+        np.testing.assert_allclose(shown, values, rtol=1e-9, err_msg=f"{name}, {words}")
+    for name, variable in (("msd", "msd"), ("diffusion", "diffusion_running")):
+        edges = panels[name].collections[0].get_paths()[0].vertices[:, 1]
+        assert [edges.min(), edges.max()] == [np.nanmin(of[f"{variable}_low"]), np.nanmax(of[f"{variable}_high"])]
+    errors = np.sqrt(np.maximum(counts[1] * (1 - counts[1] / 58), 1e-4))
+    residuals = as_it_is["displacement_distribution"][1][3].lines[2].get_ydata()
+    assert np.allclose(residuals, (of["displacement_counts"] - counts[1]) / errors, rtol=1e-9)
+    bulk = of["density_profile"][1][of["wall_distance"] > 0.75 * of["wall_distance"][-1]].mean()
+    assert panels["density_profile"].lines[-1].get_ydata() == pytest.approx([bulk] * 2)
+    legend = as_it_is["pair_distribution"][1][3].get_legend_handles_labels()[1]
+    ways = {"by extrapolation": "contact_value", "from the collision rate": "contact_value_rate"}
+    assert {f"at contact, {words}: {said(name, species_pair=2)}" for words, name in ways.items()} < {*legend}
 
 
 # -- tables and the summary -------------------------------------------------------------------------------------------
@@ -545,9 +597,21 @@ def test_other_tables_have_the_numbers_of_the_dataset(dataset, folder):
         value, maxwell = (np.array([float(row[column]) for row in mine]) for column in ("value", "maxwell"))
         assert maxwell.sum() * 0.1 == pytest.approx(1, abs=1e-12)
         assert (maxwell * value**2).sum() * 0.1 == pytest.approx(mean_square, rel=2e-3)  # width^2/12 and the like
-    table = rows(folder / "summary.csv")
-    assert {(row["window_start"], row["window_end"]) for row in table} == {("0.1", "1.0"), ("0.5", "1.0")}
-    assert len(table) == 8 and float(table[2]["contact_value, bath-bath"]) == case.contact_value.values[2]
+    assert float(rows(folder / "summary.csv")[2]["contact_value, bath-bath"]) == case.contact_value.values[2]
+
+
+def test_every_number_of_the_summary_table_is_that_of_the_dataset(dataset):
+    """At the end and, of the displacements, at the last of two times."""
+    twice = at_times(dataset, (0.5, 1.0))
+    twice = twice.assign({name: twice[name] * twice.displacement_time for name in (*SHAPE, *TESTED)})
+    table, end = summary_table(twice), twice.isel(displacement_time=-1, time=-1)
+    assert len(table) == 8 and {*FIT, *SHAPE, "msd", "species_energy, bath", "p_value, msd"} <= {*table}
+    for k, row in table.iterrows():
+        case = end.sel(scene=row.scene, particles=row.particles, engine=row.engine).isel(window=k % 2)
+        for column in [*table.drop(columns=["scene", "particles", "engine", "time", "drifts"])]:
+            name, _, label = column.removesuffix("_standard_error").partition(", ")
+            value = case[name + "_standard_error" * column.endswith("_standard_error")]
+            np.testing.assert_equal(row[column], (value.sel({value.dims[0]: label}) if label else value).item())
 
 
 @pytest.mark.slow
@@ -577,8 +641,8 @@ def columns(dataset, *chosen):
     return {heading: cells[-1] for heading, *cells in answer(dataset, chosen).columns}
 
 
-def estimate(case, name):
-    return cases.plus_minus(case[name], case[f"{name}_standard_error"])
+def estimate(case, name, **at):
+    return cases.plus_minus(*(case[f"{name}{part}"].isel(at) for part in ("", "_standard_error")))
 
 
 def test_the_answer_begins_with_what_the_study_measured(dataset):
@@ -620,10 +684,11 @@ def test_the_verdict_on_eq_18_is_given_where_rings_were_asked_for(tmp_path):
     """Of two scenes, normal displacements in one and displacements of nearly one length in the other."""
     normal, ring = make_runs(make_scene("normal"), range(400)), make_runs(make_scene("ring"), range(400))
     direction = (np.exp(1j * np.arange(400.0)) * np.linspace(0.9, 1.1, 400)).view(float).reshape(400, 2)
-    ring.ensemble.tracer.position[...] = np.sqrt(4 * ring.ensemble.times)[:, None, None] * direction
+    ring.ensemble.tracer.position[5:] = np.sqrt(4 * ring.ensemble.times[5:])[:, None, None] * direction
     files = [write(tmp_path, normal), write(tmp_path, ring)]
     assert "rejected" not in summary(aggregate(files))
-    text = summary(aggregate(files, displacement_times=[1.0]), title="Rings and walks")
+    twice = aggregate(files, displacement_times=[0.2, 1.0])  # the last one counts
+    text = summary(twice, title="Rings and walks")
     first, second = ([line for line in text.splitlines() if line.startswith(name)][-1] for name in ("normal", "ring"))
     assert re.search(r"  not rejected, p = [0-9.]+ +not rejected, p = [0-9.]+$", first)
     assert second.endswith("  rejected, p < 1e-06     rejected, p < 1e-06")
@@ -632,6 +697,13 @@ def test_the_verdict_on_eq_18_is_given_where_rings_were_asked_for(tmp_path):
     assert "Eq. (18): x and y at t = 1 are normal, of variance 2Dt;" in text
     assert "rejected at a family-wise level of 5% for the 4 tests of this table (Holm)." in text
     assert max(map(len, head)) <= 100
+    p = twice.p_value_joint.copy()  # of both models in turn: 0.02 is no rejection in a family of four
+    p[..., 1, :2] = np.reshape([[0.02, 1e-9], [0.5, 0.3]], p[..., 1, :2].shape)
+    found = [cells[1:] for cells in answer(twice.assign(p_value_joint=p)).columns[-2:]]
+    assert found == [
+        ("not rejected, p = 0.020", "not rejected, p = 0.50"),
+        ("rejected, p < 1e-06", "not rejected, p = 0.30"),
+    ]
 
 
 def test_summary_names_missing_seeds_and_engines(tmp_path):
