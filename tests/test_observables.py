@@ -255,7 +255,8 @@ def test_energies_and_the_temperature_of_a_scene_without_one():
     assert found["speed_counts"].sum(axis=1).tolist() == [1, 12, 3]
 
 
-def test_what_lies_beyond_the_bins_is_in_the_outermost():
+def test_what_lies_beyond_the_bins_is_in_the_outermost(monkeypatch):
+    monkeypatch.setattr("brownpipe.observables.velocity.VALUES_AT_ONCE", 100)  # three samples of these disks
     scene = make()
     run = made_up(scene)
     run.whole.velocity[:, :2] = [[1e3, -1e3], [1e300, 0.0]]
