@@ -19,7 +19,7 @@ from brownpipe.analysis import aggregate, goodness
 from brownpipe.engines import Engine, requested
 from brownpipe.errors import FigureError
 from brownpipe.figures import cases, displacement_distribution, pair_distribution, style, velocity_distribution
-from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, SPREADING, TRACKED
+from brownpipe.figures.catalogue import COLLISIONS, ENDS, FIGURES, FOLLOWED, SPREADING
 from brownpipe.figures.render import draw as draw_figure
 from brownpipe.figures.render import draw_into
 from brownpipe.figures.summary import FIT, SHAPE, TESTED, answer, summary, summary_table
@@ -30,7 +30,7 @@ from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures
 
 NAMES = tuple(FIGURES)
 OF_ALL = {"summary.csv", "summary.txt", "provenance.json"}  # written beside the figures
-OF_TRAJECTORIES = [name for name in NAMES if {FOLLOWED, COLLISIONS, TRACKED, SPREADING} >= set(FIGURES[name].needs)]
+OF_TRAJECTORIES = [name for name in NAMES if {FOLLOWED, COLLISIONS, ENDS, SPREADING} >= set(FIGURES[name].needs)]
 OF_OBSERVABLES = {
     name: FIGURES[name].variables
     for name in NAMES

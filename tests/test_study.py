@@ -110,8 +110,8 @@ def due(before, after):
 @pytest.mark.parametrize("key", Study.model_fields)
 def test_each_key_makes_the_steps_due_that_are_made_from_it_and_no_others(key):
     value, expected = OTHERS[key]
-    before, replaced = small(), {key: value}
-    after = before.model_copy(update=replaced) if key == "average" else small(**replaced)  # these scenes have none
+    before, replaced, alone = small(), {key: value}, key not in ("average", "record")  # they must go with others
+    after = small(**replaced) if alone else before.model_copy(update=replaced)
     assert due(made_from(before), made_from(after)) == expected
     if key == "fit_windows":  # the first one is that of plans; a dataset says if windows were asked for
         assert due(made_from(before), made_from(small(fit_windows=[[0.1, 1], [0.4, 1]]))) == ANALYSIS
@@ -168,8 +168,10 @@ def test_what_is_measured_in_the_runs(tmp_path):
     assert told(small()) == "tracer"
     study = small(observables=["square_displacement", "species_energy"], record="none")
     assert told(study) == "none --observables square_displacement,species_energy --average runs"
-    assert study.figures == ("msd", "diffusion", "energy", "thermodynamics", "scan", "health")
-    assert small(observables="species_energy", record="none").figures == ("energy", "thermodynamics", "health")
+    of_tracer = ("msd", "displacement_distribution", "diffusion")
+    assert study.figures == (*of_tracer, "energy", "thermodynamics", "scan", "health")
+    study = small(observables="species_energy", record="none", fit_windows=None)
+    assert study.figures == ("energy", "thermodynamics", "health")
     vary = [{"box.boundary": boundaries} for boundaries in (["periodic"], ["periodic", "reflecting"])]
     shown = ["density_profile" in small(observables="density_profile", vary=one).figures for one in vary]
     assert shown == [False, True]
@@ -177,6 +179,9 @@ def test_what_is_measured_in_the_runs(tmp_path):
     (tmp_path / "mixed.yaml").write_text(text)
     study = small(scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins")
     assert told(study) == "tracer --observables square_displacement --average origins"
+    assert {*study.figures} > {*of_tracer} and "displacement_distribution" not in small(
+        scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins", record="none"
+    ).figures
 
 
 # -- keys replaced by `snakemake --config` --------------------------------------------------------------------------

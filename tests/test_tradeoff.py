@@ -329,10 +329,7 @@ def test_pairs_counted_in_the_runs_are_compared(tmp_path):
 
 @pytest.mark.parametrize("count", [1, 4, 11])
 def test_every_line_has_its_name_beside_it(measured, count):
-    """Of settings that cost the same and are nearly as good, names cover neither each other nor anything else.
-
-    Lines lead to them without crossing.
-    """
+    """Of settings of one cost, nearly as good, names cover nothing, and lines lead to them without crossing."""
     fast = measured.sel(setting=[FAST])
     others = [
         fast.assign(

@@ -34,10 +34,7 @@ def analysed(name, small):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RESULTS)
 def test_a_small_version_meets_what_is_published(name):
-    """Within 4 standard errors: false alarm 6e-5 for each value, 0.5 % if its error is from eight runs.
-
-    Seeds are fixed.
-    """
+    """Within 4 standard errors: false alarm 6e-5 each, 0.5 % if the error is from eight runs. Seeds are fixed."""
     result = RESULTS[name]
     datasets = {name: data for study in result.studies for name, data in analysed(study, result.small[study]).items()}
     comparisons = result.compare(datasets)

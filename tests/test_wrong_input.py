@@ -114,6 +114,7 @@ STUDIES = [
     ("figures: [msd]", "panel: [scene, mass]", 13, "panel", "must be scene or particles or engine, not 'mass'"),
     ("figures: [msd]", "figures: energy", 13, "figures", "needs the observable species_energy"),
     ("displacement_times: [0.5]", "displacement_times: 0.333", 14, "displacement_times[0]", "a sample time of some"),
+    ("record: tracer", "record: none", 15, "fit_windows", "must go with record: tracer, or square_displacement"),
     ("- [0.1, 1]", "- [0.1, 0.115]", 16, "fit_windows[0]", "three samples or more of harrison2020"),
     ("- [0.1, 1]", "- [0.1, 1]\n- [0.1, 1]", 15, "fit_windows", "must be values that differ"),
     (", count: 20", "", 17, "rings.count", "missing"),

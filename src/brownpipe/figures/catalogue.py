@@ -13,7 +13,7 @@ from typing import NamedTuple
 FOLLOWED = "a disk to follow"
 COLLISIONS = "disks, and an engine that counts their collisions"
 SCAN = "two particle counts or more, or a varied key"
-TRACKED = "record: tracer"
+ENDS = "record: tracer, or square_displacement among the observables with average: runs"
 WALLS = "the observable density_profile, and walls"
 OWN = "an observable of your own"
 SPREADING = "record: tracer, or square_displacement among the observables"
@@ -33,7 +33,7 @@ FIGURES = {
     figure.name: figure
     for figure in (
         Figure("msd", (FOLLOWED, SPREADING), ("msd",)),
-        Figure("displacement_distribution", (FOLLOWED, TRACKED), ("displacement_counts", "displacement_overflow")),
+        Figure("displacement_distribution", (FOLLOWED, ENDS), ("displacement_counts", "displacement_overflow")),
         Figure("diffusion", (FOLLOWED, SPREADING), ("msd",)),
         Figure("velocity_autocorrelation", ("the observable velocity_autocorrelation",), ("velocity_autocorrelation",)),
         Figure("velocity_distribution", ("the observable velocity_distribution",), ("velocity_density",)),

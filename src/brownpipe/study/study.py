@@ -19,7 +19,7 @@ from brownpipe.engines.exact import EXACT
 from brownpipe.engines.friction import are_inside, default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
-from brownpipe.figures.catalogue import COLLISIONS, FIGURES, FOLLOWED, OWN, SCAN, SPREADING, TRACKED, WALLS
+from brownpipe.figures.catalogue import COLLISIONS, ENDS, FIGURES, FOLLOWED, OWN, SCAN, SPREADING, WALLS
 from brownpipe.observables.own import beside, is_own
 from brownpipe.provenance import digest_of
 from brownpipe.scene import Scene, reading
@@ -204,7 +204,8 @@ class Study(Record):
         """Refuse figures without data; by default there are all whose needs are met."""
         moves_all = any(engine.definition.moves_all_disks for engine in self.engines)
         measured = self.observables if moves_all else measures.of_tracer(self.observables)[0]
-        counts, is_tracked = sorted({case.particles for case in self.cases}), self.record == "tracer"
+        counts = sorted({case.particles for case in self.cases})
+        has_msd = self.record == "tracer" or "square_displacement" in measured
         along = [*self.vary.values()][: 1 if self.vary_together else None]
         conditions = {f"the observable {name}": name in measured for name in measures.OBSERVABLES} | {
             OWN: any(map(is_own, measured)),
@@ -212,10 +213,13 @@ class Study(Record):
             COLLISIONS: any(use.case.particles and use.engine.definition.moves_all_disks for use in self.uses),
             SCAN: len(set(counts) - {0}) > 1
             or any(len(values) > 1 and all(map(is_number, values)) for values in along),
-            TRACKED: is_tracked,
+            ENDS: self.record == "tracer" or (has_msd and self.average == "runs"),
             WALLS: "density_profile" in measured and any(not case.box.periodic for case in self.cases),
-            SPREADING: is_tracked or "square_displacement" in measured,
+            SPREADING: has_msd,
         }
+        for name, need in (("fit_windows", SPREADING), ("rings", ENDS), ("displacement_times", ENDS)):
+            if name in self.model_fields_set and not conditions[need]:
+                refuse(f"must go with {need}", name)
         unmet = {name: [need for need in figure.needs if not conditions[need]] for name, figure in FIGURES.items()}
         if lacking := [f"{name} needs {unmet[name][0]}" for name in self.figures or () if unmet[name]]:
             refuse(lacking[0], "figures")

@@ -56,7 +56,7 @@ def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
     for group in groups:
         contents = group.pattern.contents
         if contents.ensemble.tracer is None:
-            raise AnalysisError(f"{group.files[0].path}: holds no tracer; make it again without --record none")
+            raise AnalysisError(f"{group.files[0].path}: holds no tracer; must be of runs with record: tracer")
         found.append(runs_of(contents.scene, contents.engine, joined([*blocks_of(group)])))
     return found
 
