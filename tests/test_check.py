@@ -1,6 +1,7 @@
 """What `brownpipe check` says, and whether the expected costs are near the real ones."""
 
 import json
+import re
 import subprocess
 import sys
 from itertools import islice
@@ -53,7 +54,7 @@ def test_too_few_disks_for_the_box_are_said():
 
 def test_study_of_several_engines(tmp_path):
     scene = CONFIG / "scenes" / "harrison2020.yaml"
-    engines = "[exact, {name: timestep, time_step: 1e-3}, {name: langevin, friction: enskog}]"
+    engines = "[exact, {name: timestep, time_step: 1e-3}, {name: langevin, friction: enskog}]\nbatch: 30"
     (tmp_path / "study.yaml").write_text(f"scenes: {scene}\nparticles: [50, 150]\nseeds: 60\nengines: {engines}\n")
     lines = describe_scene_or_study(str(tmp_path / "study.yaml")).splitlines()
     assert [line.split(":")[0].split()[-1] for line in lines if line.startswith("engine ")] == [
@@ -61,7 +62,10 @@ def test_study_of_several_engines(tmp_path):
     ]  # fmt: skip
     assert "gamma = 2.02 to 7.35" in "\n".join(lines)
     assert len(cautions(lines)) == 1
-    assert next(line for line in lines if line.startswith("total ")).startswith("total     360 runs in 6 jobs")
+    (total,) = (line for line in lines if line.startswith("total "))
+    cpu, size = re.fullmatch(r"total     360 runs in 12 jobs: some (.+) s of CPU, (.+) kB of runs", total).groups()
+    assert 12 * forecast.START_UP < float(cpu) < 13 * forecast.START_UP  # the runs themselves take 0.2 s
+    assert float(size) == pytest.approx(0.36 * 101 * 16, rel=0.05)  # x and y at each sample time
 
 
 SIZES = {"x": [0.0, 9.0], "y": [0.0, 4.0]}

@@ -182,7 +182,7 @@ def test_a_table_of_a_file_without_whole_runs_has_all_tracers(tmp_path, capsys):
 
 
 def test_walls_in_gsd(walled, capsys):
-    scene, _, _ = run_in(walled, 3)
+    scene, _, track = run_in(walled, 3)  # the first run, as no seed is asked for
     target = exported(walled, "gsd")
     assert "walled.gsd: GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err
     with gsd.hoomd.open(target) as frames:
@@ -191,6 +191,7 @@ def test_walls_in_gsd(walled, capsys):
     assert (disks.types, list(disks.typeid)) == (["tracer", "bath"], [0, *[1] * 11])
     np.testing.assert_allclose(disks.diameter, 2 * scene.radius, rtol=SINGLE)
     np.testing.assert_allclose(disks.mass, scene.mass, rtol=SINGLE)
+    np.testing.assert_allclose(disks.velocity[:, :2], track.velocity[-1], rtol=SINGLE)
     assert last.log["periodic"] == 0 and not disks.image.any()
 
 

@@ -171,9 +171,8 @@ def test_contact_is_accepted_to_round_off(offset, angle):
 
 @pytest.mark.parametrize("gap", [-1e-3, -1e-6, -1e-9, -1e-11])
 def test_overlap_is_refused_beyond_round_off(gap):
-    with pytest.raises(
-        RequestError, match=r"disk 0 at \[0.0, 0.0\] and disk 2 at .* overlap: the gap .* is -(1e-|0.001)"
-    ):
+    message = r"disk 0 at \[0.0, 0.0\] and disk 2 at .* overlap: the gap .* is -(1e-|0.001)"
+    with pytest.raises(RequestError, match=message):
         explicit(disk(), disk(x=2.0), disk(x=0.2 + gap))
 
 

@@ -96,14 +96,8 @@ def test_round_trip(case, engine, tmp_path):
     assert same(found[:4], (scene, engine, ensemble, source))
     assert found.header["numba_version"] == provenance.versions()["numba_version"]
     text = inspection.report(tmp_path / "new" / "runs.h5")
-    told = (
-        f"engine       {engine.options}",
-        f"{scene.particles} disks",
-        "21 from t = 0 to 1",
-        "no failed",
-        "intact       yes",
-    )
-    assert all(word in text for word in (*told, *ensemble.observables))
+    told = (f"engine       {engine.options}", f"{scene.particles} disks", "21 from t = 0 to 1", "no failed")
+    assert all(word in text for word in (*told, "intact       yes", *ensemble.observables))
 
 
 def test_an_engine_of_another_version(tmp_path):

@@ -116,6 +116,7 @@ STUDIES = [
     ("displacement_times: [0.5]", "displacement_times: 0.333", 14, "displacement_times[0]", "a sample time of some"),
     ("record: tracer", "record: none", 15, "fit_windows", "must go with record: tracer, or square_displacement"),
     ("- [0.1, 1]", "- [0.1, 0.115]", 16, "fit_windows[0]", "three samples or more of harrison2020"),
+    ("- [0.1, 1]", "- [0.1, 2]", 16, "fit_windows[0]", "t0 < t1 <= 1.0 and three samples or more of harrison2020"),
     ("- [0.1, 1]", "- [0.1, 1]\n- [0.1, 1]", 15, "fit_windows", "must be values that differ"),
     (", count: 20", "", 17, "rings.count", "missing"),
     (", count: 20", ", count: 1000000000", 17, "rings.count", "must be less than or equal to 100000"),
