@@ -28,10 +28,8 @@ def make_scene(name="plain", particles=20, duration=1.0, boundary="reflecting", 
 
 def walk(rng, times, runs, diffusion=DIFFUSION):
     """Positions (T, runs, 2) of free diffusers that start at the origin."""
-    steps = (
-        rng.standard_normal((len(times), runs, 2)) * np.sqrt(2 * diffusion * np.diff(times, prepend=0.0))[:, None, None]
-    )
-    return steps.cumsum(axis=0)
+    length = np.sqrt(2 * diffusion * np.diff(times, prepend=0.0))[:, None, None]
+    return (rng.standard_normal((len(times), runs, 2)) * length).cumsum(axis=0)
 
 
 def make_runs(scene, seeds, failed=(), diffusion=DIFFUSION):

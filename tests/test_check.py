@@ -26,9 +26,8 @@ def test_scene():
     said = {line.split()[0]: line for line in lines[1:]}
     assert lines[0].endswith("harrison2020.yaml: a valid scene")
     assert said["box"] == "box         6 x 6, reflecting"
-    assert (
-        "150: 1 tracer (radius 0.3, mass 1), 149 bath (radius 0.1, mass 0.4); packing fraction 0.1379" in said["disks"]
-    )
+    disks = "150: 1 tracer (radius 0.3, mass 1), 149 bath (radius 0.1, mass 0.4); packing fraction 0.1379"
+    assert disks in said["disks"]
     assert "t = 0 to 1, 101 samples" in said["run"]
     assert "563 between disks, 108 with walls per run" in said["collisions"]
     assert said["cost"].endswith(" of memory") and "of the exact engine" in said["cost"]
@@ -36,15 +35,7 @@ def test_scene():
 
 def test_too_few_disks_for_the_box_are_said():
     """The mean free path of equal disks is 1/(2 sqrt(2) n s) in a dilute gas, here of 4 disks in the note's box."""
-    scene = parse_scene(
-        {
-            "box": {"x": [0.0, 6.0], "y": [0.0, 6.0]},
-            "disks": {"species": [{"name": "bath", "count": 4, "radius": 0.1, "mass": 1.0}]},
-            "velocities": {"temperature": 1.0},
-            "duration": 1.0,
-        },
-        "thin.yaml",
-    )
+    scene = parse_scene(crowd(4, 0.1, 6.0, "reflecting"), "thin.yaml")
     expected = 36.0 / 3 / (2 * 2**0.5 * 0.2)  # of the three others
     assert forecast.path_rate(scene) / (2 * forecast.pair_rate(scene)) == pytest.approx(expected, rel=0.01)
     remark = forecast.caution(scene)
@@ -57,9 +48,8 @@ def test_study_of_several_engines(tmp_path):
     engines = "[exact, {name: timestep, time_step: 1e-3}, {name: langevin, friction: enskog}]\nbatch: 30"
     (tmp_path / "study.yaml").write_text(f"scenes: {scene}\nparticles: [50, 150]\nseeds: 60\nengines: {engines}\n")
     lines = describe_scene_or_study(str(tmp_path / "study.yaml")).splitlines()
-    assert [line.split(":")[0].split()[-1] for line in lines if line.startswith("engine ")] == [
-        "exact", "timestep-0.001", "langevin-enskog"
-    ]  # fmt: skip
+    labels = [line.split(":")[0].split()[-1] for line in lines if line.startswith("engine ")]
+    assert labels == ["exact", "timestep-0.001", "langevin-enskog"]
     assert "gamma = 2.02 to 7.35" in "\n".join(lines)
     assert len(cautions(lines)) == 1
     (total,) = (line for line in lines if line.startswith("total "))

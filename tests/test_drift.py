@@ -50,7 +50,9 @@ def runs_of(mapping, seeds, engine=EXACT, **more):
 @pytest.mark.slow
 def test_dense_disks_from_a_lattice_are_named_and_marked():
     """Packing fraction 0.683; after 0.5 the pressure still rises by 6 % within the runs: some 10 standard errors."""
-    found = runs_of(LATTICE, range(16))
+    found = runs_of(LATTICE, range(17))
+    for name, values in found.ensemble.observables.items():
+        values[16] = name == "failed" or 1000 * values[16]  # is left out
     dataset = aggregate([found])
     (case,) = cases_of(dataset)
     (words,) = answer(dataset).drifting

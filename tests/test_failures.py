@@ -159,9 +159,8 @@ def test_a_friction_is_not_measured_in_runs_that_failed(monkeypatch, crowd):
 @pytest.mark.slow
 def test_a_batch_resumed_from_any_checkpoint_has_the_same_runs_and_reasons(crowd, faults):
     stored = []
-    whole = simulate(
-        crowd, range(4), {"tracer"}, Checkpoints(lambda: True, lambda arrays: stored.append(copied(arrays)))
-    )
+    checkpoints = Checkpoints(lambda: True, lambda arrays: stored.append(copied(arrays)))
+    whole = simulate(crowd, range(4), {"tracer"}, checkpoints)
     expected = written(Path("whole.h5"), crowd, whole).read_bytes()
     for _ in range(2):
         checkpoint = faults.random.choice(stored)
@@ -223,13 +222,14 @@ def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(said, crowd, 
     written(Path("a.h5"), crowd, part(whole, [0, 1, 2, 3]))
     _, out, _ = said("inspect", "a.h5")
     assert "could not go on: 2 of 4 runs: 0,2 (seed 0: disks: only " in out and "nan" not in out
+    drift = np.abs(whole.observables["energy_drift"][[1, 3]])
+    assert f"worst energy drift {drift.max():.2g} (seed {[1, 3][np.argmax(drift)]})" in out
     _, out, _ = said("inspect", "a.h5", "--seed", 2)
     assert "could not go on: 1 of 1 runs: 2 (seed 2: disks: only" in out and "nan" not in out
     for words in (["movie"], ["export", "--to", "xyz"], ["export", "--to", "csv"]):
         status, _, err = said(words[0], "a.h5", *words[1:], "--seed", 2)
-        assert status == WRONG_REQUEST and err.startswith(
-            "brownpipe: a.h5: holds no run of seed 2; must be of 1,3; 2 could"
-        )
+        message = "brownpipe: a.h5: holds no run of seed 2; must be of 1,3; 2 could"
+        assert status == WRONG_REQUEST and err.startswith(message)
     written(Path("b.h5"), crowd, part(whole, [0, 1, 2, 3])._replace(whole={}, events={}))
     for name in "ab":  # all disks, and tracers alone
         _, _, err = said("export", f"{name}.h5", "--to", "csv")

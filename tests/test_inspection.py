@@ -14,6 +14,7 @@ from brownpipe import analysis, inspection
 from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
 from brownpipe.figures.summary import summary
+from brownpipe.inspection.reports import failed_runs
 from brownpipe.provenance import ANALYSIS_PACKAGES, PACKAGES, versions
 from brownpipe.scene import read_scene
 from brownpipe.storage import trajectories
@@ -71,6 +72,9 @@ def test_the_worst_and_the_failed_runs_are_named(tmp_path):
     text = inspection.report(write(tmp_path, runs))
     health = "failed their health check: 2 of 4 runs: 1,7; worst energy drift 3e-15 (seed 1); worst overlap 0"
     assert f"health       {health}; worst momentum residual nan (seed 7)\n" in text
+    counts = runs.ensemble.observables["pair_collisions"][[0, 2]]  # of those that did not fail
+    (line,) = (line for line in text.splitlines() if line.startswith("pair_collisions "))
+    assert line.split()[1:4] == [f"{number:.6g}" for number in (counts.mean(), counts.min(), counts.max())]
 
 
 def test_one_run_says_all_about_itself(folder):
@@ -110,7 +114,8 @@ def dataset(tmp_path_factory):
 
 
 def test_a_dataset_says_its_results_and_what_made_it(dataset, tmp_path):
-    _, contents, text = dataset
+    path, contents, text = dataset
+    assert failed_runs(path) == (1, 61, "few, N = 10: seeds 4")  # of 30 and 31
     assert text.endswith(f"\n\n{summary(contents)}".rstrip("\n"))
     drift, overlap = (np.nanmax(np.abs(contents[name])) for name in ("energy_drift", "worst_overlap"))
     assert f"health       worst energy drift {drift:.2g}; worst overlap {overlap:.2g}\n" in text

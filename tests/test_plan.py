@@ -163,15 +163,17 @@ def test_a_tracer_that_does_not_move_has_no_relative_error(study_file, tmp_path,
 
 
 def test_a_study_that_stores_no_displacements_has_no_plan_for_them(study_file, here):
-    study = read_study(study_file(tolerance=0.1, record="none", observables=["species_energy"]))
-    with pytest.raises(RequestError, match="the target msd needs record: tracer, or square_displacement"):
-        counted(study)
+    for target, measured in (("msd", "species_energy"), ("displacement_distribution", "square_displacement")):
+        study = read_study(study_file(tolerance=0.1, target=target, record="none", observables=[measured]))
+        with pytest.raises(RequestError, match=f"the target {target} needs record: tracer, or square_displacement"):
+            counted(study)
 
 
-@pytest.mark.parametrize("measured", [{}, {"record": "none", "observables": ["square_displacement"]}])
+@pytest.mark.parametrize("measured", [{}, {"record": "none", "observables": ["square_displacement", "my:f"]}])
 def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file, here, capsys, measured):
     """And a plan that is asked again makes none, and says the same."""
-    path = study_file(tolerance=0.04, **measured)
+    (here / "my.py").write_text("def f(scene, run):\n    return {'mine': 1.0}\n")
+    path = study_file(tolerance=0.04, **measured).relative_to(here)
     study = read_study(path)
     runs, (pilot,) = plan.write_plan(study, "counted.yaml")
     (file,) = Path("results/runs").rglob("*.h5")
@@ -186,9 +188,9 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file,
     said = capsys.readouterr().out
     assert f"exact: {runs:,} runs" in said and "0 pilot runs made" in said
     assert files_of(read_study("planned.yaml"))[0].path == file
-    others = ["--tolerance", "9%", "--target", "d", "--config", "particles=9", "--write", "other.yaml"]
+    others = ["--tolerance", "9%", "--target", "d", "--config", "particles=9", "--write", "plans/other.yaml"]
     assert cli.main(["plan", str(path), *others]) == DONE and "\nd to 9 %:" in capsys.readouterr().out
-    assert read_study("other.yaml").particles == (9,) and Path("results/runs/few/N9").is_dir()
+    assert read_study("plans/other.yaml").particles == (9,) and Path("results/runs/few/N9").is_dir()
 
 
 def test_only_engines_of_the_study_are_considered_in_their_order(study_file, here, monkeypatch, capsys):

@@ -245,8 +245,11 @@ def test_defaults_follow_another_value_of_a_key():
     new = [("box.boundary", "periodic", {"box": periodic}), ("duration", 2, {"duration": 2})]
     for path, value, part in [*new, ("disks.tracer", None, without)]:
         assert scene.replace(**{path: value}) == parse_scene(keys | part, "test.yaml")
+    assert scene.replace(**{"disks.tracer": None}).equilibrate.tracer == "free"
     taken = {"velocities": scene.velocities, "equilibrate": scene.equilibrate}
     assert scene.replace(box=periodic, **taken) == scene.replace(box=periodic)
+    drift = [not species(kind(count), box=periodic).velocities.zero_momentum for count in (1, 2)]
+    assert drift == [True, False]  # without it a single disk would stand still
 
 
 # -- scenes with known outcomes: tests/scenes/*.yaml lead to what tests/scenes/expected.yaml says --------------------

@@ -263,9 +263,7 @@ def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(cos
     ("seconds", "days", "most_jobs", "longest_job"),
     [(1.0, 1 / 24, 240, 20), (1.0, 10, 2600, 3600), (1e-3, 1, 1400, 600), (10.0, 365, 4000, 2 * 86400)],
 )
-def test_automatic_batches_take_tens_of_seconds_and_more_where_there_are_very_many(
-    seconds, days, most_jobs, longest_job
-):
+def test_automatic_batches_take_tens_of_seconds_and_more_where_they_are_many(seconds, days, most_jobs, longest_job):
     found = batches(range(int(days * 86400 / seconds)), forecast.Cost(0, 0, seconds, 0, 0, 0))
     assert 15 <= (found[0][1] + 1) * seconds <= 30
     assert len(found) <= most_jobs and max(last - first + 1 for first, last in found) * seconds <= longest_job
