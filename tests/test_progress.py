@@ -147,9 +147,7 @@ def last_line(screen):
     return screen.getvalue().rpartition("\r")[2].rstrip()
 
 
-def test_the_time_left_follows_from_the_times_expected_of_the_jobs_and_remarks_are_shown_once(
-    monkeypatch, clock, tmp_path
-):
+def test_the_time_left_follows_from_expected_times_and_remarks_are_shown_once(monkeypatch, clock, tmp_path):
     """Of 100 s in all, 10 s were of the first job; by the number of runs, 4.5 s would be left."""
     handler, screen = display(monkeypatch, terminal=True)
     start(handler, seconds={"file 1": 10.0, "file 2": 90.0})

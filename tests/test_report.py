@@ -108,6 +108,7 @@ def check(text):
 
 
 def test_the_page_is_well_formed_and_loads_nothing(written):
+    assert "N = 10, 20; 72 runs" in written  # 18 of 20 in each of four cases
     elements = check(written)
     assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
     assert elements.named("h1")[0][1] == "Two baths" and '<p class="note">Second &lt;part&gt;.</p>' in written
@@ -197,14 +198,15 @@ def test_a_long_table_is_cut(results):
 @pytest.mark.slow
 def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    exact = make_runs(make_scene("full"), range(30))
-    other = exact._replace(engine=Engine("langevin", (("friction", "enskog"),)))
+    exact = [make_runs(make_scene(name, count), range(30)) for name, count in (("full", 20), ("few", 10))]
+    other = [runs._replace(engine=Engine("langevin", (("friction", "enskog"),))) for runs in exact]
     cost = {"exact": 1e-3, "langevin": 3e-4}
-    files = [write(tmp_path, exact), write(tmp_path, other)]
+    files = [write(tmp_path, runs) for runs in (*exact, *other)]
     write_dataset("t.nc", tradeoff.measure(files, seconds_per_run=lambda engine, _: cost[engine.name]))
     assert main(["figures", "t.nc", "--output", "figures", "--page", "figures/report.html"]) == DONE
     elements = check((tmp_path / "figures/report.html").read_text(encoding="utf-8"))
     assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
+    assert len({text for _, text in elements.named("table")[:2]}) == 2  # each scene has its own numbers
     assert not re.search(r"\\[nx]", elements.named("main")[0][1].partition("Scenes, seeds")[0])
 
 

@@ -228,7 +228,7 @@ def test_a_scene_with_another_value_of_a_key():
     heavy = scene.replace(disks={"tracer": {"radius": 0.3, "mass": 3.0}, "species": scene.disks.species})
     assert (heavy.mass[0], heavy.name, heavy.particles) == (3.0, scene.name, 150)
     free = scene.replace(**{"box.boundary": "periodic"}, name="free")
-    assert free.box.periodic and free.name == "free"
+    assert free.box.periodic and free.name == "free" and free != free.replace(name="other")
     assert scene.replace(**{"disks.tracer.mass": np.float64(3), "disks.species.bath.radius": 0.05}).mass[0] == 3.0
     assert scene.replace(**{"equilibrate.time": 1}) == scene.replace(equilibrate=1)
     with pytest.raises(RequestError, match=r"^disks.species.bat.mass: must be .* disks.species.NAME.mass"):
@@ -248,6 +248,8 @@ def test_defaults_follow_another_value_of_a_key():
     assert scene.replace(**{"disks.tracer": None}).equilibrate.tracer == "free"
     taken = {"velocities": scene.velocities, "equilibrate": scene.equilibrate}
     assert scene.replace(box=periodic, **taken) == scene.replace(box=periodic)
+    with pytest.raises(RequestError, match=r"equilibrate.tracer: must be free, as there is no tracer"):
+        scene.replace(**{"disks.tracer": None, "equilibrate": {"time": 1, "tracer": "pinned"}})
     drift = [not species(kind(count), box=periodic).velocities.zero_momentum for count in (1, 2)]
     assert drift == [True, False]  # without it a single disk would stand still
 

@@ -132,6 +132,7 @@ VARIED = [
     ("{disks.species.bath.count: [10.5]}", "vary", "species[0].count: must be a valid integer or 'rest', not 10.5"),
     ("{disks.species.bath.count: {from: 2, to: 4, count: 5}}", "vary", "must be values that differ"),
     ("{duration: {from: 1, to: 3}}", "vary.duration.count", "missing"),
+    ("{duration: {from: -1, to: 3, count: 3, spacing: log}}", "vary.duration.from", "0 and of one sign"),
     ("{duration: {from: 0, to: 3, count: 3, spacing: log}}", "vary.duration.from", "different from 0"),
     ("{particles: [16]}", "vary", "by the key `particles`"),
     ("{duration: [1, 2], box.x: [[0, 1]]}\nvary_together: true", "vary", "lists of the same length"),
