@@ -182,7 +182,7 @@ def cut(ensemble):
 
 def shift(ensemble):
     ensemble.tracer.position[-1, 0] += 2.0**-30
-    ensemble.whole[5].velocity[3, 2, 1] += 2.0**-20
+    ensemble.whole[5].velocity[3, 2, 1] -= 2.0**-20
 
 
 def lose(ensemble):
