@@ -91,6 +91,7 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
 ]
 STUDIES = [
     ("seeds: 60\n", "", 1, "seeds", "must be given, or a tolerance in their place"),
+    ("seeds: 60", "seeds: 9-3,5", 8, "seeds", "ascending, at most 10000000, not '9-3,5'"),
     ("seeds: 60", "seeds: 0-99999999", 8, "seeds", "at most 10000000, not"),
     ("seeds: 60\nbatch: 30", "seeds: 10000\nbatch: 1", 9, "batch", "at most 10000 jobs (80000 with this one)"),
     ("seeds: 60", "seeds: 3\ntolerance: 2%", 8, "seeds", "or a tolerance in their place; not both"),
