@@ -4,62 +4,52 @@ import numpy as np
 import pytest
 
 import test_estimators
+import test_goodness
 from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution, estimator, goodness
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
-from ensembles import DIFFUSION, make_runs, make_scene, write
+from ensembles import make_runs, make_scene, write
 
-SIGMAS = 4.5
-TIMES = (0.2, 0.55, 1.0)
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    path = write(tmp_path_factory.mktemp("walk"), make_runs(make_scene(), range(600)))
-    return aggregate([path], dr=0.06, rings=24, displacement_times=TIMES).squeeze()
+TIMES, WINDOWS = (0.2, 0.55, 1.0), ((0.1, 1.0), (0.5, 1.0))
 
 
-def case_of(times, **more):
-    """A case with rings of width 0.1."""
-    edges = 0.1 * np.arange(11)
-    return estimator.Case(make_scene(), Engine("exact"), times, windows=((0.0, 1.0),), edges=edges, **more)
-
-
-def found_of(squared, at=(0,)):
-    """What runs with the squared displacements (n, T) add up to, as the estimator sees them."""
-    case = case_of(0.5 + np.arange(squared.shape[1]), displacement_times=tuple(0.5 + np.array(at)))
-    case = case._replace(rings=(case.edges,) * len(at))
-    return test_estimators.found_of(case, {"square_displacement": squared}, distribution)
-
-
-def test_every_time_has_its_counts(dataset):
-    assert dataset.displacement_time.values.tolist() == pytest.approx(TIMES)
-    assert (dataset.displacement_counts.sum("r") + dataset.displacement_overflow == 600).all()
-    times = np.array(TIMES)[:, None]
-    expected = 600 * theory.ring_probability(dataset.r_inner.values, dataset.r_outer.values, times, DIFFUSION)
-    assert (abs(dataset.displacement_counts - expected) < SIGMAS * np.sqrt(expected) + 1).all()
-
-
-def test_models_take_d_from_their_own_time(dataset):
-    msd = dataset.msd.sel(time=list(TIMES), method="nearest").values
-    assert dataset.model_diffusion_coefficient.sel(model="msd").values == pytest.approx(msd / (4 * np.array(TIMES)))
-    square = dataset.model_diffusion_coefficient.sel(model="square").values
-    assert theory.reflecting_square_msd(np.array(TIMES), square, 2.7) == pytest.approx(msd, rel=1e-12)
-    assert np.allclose(dataset.expected_counts.sum("r") + dataset.expected_overflow, 600)
-    assert (dataset.p_value > 1e-4).all()  # 12 tests of a true model
-
-
-@pytest.mark.slow
-def test_a_distribution_that_is_not_normal_is_rejected(tmp_path):
-    """D differs from run to run, so that more runs are near the start and far away than eq. (18) has it."""
-    scene, rng = make_scene(boundary="periodic"), np.random.default_rng(1)
-    trajectories = make_runs(scene, range(2000))
-    track = trajectories.ensemble.tracer.position
-    track *= np.sqrt(rng.gamma(4.0, 1 / 4.0, 2000))[:, None]  # kurtosis 1.25
-    one = aggregate([write(tmp_path, trajectories)], dr=0.2, rings=3).squeeze().sel(model="msd")
-    assert one.kurtosis.item() > 1.1 and one.kurtosis_p_value.item() < 1e-4 * one.p_value.item()
-    assert one.p_value_joint.item() < goodness.LEVEL
+def test_counts_and_tests_at_every_time_are_those_of_single_runs():
+    """Of diffusers between walls, which they reach. In the square changes by ln MSD stand for those by ln D."""
+    edges, runs = 0.2 * np.arange(18), make_runs(make_scene(), range(600), diffusion=0.8)
+    track = runs.ensemble.tracer.position
+    track[...] = 2.7 - np.abs((track + 2.7) % 10.8 - 5.4)
+    dataset = aggregate([runs], WINDOWS, dr=0.2, rings=17, displacement_times=TIMES).squeeze()
+    squared, times = (track**2).sum(axis=-1).T, runs.ensemble.times
+    assert np.allclose(dataset.r, edges[1:] - 0.1)
+    for k, t in enumerate(TIMES):
+        one, r2 = dataset.isel(displacement_time=k), squared[:, round(t / 0.05)]
+        slopes = [squared @ displacement.line_weights(times, window)[0] for window in WINDOWS]
+        ring, msd = distribution.ring_of(np.sqrt(r2), edges), r2.mean()
+        plane = [test_goodness.model(ring, each, edges, time=t) for each in (r2 / t, *slopes)]
+        d = [theory.reflecting_square_diffusion(msd * change, t, 2.7) for change in (1, 1.0001, 0.9999)]
+        expected, more, less = (distribution.expected_ring_counts(600, edges, t, each, 2.7) for each in d)
+        square = plane[0][0], expected, (more - less) / 2e-4, *plane[0][3:]
+        found = [goodness.chi_square(*of_model) for of_model in (*plane, square)]
+        of_runs, p = [*one.displacement_counts, one.displacement_overflow], np.array([test.p for test in found])
+        assert one.displacement_time == t and np.array_equal(of_runs, plane[0][0])
+        of_models = [msd / (4 * t), *(slope.mean() / 4 for slope in slopes), d[0]]
+        assert one.model_diffusion_coefficient.values == pytest.approx(of_models)
+        assert np.append(one.expected_counts[3], one.expected_overflow[3]) == pytest.approx(expected)
+        assert one.chi_square.values == pytest.approx([test.statistic for test in found])
+        assert one.p_value.values == pytest.approx(p, rel=1e-3)
+        assert one.kurtosis == pytest.approx((r2**2).mean() / (2 * msd**2))
+        of_shape = goodness.kurtosis_p_value(float(one.kurtosis), 600)
+        joint = np.minimum(2 * np.minimum(p[:3], of_shape), 1)
+        assert one.p_value_joint.values == pytest.approx([*joint, p[3]], rel=1e-3)
+        wrong = [distribution.expected_ring_counts(600, edges, t, msd / (4 * t) * scale) for scale in (0.95, 1.05)]
+        power = min(goodness.power(plane[0][1], other, goodness.LEVEL / 2) for other in wrong)
+        assert one.power_5_percent[0] == pytest.approx(power)
+        z = 1.959964  # Wilson's interval of a binomial share, E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927)
+        counts = plane[0][0][:-1]
+        middle, reach = counts + z**2 / 2, z * np.sqrt(counts * (1 - counts / 600) + z**2 / 4)
+        ends = one.displacement_counts_low.values, one.displacement_counts_high.values
+        assert np.stack(ends) * (1 + z**2 / 600) == pytest.approx(np.stack([middle - reach, middle + reach]), abs=1e-4)
 
 
 # --- rings from the data
@@ -118,20 +108,13 @@ def test_a_time_without_a_sample_is_refused_and_one_that_is_given_twice_counts_o
 # --- kurtosis
 
 
-@pytest.mark.slow
-def test_kurtosis_and_its_error():
-    """Of exponential r^2: 1, and log(m4/m2^2) has variance 1/n by the delta method."""
-    n, sets = 4000, 300
-    estimate = distribution.kurtosis(found_of(np.random.default_rng(2).exponential(1.0, (n, sets)), range(sets)))
-    assert abs(estimate.mean.mean() - 1) < SIGMAS / np.sqrt(n * sets) + 2 / n  # the bias is -1/n
-    scatter = estimate.mean.std(ddof=1)
-    assert scatter == pytest.approx(estimate.standard_error.mean(), rel=SIGMAS / np.sqrt(2 * sets) + 0.05)
-
-
 @pytest.mark.parametrize(("n", "least"), [(20, 0.89), (400, 0.91)])
 def test_interval_of_the_kurtosis_covers(n, least):
     """Of a normal law, in 400 ensembles. 95 % of 20 runs and 94 % of 400 are expected, less between."""
-    estimate = distribution.kurtosis(found_of(np.random.default_rng(n).exponential(1.0, (n, 400)), range(400)))
+    times, squared = 0.5 + np.arange(400), np.random.default_rng(n).exponential(1.0, (n, 400))
+    rings = (0.1 * np.arange(11),) * 400
+    case = estimator.Case(make_scene(), Engine("exact"), times, windows=WINDOWS, displacement_times=times, rings=rings)
+    estimate = distribution.kurtosis(test_estimators.found_of(case, {"square_displacement": squared}, distribution))
     assert least <= ((estimate.low < 1) & (estimate.high > 1)).mean() <= 0.99
 
 
