@@ -8,11 +8,12 @@ import xarray
 from scipy import stats
 
 from brownpipe import observables
+from brownpipe.analysis.displacement import squared_of, tracer_square_displacement
+from brownpipe.analysis.estimator import Case
 from brownpipe.engines import Engine
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import RequestError
 from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, observe, orientation
-from brownpipe.observables.displacement import displacement, squared
 from brownpipe.observables.observable import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
@@ -128,13 +129,14 @@ def test_reach_of_the_pair_distribution():
         width = contact / 40
         assert middles[:2] == pytest.approx([width / 2, 3 * width / 2], rel=1e-14)
         assert middles[-1] + width / 2 == pytest.approx(reach, rel=1e-14)
+    assert len(AXES["wall_distance"].coordinates(scene)) == 333  # of 0.006, 40 to the smallest diameter, up to 5 * 0.4
 
 
 def plain_mean_over(scene, average, product_of):
     """For each sample time the mean of a product of two samples, by the definition of the average."""
-    last = len(scene.times) - 1
+    last, multiple = len(scene.times) - 1, scene.duration == 2.0
     if average == "origins":
-        pairs = {lag: [(i, i + lag) for i in range(last - lag)] for lag in range(last)} | {last: [(0, last)]}
+        pairs = {lag: [(i, i + lag) for i in range(last + multiple - lag)] for lag in range(last)} | {last: [(0, last)]}
     else:
         pairs = {lag: [(0, lag)] for lag in range(last + 1)}
     return [np.mean([product_of(i, k) for i, k in pairs[lag]]) for lag in range(last + 1)]
@@ -162,7 +164,8 @@ def test_density_profile_is_that_of_plain_loops(boundary):
 @pytest.mark.parametrize("boundary", [W, P])
 def test_averages_are_those_of_plain_loops(boundary, average):
     same = {"name": "same", "count": 13, "radius": 0.2, "mass": 4}  # others have this radius, or this mass
-    scene = make(boundary, (same, *BATH, same | {"name": "more", "count": 2}), None)  # 2.05 is no multiple of 0.1
+    kinds = (same, *BATH, same | {"name": "more", "count": 2})
+    scene = make(boundary, kinds, None, duration=2.0 if boundary == W else 2.05)  # a multiple of 0.1, or none
     run = made_up(scene)
     found = observe(scene, run, (*TRACER_ALONE, "bath_velocity_autocorrelation"), average)
     unwrapped = run.whole.position
@@ -214,7 +217,8 @@ def plain_bonds(scene, position):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("boundary", [W, P])
-def test_orientational_order_is_that_of_neighbours_one_by_one(boundary):
+def test_orientational_order_is_that_of_neighbours_one_by_one(boundary, monkeypatch):
+    monkeypatch.setattr(orientation, "MARGIN", 0.1)  # of images at first; it is to grow until there are enough
     scene = make(boundary, duration=0.4)
     run = made_up(scene)
     if boundary == P:
@@ -247,12 +251,14 @@ def test_energies_and_the_temperature_of_a_scene_without_one():
     energy = 0.5 * scene.mass * np.sum(run.whole.velocity**2, axis=-1)
     plain = [energy[:, 0], energy[:, 1:13].mean(axis=1), energy[:, 13:].mean(axis=1)]
     np.testing.assert_allclose(found["species_energy"].T, plain, rtol=1e-14)
-    counts, middles = np.zeros((3, 120), int), AXES["velocity_bin"].coordinates(scene)
-    for label, mass, velocity in zip([0, *[1] * 12, *[2] * 3], scene.mass, run.whole.velocity[-1], strict=True):
-        for component in velocity / np.sqrt(energy[-1].mean() / mass):
-            counts[label, np.argmin(abs(middles - component))] += 1
-    assert np.array_equal(found["velocity_counts"], counts)  # of the last sample, as the scene is not stationary
-    assert found["speed_counts"].sum(axis=1).tolist() == [1, 12, 3]
+    scaled = run.whole.velocity[-1] / np.sqrt(energy[-1].mean() / scene.mass)[:, None]
+    for name, values in (("velocity", scaled), ("speed", np.hypot(*scaled.T)[:, None])):
+        middles = AXES[f"{name}_bin"].coordinates(scene)
+        counts = np.zeros((3, len(middles)), int)
+        for label, value in zip([0, *[1] * 12, *[2] * 3], values, strict=True):
+            for component in value:
+                counts[label, np.argmin(abs(middles - component))] += 1
+        assert np.array_equal(found[f"{name}_counts"], counts)  # of the last sample, as the scene is not stationary
 
 
 def test_what_lies_beyond_the_bins_is_in_the_outermost(monkeypatch):
@@ -330,8 +336,10 @@ def test_the_same_to_the_bit(boundary, average):
     for name, values in once.observables.items():
         assert values.tobytes() == kept.observables[name].tobytes()
         assert values.tobytes() == np.concatenate([part.observables[name] for part in parts]).tobytes()
+    case = Case(scene, Engine("exact"), scene.times)
+    assert squared_of(case, kept) is kept.observables["square_displacement"]
     if average == "runs":
-        from_track = squared(displacement(kept.tracer.position, kept.tracer.image, (5.0, 4.0))).T
+        from_track = tracer_square_displacement(case, kept)
         assert from_track.tobytes() == once.observables["square_displacement"].tobytes()
     speed = [np.sum(kept.whole[seed].velocity[0, 0] ** 2) for seed in range(5)]
     assert speed == once.observables["initial_square_speed"].tolist()
