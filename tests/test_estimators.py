@@ -426,11 +426,27 @@ def test_contact_value_of_the_fluid_is_that_of_its_collisions(phi, time, samples
     assert both < 0.02 * values["contact_value_rate"]  # of 16 runs it is 0.3 to 1.4 %
 
 
-def test_contact_value_from_the_rate_is_enskogs():
+def test_contact_values_from_rates_are_enskogs():
+    """Of the tracer with the gas, and of the gas among itself, to which all other collisions belong."""
     scene = gas(tracer={"radius": 1.0, "mass": 3.0})
-    rate = theory.collision_rate(16 / 64, 1.5, 1.3, 0.75, 0.8) / theory.mean_root_chi_square(32)
-    chi = pairs.contact_from_rate(scene, np.array([[np.nan, rate * 5.0, 0.0]]), np.array([0.8]), 5.0)
-    assert chi[0, 1] == pytest.approx(1.3)
+    of_tracer = theory.collision_rate(16 / 64, 1.5, 1.3, 0.75, 0.8)
+    every = of_tracer + 16 / 2 * theory.collision_rate(15 / 64, 1.0, 1.2, 0.5, 0.8)
+    time = scene.times[-1] / theory.mean_root_chi_square(32)
+    counts = {"tracer_collisions": of_tracer * time, "pair_collisions": every * time, "kinetic_energy": 0.8 * 16}
+    values = values_of(case_of(scene), {name: np.full(12, value) for name, value in counts.items()}, pairs)
+    assert values["contact_value_rate"][1:] == pytest.approx([1.3, 1.2])
+
+
+def test_few_pairs_have_an_interval_of_poissons():
+    """Beyond contact, the 41st bin, and no shorter one by the bootstrap: 0 pairs are less than 3.84 (Wilson, 95 %)."""
+    scene, counts = gas(), np.zeros((12, 1, 160))
+    counts[:2, 0, 50] = 1
+    values = values_of(case_of(scene), {"pair_counts": counts, "pair_snapshots": np.ones(12)}, pairs)
+    one = 1 / (12 * pairs.ideal(scene, pairs.bin_edges(scene)))[0]
+    low, high = values["pair_distribution_low"][0] / one, values["pair_distribution_high"][0] / one
+    assert high[[40, 159]] == pytest.approx([3.8415] * 2, rel=1e-4) and not high[:40].any()
+    reach = 1.95996 * np.sqrt(2 + 1.95996**2 / 4)
+    assert low[50] < 2.001 + 1.9207 - reach and high[50] > 1.999 + 1.9207 + reach
 
 
 # --- thermodynamics
@@ -479,12 +495,26 @@ def test_what_is_alike_in_all_runs_has_no_error():
     assert all(np.isnan(found[f"{name}_{part}"][where]).all() for name, where in empty.items() for part in parts)
 
 
-def test_temperature_counts_degrees_of_freedom():
-    energy = np.array([15.0])
-    assert thermodynamics.temperature(gas(), energy) == 1.0  # 16 disks, no total momentum
-    assert thermodynamics.temperature(gas("reflecting"), energy) == 15 / 16
+def test_densities_at_the_walls_are_extrapolated_from_a_fifth_of_each_diameter():
+    """Of a gas so thin that the form that is fitted is a parabola."""
+    scene = gas("reflecting", side=1e4, tracer={"radius": 1.0, "mass": 3.0})
+    z, weights = observables.AXES["wall_distance"].coordinates(scene), pairs.wall_weights(scene)
+    assert np.count_nonzero(weights[0], axis=1).tolist() == [16, 8]
+    assert weights[0] @ (1.7 - 2 * z + 3 * (z**2 + 0.025**2 / 12)) == pytest.approx([1.7, 1.7], rel=1e-6)
 
 
-def test_enskog_needs_a_temperature():
-    assert thermodynamics.enskog(make_scene()) == {}
-    assert thermodynamics.enskog(gas(number=3, side=40.0))["enskog_compressibility"] == pytest.approx(1, abs=0.01)
+def test_enskogs_theory_of_a_mixture():
+    """A disk collides with all others, not with itself; D = kT/(m gamma), in the frame of the centre of mass."""
+    few = {"name": "few", "count": 2, "radius": 0.1, "mass": 9.0}
+    disks = {"tracer": {"radius": 1.0, "mass": 3.0}, "species": [few, gas().as_mapping()["disks"]["species"][0]]}
+    scene, number, sizes, mass = gas(disks=disks), np.array([1, 2, 16]), 2 * np.array([1.0, 0.1, 0.5]), [3.0, 9.0, 1.0]
+    chi, found = theory.mixture_contact_values(number / 64, sizes), thermodynamics.enskog(scene)
+    rates, friction = np.zeros((2, 3, 3))
+    for a, b in np.ndindex(3, 3):
+        pair = (number[b] - (a == b)) / 64, (sizes[a] + sizes[b]) / 2, chi[a, b], theory.reduced_mass(mass[a], mass[b])
+        rates[a, b], friction[a, b] = theory.collision_rate(*pair, 1.0), theory.enskog_friction(*pair, 1.0)
+    assert found["enskog_collision_rate"] == pytest.approx(number @ rates.sum(axis=1) / 19)
+    assert found["enskog_tracer_collision_rate"] == pytest.approx(rates[0].sum())
+    assert found["enskog_diffusion"] == pytest.approx((34 / 37) ** 2 / friction[0].sum())
+    assert found["enskog_contact_value"] == pytest.approx(chi[0, 2]) != pytest.approx(chi[0, 1])
+    assert thermodynamics.enskog(make_scene()) == {}, "it needs a temperature"

@@ -1,7 +1,6 @@
 """The tracer alone, in friction and noise: against the exact solutions of its equation, and where it is refused."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from scipy.special import exprel, hyp1f1
 
 import brownpipe as bp
 from brownpipe import theory
-from brownpipe.analysis import thermodynamics
 from brownpipe.engines import friction
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.initial_state import draw, draw_tracer, noise
@@ -17,10 +15,9 @@ from brownpipe.engines.langevin import RATE_COLLISIONS, Settings, caution, refus
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.engines.langevin.simulation import step_weights
 from brownpipe.errors import RequestError
-from brownpipe.scene import parse_scene, read_scene
+from brownpipe.scene import parse_scene
 
 RUNS = 4000
-SCENES = Path(__file__).parents[1] / "config" / "scenes"
 FAR = 3.3  # standard errors: 0.1 % false alarms of one comparison
 ALONE = {"standard_deviation": 2.0, "zero_momentum": False}  # no velocity is drawn but the tracer's
 
@@ -273,21 +270,6 @@ def test_friction_of_the_note():
     assert friction.friction_rate(scene_of(velocities={"temperature": 1.6}), "boltzmann") == pytest.approx(thin)
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.yaml")))
-def test_enskogs_diffusion_and_the_friction_of_the_engine_are_one_number(name):
-    """D = kT/(m gamma), to the last bit, unless the total momentum stays zero.
-
-    A scene without a temperature is taken at that of its bath.
-    """
-    scene = read_scene(SCENES / f"{name}.yaml")
-    hot = scene.replace(velocities={"temperature": friction.bath_of(scene).temperature, "zero_momentum": False})
-    assert scene.velocities.temperature in (None, hot.velocities.temperature)
-    expected = thermodynamics.enskog(hot)
-    gamma = friction.friction_rate(scene, "enskog")
-    assert expected["enskog_diffusion"] == hot.velocities.temperature / (scene.mass[0] * gamma)
-    assert expected["enskog_tracer_collision_rate"] == friction.partners_of(scene).rate.sum()
-
-
 @pytest.mark.slow
 def test_a_bath_without_other_momentum_recoils():
     """With half of the mass in the tracer of a thin gas D is a quarter of kT/(m gamma), as measured by exact runs."""
@@ -327,19 +309,9 @@ def test_a_tagged_disk_has_the_friction_of_one_fluid():
     assert friction.friction_rate(scene, "measured", often) == pytest.approx(1.5 * zeta / 4.0, rel=1e-14)
 
 
-def test_frictions_of_several_species_add():
-    small, large = (
-        {"name": "small", "count": 100, "radius": 0.05, "mass": 0.2},
-        {"name": "large", "count": 20, "radius": 0.1, "mass": 0.4},
-    )
-    given = {"velocities": {"temperature": 1.6}}
-    both = friction.friction_rate(scene_of(species=[small, large], particles=121, **given), "boltzmann")
-    each = [
-        friction.friction_rate(scene_of(species=[one], particles=one["count"] + 1, **given), "boltzmann")
-        for one in (small, large)
-    ]
-    assert both == pytest.approx(sum(each), rel=1e-14)
-    hot = friction.bath_of(scene_of(species=[small, large], particles=121))
+def test_a_bath_of_several_species_has_the_mean_energy_of_its_disks():
+    kinds = [{"name": f"s{n}", "count": n, "radius": 0.05, "mass": mass} for n, mass in ((100, 0.2), (20, 0.4))]
+    hot = friction.bath_of(scene_of(species=kinds, particles=121))
     assert hot.temperature == pytest.approx(4 * (100 * 0.2 + 20 * 0.4) / 120, rel=1e-14)
 
 
@@ -481,4 +453,5 @@ def test_where_friction_and_noise_are_no_bath(changes, record, message):
 
 @pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])
 def test_a_tracer_that_is_not_very_heavy(mass, said):
-    assert (caution(scene_of(tracer={"mass": mass})) is not None) == said
+    species = [{"name": name, "count": 9, "radius": 0.1, "mass": one} for name, one in (("light", 0.1), ("heavy", 0.4))]
+    assert (caution(scene_of(tracer={"mass": mass}, species=species, particles=19)) is not None) == said
