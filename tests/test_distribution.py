@@ -45,8 +45,7 @@ def test_counts_and_tests_at_every_time_are_those_of_single_runs():
         wrong = [distribution.expected_ring_counts(600, edges, t, msd / (4 * t) * scale) for scale in (0.95, 1.05)]
         power = min(goodness.power(plane[0][1], other, goodness.LEVEL / 2) for other in wrong)
         assert one.power_5_percent[0] == pytest.approx(power)
-        z = 1.959964  # Wilson's interval of a binomial share, E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927)
-        counts = plane[0][0][:-1]
+        counts, z = plane[0][0][:-1], 1.959964  # E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927)
         middle, reach = counts + z**2 / 2, z * np.sqrt(counts * (1 - counts / 600) + z**2 / 4)
         ends = one.displacement_counts_low.values, one.displacement_counts_high.values
         assert np.stack(ends) * (1 + z**2 / 600) == pytest.approx(np.stack([middle - reach, middle + reach]), abs=1e-4)

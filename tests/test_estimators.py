@@ -218,6 +218,8 @@ def test_initial_slope_of_a_heavy_tracer_is_taken_before_the_bath_has_collisions
     falling = np.exp(-rate / 2 * (scene.times + (1 - np.exp(-pace * scene.times)) / pace))
     slope, error, _, _ = slope_of(scene, {"velocity_autocorrelation": np.tile(2 * falling, (12, 1))})
     assert abs(slope + 2 * rate) <= error < 0.1 * rate
+    coarse = scene.replace(sample_interval=0.6 / pace)  # samples are later than collisions of the bath
+    assert np.isnan(slope_of(coarse, decaying(coarse, rate))).all()
 
 
 @pytest.mark.parametrize(("lost", "stated"), [(0.19, True), (0.21, False), (0.9, False), (1 - 1e-9, False)])
