@@ -78,7 +78,7 @@ def test_every_variable_is_there(dataset):
     assert all({"units", "long_name"} <= set(dataset[name].attrs) for name in dataset.data_vars)
     assert all("long_name" in dataset[name].attrs for name in dataset.coords)
     assert dataset.species.values.tolist() == ["gas", "tracer"]
-    for name in ("bath_velocity_autocorrelation", "wall_pressure", "wall_compressibility"):
+    for name in ("bath_velocity_autocorrelation", "wall_pressure", "wall_compressibility", "contact_density"):
         assert np.isnan(dataset[name].sel(scene="periodic")).all()
         assert np.isfinite(dataset[name].sel(scene="reflecting", particles=17)).any()
 

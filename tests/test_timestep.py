@@ -62,7 +62,7 @@ def twin(state, box, dt, steps, collisions):
     size, low = np.array((box.width, box.height)), np.array((box.x[0], box.y[0]))
     images = [(a, u) for a in (-1, 0, 1) for u in (-1, 0, 1)] if box.periodic else [(0, 0)]
     first, second = np.triu_indices(len(x), 1)
-    pairs, walls, course, late = 0, 0, np.zeros(len(x)), collisions == "late"
+    pairs, tracers, walls, course, late = 0, 0, 0, np.zeros(len(x)), collisions == "late"
 
     def meeting(i, k, image, now):
         """Place and velocity of disk k as seen from i, whether they are to collide, and how long ago they met."""
@@ -102,7 +102,7 @@ def twin(state, box, dt, steps, collisions):
                     x[disk] += (velocity - v[disk]) * since
                     v[disk] = velocity
                 course[[i, k]] = now - since
-                pairs += 1
+                pairs, tracers = pairs + 1, tracers + (i == 0)
         for i, axis in np.ndindex(x.shape) if not box.periodic else ():
             left = low[axis] - (x[i, axis] - radius[i])
             right = x[i, axis] + radius[i] - (low + size)[axis]
@@ -116,7 +116,7 @@ def twin(state, box, dt, steps, collisions):
                     course[i] = max(course[i], now - rest / speed)
                 v[i, axis] *= (-1) ** hits
                 walls += hits
-    return x, v, pairs, walls
+    return x, v, [pairs, tracers, walls]
 
 
 @pytest.mark.parametrize("collisions", ["at_contact", pytest.param("late", marks=pytest.mark.slow)])
@@ -125,10 +125,10 @@ def test_every_step_is_that_of_the_plain_twin(name, collisions):
     """Between walls to the last bit; in periodic boxes positions are rounded elsewhere, so to 1e-9 in a short time."""
     scene = SCENES[name]
     run = timestep.simulate(scene, [5], {"all"}, time_step=DT, collisions=collisions)
-    x, v, pairs, walls = twin(draw(scene, 5), scene.box, DT, round(scene.duration / DT), collisions)
+    x, v, collisions = twin(draw(scene, 5), scene.box, DT, round(scene.duration / DT), collisions)
     track, found = run.whole[5], run.observables
-    assert (found["pair_collisions"][0], found["wall_collisions"][0]) == (pairs, walls)
-    assert pairs + walls > 10 and not found["failed"][0]
+    assert [found[f"{of}_collisions"][0] for of in ("pair", "tracer", "wall")] == collisions
+    assert collisions[0] + collisions[2] > 10 and not found["failed"][0]
     if scene.box.periodic:
         size = scene.box.width
         apart = track.position[-1] - x
