@@ -15,7 +15,6 @@ from brownpipe.errors import AnalysisError
 from brownpipe.observables.displacement import displacement as moved
 from brownpipe.observables.displacement import squared
 from brownpipe.scene import parse_scene
-from brownpipe.storage import trajectories
 from ensembles import DIFFUSION, make_runs, make_scene, study, write
 
 SIGMAS = 4.5
@@ -209,12 +208,12 @@ def test_runs_that_do_not_belong_together_are_refused(made, message, tmp_path):
         aggregate(paths)
 
 
-def test_two_sources_are_not_averaged(tmp_path, monkeypatch):
-    first = write(tmp_path, make_runs(make_scene(), range(20)))
-    monkeypatch.setattr(trajectories, "source_digest", lambda *_: "another")
-    second = write(tmp_path, make_runs(make_scene(), range(20, 30)))
-    with pytest.raises(AnalysisError, match=r"20-29\.h5: has another source code than .*0-19\.h5"):
-        aggregate([first, second])
+def test_runs_of_another_source_or_average_are_not_averaged():
+    first, other = make_runs(make_scene(), range(20)), make_runs(make_scene(), range(20, 30))
+    averaged = other._replace(ensemble=other.ensemble._replace(average="origins"))
+    for second, what in ((other._replace(source="another"), "source code"), (averaged, "average")):
+        with pytest.raises(AnalysisError, match=rf"^runs\[1\]: has another {what} than runs\[0\]"):
+            aggregate([first, second])
 
 
 @pytest.mark.parametrize(("second", "message"), [
