@@ -397,11 +397,10 @@ def test_pi_collisions(digits):
 @pytest.mark.parametrize(
     ("kinds", "bound"),
     [
-        ([(10, 0.1, 1.0)], 1e-12),
-        ([(5, 0.1, 1.0), (5, 0.1, 7.3)], 1e-12),
-        ([(9, 0.1, 1.0), (1, 0.1, 1e12)], 1e-9),
+        pytest.param([(10, 0.1, 1.0)], 1e-12, id="equal"),
+        pytest.param([(5, 0.1, 1.0), (5, 0.1, 7.3)], 1e-12, id="7.3"),
+        pytest.param([(9, 0.1, 1.0), (1, 0.1, 1e12)], 1e-9, id="1e12"),
     ],
-    ids=["equal", "7.3", "1e12"],
 )
 @BOTH
 def test_energy_over_a_million_events(boundary, kinds, bound):
