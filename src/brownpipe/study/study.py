@@ -107,9 +107,7 @@ class Study(Record):
     scenes: Texts = key("scene files, relative to the folder of the study file")
     particles: Counts | None = key("numbers of disks; every scene is run with each (default: its own)", None)
     vary: Vary = key("keys of the scenes, such as disks.tracer.mass, and their values: a list, or from, to, count", {})
-    vary_together: StrictBool = key(
-        "first values of all varied keys, then second ones, ...; not all combinations", False
-    )
+    vary_together: StrictBool = key("first values of all keys, then second ones, ...; not all combinations", False)
     shown_particles: Count | None = key("the number of disks in figures of a single one (default: the largest)", None)
     engines: Engines = key("engines, with their settings if any", ("exact",))
     seeds: Seeds | None = key("a count (2400: seeds 0 to 2399), a range (100-199), or a list of both", None)
@@ -201,21 +199,19 @@ class Study(Record):
             refuse(f"must be large enough for at most {MOST_JOBS} jobs ({jobs} with this one)", "batch")
 
     def _check_figures(self) -> None:
-        """Refuse figures without data; by default there are all whose needs are met."""
+        """Refuse figures and settings without data; by default there are all figures whose needs are met."""
         moves_all = any(engine.definition.moves_all_disks for engine in self.engines)
         measured = self.observables if moves_all else measures.of_tracer(self.observables)[0]
         counts = sorted({case.particles for case in self.cases})
-        has_msd = self.record == "tracer" or "square_displacement" in measured
-        along = [*self.vary.values()][: 1 if self.vary_together else None]
+        of_numbers = [len(values) > 1 and all(map(is_number, values)) for values in self.vary.values()]
         conditions = {f"the observable {name}": name in measured for name in measures.OBSERVABLES} | {
             OWN: any(map(is_own, measured)),
             FOLLOWED: max(counts) > 0,
             COLLISIONS: any(use.case.particles and use.engine.definition.moves_all_disks for use in self.uses),
-            SCAN: len(set(counts) - {0}) > 1
-            or any(len(values) > 1 and all(map(is_number, values)) for values in along),
-            ENDS: self.record == "tracer" or (has_msd and self.average == "runs"),
+            SCAN: len({*counts} - {0}) > 1 or any(of_numbers[: 1 if self.vary_together else None]),
+            ENDS: self.record == "tracer" or ("square_displacement" in measured and self.average == "runs"),
             WALLS: "density_profile" in measured and any(not case.box.periodic for case in self.cases),
-            SPREADING: has_msd,
+            SPREADING: self.record == "tracer" or "square_displacement" in measured,
         }
         for name, need in (("fit_windows", SPREADING), ("rings", ENDS), ("displacement_times", ENDS)):
             if name in self.model_fields_set and not conditions[need]:
