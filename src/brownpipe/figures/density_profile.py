@@ -16,7 +16,7 @@ BULK = 0.75  # share of the largest distance from which on the density is that o
 
 def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
     """Draw the profile of each species with its 95 % band, its value at the wall, and that of the bulk."""
-    for part, line in told_apart(parts, _contact_in_words, looks):
+    for part, line in told_apart(parts, lambda part: f"n(wall) = {estimate_of(part, 'contact_density')}", looks):
         band(axes, part, NAME, **line)
         points(axes, [0.0], [part], "contact_density", fmt="o", color=line["color"], clip_on=False)
         bulk = float(part[NAME].where(part.wall_distance > BULK * part.wall_distance[-1]).mean())
@@ -24,7 +24,3 @@ def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
     axes.set_xlim(0, max(float(part.wall_distance[-1]) for part in parts))
     axes.set_ylim(bottom=0)
     axes.set_xlabel("distance $z$ of the disk's edge from the wall")
-
-
-def _contact_in_words(part: Dataset) -> str:
-    return f"n(wall) = {estimate_of(part, 'contact_density')}"

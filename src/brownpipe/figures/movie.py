@@ -20,6 +20,7 @@ from brownpipe.errors import RequestError
 from brownpipe.figures.origin import Record, metadata
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
 from brownpipe.observables.observable import Track
+from brownpipe.observables.species import species_table
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import Trajectories
@@ -71,11 +72,9 @@ def scenery_of(scene: Scene, seed: int, track: Track) -> tuple[Figure, Callable[
 
 
 def shades_of(scene: Scene) -> np.ndarray:
-    """Index (N,) of each disk's colour in FACES: 0 for disk 0, then one per radius and mass, by first appearance."""
-    properties = np.stack([scene.radius, scene.mass])[:, 1:]
-    _, first, species = np.unique(properties, axis=1, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))
-    return np.append(0, 1 + rank[species.ravel()] % (len(FACES) - 1))
+    """Index (N,) of each disk's colour in FACES: 0 for disk 0, then one per species, in their order."""
+    _, rank = np.unique(species_table(scene).label[1:], return_inverse=True)
+    return np.append(0, 1 + rank % (len(FACES) - 1))
 
 
 def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
