@@ -219,7 +219,7 @@ MEMORY = {  # scene, runs, record, observables
 
 @pytest.fixture(scope="module")
 def least(tmp_path_factory):
-    """Peak memory of a process with a short run; 40 MB of it depend on how the system keeps the file of LLVM."""
+    """Peak memory of a process with a short run: 37 to 178 MB of it are LLVM's file, as the system has it in memory."""
     return peak(tmp_path_factory.mktemp("least"), ["simulate", str(NOTE), "--output", "one.h5"])
 
 
@@ -234,7 +234,7 @@ def test_expected_memory_is_near_that_of_the_process(tmp_path, name, least):
     above = peak(tmp_path, command) - least
     cost = forecast.of_run(read_scene(tmp_path / "scene.yaml"), set(record.split(",")), names)
     expected = forecast.memory(cost, runs)
-    assert 0.7 * forecast.PROCESS < least < 1.5 * forecast.PROCESS
+    assert 0.7 * forecast.PROCESS < least < forecast.PROCESS + 150e6
     assert above / 1.5 < expected - forecast.PROCESS < 1.5 * above, (above, expected)
 
 
