@@ -70,7 +70,7 @@ ready_dev ready_docs ready_cluster: ready_%:
 
 # A stamp is written last, when all that a lock pins is installed: after a failure or Ctrl-C the next `make` installs again.
 # A folder that was moved needs a new environment: rm -rf .venv
-# The newest pip (if there is none: that of Python) reads the indices of packages in half the time of Python 3.11's.
+# The newest pip reads the indices of packages in half the time of Python 3.11's, which stays where none can be fetched.
 .venv/created:
 	@$(PYTHON) -c "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))" 2> /dev/null || { echo "brownpipe: set-up: $(PYTHON) must be Python >= 3.11 with venv (Debian, Ubuntu: apt install python3-venv); another one: make study PYTHON=python3.12" >&2; exit 1; }
 	@$(PYTHON) -m venv .venv --upgrade-deps

@@ -56,10 +56,7 @@ def pytest_unconfigure():
 
 
 def pytest_collection_modifyitems(config, items):
-    """Bring the tests into the order of `FIRST`; within a file, and after these, it stays.
-
-    Those on a cluster are left out without --cluster.
-    """
+    """Order the files of tests by `FIRST`, and leave out those on a cluster without --cluster."""
     if not config.getoption("--cluster"):
         items[:] = [item for item in items if not item.get_closest_marker("cluster")]
     items.sort(key=lambda item: RANK.get(item.path.name, len(RANK)))

@@ -266,7 +266,8 @@ def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
         return forked.snakemake(*words, cwd=tmp_path, env=environment(PATH=f"{forked.programs()}:{os.environ['PATH']}"))
 
     monkeypatch.setattr(progress, "relayed", forked_run)
-    settled = f"{Path(SCENE.replace('.', '_thermal.')).read_text()}equilibrate: {{time: 0.1, tracer: free}}\n"
+    thermal = Path(SCENE).with_name("harrison2020_thermal.yaml").read_text()
+    settled = f"{thermal}equilibrate: {{time: 0.1, tracer: free}}\n"
     Path("settled.yaml").write_text(settled)
     asked = {"particles": 20, "observables": "square_displacement", "average": "origins"}
     study = {"scenes": "settled.yaml", "seeds": 60, "fit_windows": [[0.1, 1]], "figures": "health"}
@@ -313,11 +314,8 @@ def test_seeds_in_every_form(seeds):
 def test_a_scene_from_numbers_is_that_of_the_file():
     scene = bp.Scene(**KEYS, name="harrison2020")
     assert scene == bp.read_scene(SCENE)
-    others = KEYS | {
-        "sample_interval": None,
-        "samples": {"per_decade": 3},
-        "equilibrate": {"time": 0.5, "tracer": "free"},
-    }
+    before = {"equilibrate": {"time": 0.5, "tracer": "free"}}
+    others = KEYS | before | {"sample_interval": None, "samples": {"per_decade": 3}}
     assert bp.Scene(**others, name="a") == parse_scene(others, "a.yaml")
     low, high = KEYS["box"]["x"]
     box = KEYS["box"] | {"x": np.array([low, high]), "y": (np.float64(low), np.int32(high))}

@@ -69,10 +69,7 @@ def test_cheapest_that_meets_the_tolerance_comes_first():
 
 
 def test_bias_and_what_is_not_known_of_it_count_as_error(study_file, here, monkeypatch):
-    """Each alone is below the tolerance of 2 %; together they are sqrt(0.015^2 + 0.018^2) = 2.3 %.
-
-    They are those of the engine's runs relative to exact ones, with D from the first fit window.
-    """
+    """Each alone is below the tolerance of 2 %; together they are sqrt(0.015^2 + 0.018^2) = 2.3 %."""
     monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 10)
     values = {"msd_bias": 0.015, "msd_bias_standard_error": 0.018, "msd_spread": 1.0}
     compared = []

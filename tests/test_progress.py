@@ -2,7 +2,9 @@
 
 import io
 import logging
+import os
 import sys
+import termios
 from types import SimpleNamespace
 
 import numpy as np
@@ -84,10 +86,19 @@ def test_a_log_has_a_line_every_half_a_minute(clock, capsys):
             clock.now += 1.0
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.splitlines() == [
-        "aggregate: 30 of 1,000 runs (3 %), 30 s, about 16 min to go",
-        "aggregate: 60 of 1,000 runs (6 %), 60 s, about 16 min to go",
-    ]
+    said = "aggregate: {} of 1,000 runs ({} %), {} s, about 16 min to go"
+    assert err.splitlines() == [said.format(30, 3, 30), said.format(60, 6, 60)]
+
+
+def test_a_line_is_cut_to_the_width_of_a_terminal(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    ours, theirs = os.openpty()
+    termios.tcsetwinsize(theirs, (24, 40))
+    with open(theirs, "w") as terminal, monkeypatch.context() as patch:
+        patch.setattr("sys.stderr", terminal)
+        patch.setattr(progress, "DELAY", 0.0)
+        progress.Display().update("aggregate: 3 of 1,000 runs, more than fits", 3, 1000)
+    assert os.read(ours, 80) == b"\raggregate: 3 of 1,000 runs, more than f"
 
 
 @pytest.mark.parametrize(

@@ -119,15 +119,17 @@ def test_each_key_makes_the_steps_due_that_are_made_from_it_and_no_others(key):
         assert due(made_from(unasked), made_from(small(fit_windows=unasked.fit_windows))) == ANALYSIS
 
 
-DRAWINGS = {"figures", "tradeoff_figures"}
-SOURCES = {"simulate": ALL, "aggregate": ANALYSIS, "tradeoff": LATER - ANALYSIS, "figures": DRAWINGS}
+DRAWN = FIGURE | {"tradeoff_figures"}
+SOURCES = {"simulate": ALL, "aggregate": ANALYSIS, "tradeoff": LATER - ANALYSIS, "figures": DRAWN}
 
 
 @pytest.mark.parametrize("changed", SOURCES)
 def test_a_changed_source_makes_its_step_due_and_all_after_it(monkeypatch, changed):
+    def digest(step, *of_engine):
+        return "changed" if step == changed else source_digest(step, *of_engine)
+
     before = made_from(small())
     for module in ("storage.store", "study.run_sets"):
-        digest = lambda step, *_: "changed" if step == changed else source_digest(step, *_)  # noqa: E731
         monkeypatch.setattr(f"brownpipe.{module}.source_digest", digest)
     assert due(before, made_from(small())) == SOURCES[changed]
 
