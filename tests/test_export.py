@@ -56,12 +56,12 @@ def walled(tmp_path_factory):
     return written(tmp_path_factory.mktemp("walled") / "walled.h5", make_scene("walled", 12), (3, 8))
 
 
-def written(path, scene, seeds, failed=()):
+def written(path, scene, seeds, speed=1.0):
     """A file of runs of random positions and velocities."""
-    runs, shape = make_runs(scene, seeds, failed), (len(scene.times), scene.particles, 2)
+    runs, shape = make_runs(scene, seeds), (len(scene.times), scene.particles, 2)
     numbers = np.random.default_rng(1)
     image = numbers.integers(-2, 3, shape).astype(np.int32) if scene.box.periodic else None
-    whole = {seed: Track(numbers.uniform(-2.7, 2.7, shape), numbers.normal(size=shape), image) for seed in seeds}
+    whole = {seed: Track(numbers.uniform(-2.7, 2.7, shape), numbers.normal(0, speed, shape), image) for seed in seeds}
     write_trajectories(path, scene, Engine("exact"), runs.ensemble._replace(whole=whole))
     return path
 
@@ -83,14 +83,6 @@ def edges_of(scene):
     return np.array([scene.box.width, scene.box.height])
 
 
-def frames_of(path):
-    """Positions (T, N, 3) and images of a GSD file, and its box."""
-    with gsd.hoomd.open(path) as trajectory:
-        frames = list(trajectory)
-    position, image = (np.array([getattr(frame.particles, name) for frame in frames]) for name in ("position", "image"))
-    return position, image, frames[0].configuration.box
-
-
 def refused(capsys, *options):
     """The one line with which an export is refused."""
     assert main(["export", *map(str, options)]) == WRONG_REQUEST
@@ -102,23 +94,28 @@ def refused(capsys, *options):
 # -- what the files contain -----------------------------------------------------------------------------------------
 
 
-def test_gsd_has_the_run_in_single_precision(fluid):
-    scene, times, track = run_in(fluid, 5)
-    edges, centre = edges_of(scene), np.array([7.0, 8.0])
-    with gsd.hoomd.open(fluid.with_suffix(".gsd")) as frames:
+@pytest.mark.parametrize(("name", "seed", "types"), [("fluid", 5, ["disk"]), ("walled", 3, ["tracer", "bath"])])
+def test_gsd_has_the_first_run_in_single_precision(name, seed, types, request, capsys):
+    path = request.getfixturevalue(name)
+    scene, times, track = run_in(path, seed)
+    edges, periodic = edges_of(scene), scene.box.periodic
+    target = exported(path, "gsd")
+    assert ("GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err) == (not periodic)
+    with gsd.hoomd.open(target) as frames:
         assert len(frames) == len(times) == 21
         for k, frame in enumerate(frames):
             box, disks = frame.configuration, frame.particles
-            assert (box.step, box.dimensions, list(box.box)) == (k, 2, [20, 12, 0, 0, 0, 0])
-            assert frame.log["time"] == times[k] and frame.log["periodic"] == 1
-            assert (disks.types, list(disks.typeid)) == (["disk"], [0] * 200)
-            np.testing.assert_allclose(disks.diameter, 0.8, rtol=SINGLE)
-            np.testing.assert_allclose(disks.mass, 0.7, rtol=SINGLE)
-            assert np.all(abs(disks.position[:, :2] + centre - track.position[k]) <= SHIFTED * edges)
+            assert (box.step, box.dimensions, list(box.box)) == (k, 2, [*edges, 0, 0, 0, 0])
+            assert frame.log["time"] == times[k] and frame.log["periodic"] == periodic
+            assert (disks.types, list(disks.typeid)) == (types, [0] + [len(types) - 1] * (scene.particles - 1))
+            np.testing.assert_allclose(disks.diameter, 2 * scene.radius, rtol=SINGLE)
+            np.testing.assert_allclose(disks.mass, scene.mass, rtol=SINGLE)
+            centred = track.position[k] - scene.box.origin - edges / 2
+            assert np.all(abs(disks.position[:, :2] - centred) <= SHIFTED * edges)
             np.testing.assert_allclose(disks.velocity[:, :2], track.velocity[k], rtol=SINGLE)
-            np.testing.assert_array_equal(disks.image[:, :2], track.image[k])
+            np.testing.assert_array_equal(disks.image[:, :2], track.image[k] if periodic else 0 * disks.image[:, :2])
             assert not disks.position[:, 2].any() and not disks.velocity[:, 2].any() and not disks.image[:, 2].any()
-    assert track.image.any()
+    assert track.image.any() if periodic else not disks.image.any()
 
 
 @pytest.mark.parametrize(("name", "seed", "periodic"), [("fluid", 5, True), ("walled", 8, False)])
@@ -181,20 +178,6 @@ def test_a_table_of_a_file_without_whole_runs_has_all_tracers(tmp_path, capsys):
     assert len(one) == 22 and one[1].startswith("1,0.0,0,tracer,")
 
 
-def test_walls_in_gsd(walled, capsys):
-    scene, _, track = run_in(walled, 3)  # the first run, as no seed is asked for
-    target = exported(walled, "gsd")
-    assert "walled.gsd: GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err
-    with gsd.hoomd.open(target) as frames:
-        last = frames[-1]
-    disks = last.particles
-    assert (disks.types, list(disks.typeid)) == (["tracer", "bath"], [0, *[1] * 11])
-    np.testing.assert_allclose(disks.diameter, 2 * scene.radius, rtol=SINGLE)
-    np.testing.assert_allclose(disks.mass, scene.mass, rtol=SINGLE)
-    np.testing.assert_allclose(disks.velocity[:, :2], track.velocity[-1], rtol=SINGLE)
-    assert last.log["periodic"] == 0 and not disks.image.any()
-
-
 # -- the same results from other programs ---------------------------------------------------------------------------
 
 
@@ -214,8 +197,9 @@ def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks
     ours = observe(scene, run, ["square_displacement"], average)["square_displacement"]
     if average == "disks":
         np.testing.assert_array_equal(ours, read_trajectories(fluid).ensemble.observables["square_displacement"][0])
-    position, image, box = frames_of(fluid.with_suffix(".gsd"))
-    position, image = position[:, :disks], image[:, :disks]
+    with gsd.hoomd.open(fluid.with_suffix(".gsd")) as frames:
+        tracks = [(frame.particles.position[:disks], frame.particles.image[:disks]) for frame in frames]
+        (position, image), box = map(np.array, zip(*tracks, strict=True)), frames[0].configuration.box
     unwrapped = position + image * box[:3].astype(float)
     bound = 8 * SINGLE * (unwrapped**2).sum(axis=-1).max()
     measured = freud.msd.MSD(freud.box.Box.from_box(box), mode).compute(position, images=image)
@@ -256,12 +240,12 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
     assert sorted(tmp_path.iterdir()) == [bare, empty, tracer]
 
 
-@pytest.mark.parametrize("length", [1e-40, 1e40])
-def test_gsd_refuses_what_it_would_round_to_nothing(length, tmp_path, capsys):
+@pytest.mark.parametrize(("length", "speed"), [(1e-40, 1.0), (1e40, 1.0), (1.0, 1e40)])
+def test_gsd_refuses_what_it_would_round_to_nothing(length, speed, tmp_path, capsys):
     side, disks = [0.0, 10 * length], [{"name": "disk", "count": 2, "radius": length, "mass": 1.0}]
     velocities = {"standard_deviation": length}
     scene = make_scene("far", 2, velocities=velocities, box={"x": side, "y": side}, disks={"species": disks})
-    path = written(tmp_path / "far.h5", scene, [0])
+    path = written(tmp_path / "far.h5", scene, [0], speed)
     message = refused(capsys, path, "--to", "gsd", "--output", tmp_path / "far.gsd")
     assert "holds numbers from 1.2e-38 to 3.4e+38 only; use xyz or csv" in message
     assert [*tmp_path.iterdir()] == [path]

@@ -37,17 +37,13 @@ BATCHES = np.split(np.arange(len(SEEDS)), [60, 120, 124, 300, 405])
 
 
 @pytest.mark.slow
-def test_the_layout_of_files_does_not_matter(everything, tmp_path):
+def test_the_layout_of_files_does_not_matter_and_other_observables_are_refused(everything, tmp_path):
     shuffled = np.split(np.random.default_rng(2).permutation(len(SEEDS)), [100, 110])
     one, *others = (
         aggregate(written(tmp_path / str(k), everything, batches))
         for k, batches in enumerate(([np.arange(len(SEEDS))], BATCHES[::-1], shuffled))
     )
     assert all(one.identical(other) for other in others)
-
-
-@pytest.mark.slow
-def test_files_with_other_observables_are_refused(everything, tmp_path):
     paths = written(tmp_path / "batches", everything, BATCHES)
     more = select(everything, np.arange(405, 410))
     more = more._replace(observables=more.observables | {"virial": more.seeds * 1.0})
