@@ -135,15 +135,6 @@ def test_runs_that_fail_are_made_up_for(study_file, here, monkeypatch):
     assert counted(read_study(study_file(tolerance=0.05))) == 4 * needed
 
 
-def test_a_scene_without_places_is_refused_and_failing_runs_are_added(study_file, tmp_path, here):
-    large = SCENE.replace("radius: 0.1", "radius: 0.8").replace("  species", "  placement: random\n  species")
-    (tmp_path / "scenes" / "few.yaml").write_text(large)
-    with pytest.raises(RequestError, match="few, N = 12, seed 0: disks: only"):
-        counted(read_study(study_file(tolerance=0.05, target="displacement_distribution")))
-    assert tradeoff.runs_for(1e-4, 0.0, 1.0) == tradeoff.runs_for(1e-4, 0.0, 1.0, 1.0) == 10**8
-    assert tradeoff.runs_for(0.02, 0.0, 1.0, 0.25) == 4 * tradeoff.runs_for(0.02, 0.0, 1.0)
-
-
 @pytest.mark.parametrize("target", ["msd", "d", "displacement_distribution"])
 def test_a_tracer_that_does_not_move_has_no_relative_error(study_file, tmp_path, here, capsys, target):
     (tmp_path / "scenes" / "few.yaml").write_text(SCENE.replace("standard_deviation: 2.0", "temperature: 0.0"))

@@ -11,7 +11,7 @@ import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
-from brownpipe import cli, tradeoff
+from brownpipe import cli, inspection, tradeoff
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
@@ -167,6 +167,8 @@ def test_runs_for_a_tolerance():
     assert front.runs_for(0.02, 0.01**2, 1.0) == math.ceil(1 / (0.02**2 - 0.01**2))
     assert front.runs_for(0.02, 0.02**2, 1.0) is None
     assert front.runs_for(0.9, 0.0, 1.0) == front.FEWEST_RUNS
+    assert front.runs_for(1e-4, 0.0, 1.0) == front.runs_for(1e-4, 0.0, 1.0, 1.0) == 10**8
+    assert front.runs_for(0.02, 0.0, 1.0, 0.25) == 4 * 2500, "failing ones are added"
 
 
 # -- from trajectory files to a dataset -----------------------------------------------------------------------------
@@ -183,7 +185,9 @@ def cost(engine, scene):
 def stretched(trajectories, by, settings=STEP):
     """The same runs by an engine whose displacements are larger by a factor."""
     ensemble = trajectories.ensemble
-    track = ensemble.tracer._replace(position=ensemble.tracer.position * by)
+    position = ensemble.tracer.position * by
+    position[1, 1:] = ensemble.tracer.position[1, 1:] + 2e-4  # of all runs but one: within 0.001 R, R = 0.3
+    track = ensemble.tracer._replace(position=position)
     return trajectories._replace(
         engine=Engine("timestep", tuple(settings.items())), ensemble=ensemble._replace(tracer=track)
     )
@@ -211,7 +215,7 @@ def test_bias_of_paired_runs_is_found_to_the_last_digits(measured):
     assert one.msd_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.msd_bias_standard_error))
     assert one.msd_bias_standard_error < 0.2 * float(one.msd_spread) / math.sqrt(199)
     assert one.d_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.d_bias_standard_error))
-    assert one.departure_time == pytest.approx(0.05)  # the first sample
+    assert one.departure_time == pytest.approx(0.1)  # the second sample, of all but one
     runs = make_runs(make_scene("full"), range(400)).ensemble
     square, overlap = (runs.tracer.position[-1] ** 2).sum(axis=1), runs.observables["worst_overlap"]
     spread = 1.05**2 * np.delete(square[:200], 11).std(ddof=1) / np.delete(square, 7).mean()  # over the exact mean
@@ -263,6 +267,7 @@ def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measu
     assert again.reindex_like(measured).drop_vars(timed).equals(measured.drop_vars(timed))
     write_dataset(tmp_path / "tradeoff.nc", measured)
     assert read_dataset(tmp_path / "tradeoff.nc").identical(measured)
+    assert ", that of this installation\n" in inspection.report(tmp_path / "tradeoff.nc")
 
 
 @pytest.mark.slow
