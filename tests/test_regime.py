@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import brownpipe as bp
+from brownpipe import theory
 from brownpipe.engines import friction
 from brownpipe.figures.summary import summary
 from brownpipe.scene.reading import yaml_text
@@ -98,6 +99,8 @@ def test_windows_begin_when_motion_is_diffusive(tmp_path):
     assert start == pytest.approx(3 * 24 / 32 / friction.friction_rate(scene(), "enskog"))
     faster = scene(duration=50.0, disks={"tracer": TRACER | {"mass": 1.0}, "species": [BATH]})
     assert friction.default_windows([faster, long]) == tuple((pytest.approx(k * start, rel=0.05), 40.0) for k in (1, 2))
+    crystal = scene(disks={"species": [BATH | {"count": 400}], "placement": "lattice"})  # packing fraction 0.785
+    assert friction.partners_of(crystal).contact_value == pytest.approx([theory.contact_value(0.7)])
     alone = scene(disks={"tracer": TRACER})
     assert np.isnan(friction.diffusive_from(alone)) and friction.default_windows([alone]) == ((0.4, 4), (2, 4))
     late = scene(disks={"tracer": THIN, "species": [BATH]})
