@@ -47,7 +47,7 @@ SCENES = {
     "alone": make(W, 2.0, [(1, 0.25, 1)], 40.0),
     "periodic": make(P, 2.0, [(12, 0.125, 1)], 1.0),
     "periodic mixture": make(P, 2.0, [(8, 0.1, 1), (8, 0.14, 0.25)], 1.0),
-    "periodic big": make(P, 2.0, [(20, 0.1, 0.5)], 1.0, TRACER),
+    "periodic big": make(P, 2.0, [(16, 0.1, 0.5), (1, 0.5, 3.0)], 1.0),  # last: the tracer is another one
     "two cells a side": make(P, 1.0, [(4, 0.17, 1)], 2.0),
 }
 DT = 2.0**-7
