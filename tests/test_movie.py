@@ -4,13 +4,14 @@ import io
 
 import numpy as np
 import pytest
-from PIL import Image, ImageSequence
+from matplotlib.colors import to_rgba_array
+from PIL import Image
 
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Track
 from brownpipe.errors import DONE, WRONG_REQUEST
-from brownpipe.figures import movie
+from brownpipe.figures import movie, style
 from brownpipe.storage.trajectories import write_trajectories
 from brownpipe.text import in_bytes
 from ensembles import make_runs, make_scene
@@ -43,56 +44,68 @@ def made(path, kind, *options):
     return target.read_bytes()
 
 
-@pytest.fixture(scope="module")
-def frames(path):
-    """The frames of an animation with its defaults, one a sample, from red, green and blue."""
-    with Image.open(io.BytesIO(made(path, ".gif"))) as animation:
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "asked"), [(".png", ()), (".gif", ("--frames", "5", "--fps", "10"))])
+def test_same_bytes_for_the_same_run_with_the_frames_asked_for_and_it_says_so(path, kind, asked, capsys):
+    contents = made(path, kind, *asked)
+    frames = "5 frames" if asked else "1 frame"
+    assert capsys.readouterr().out == f"{path.with_suffix(kind)}: {frames}, {in_bytes(len(contents))}\n"
+    assert contents == made(path, kind, *asked, "--seed", "3") != made(path, kind, *asked, "--seed", "8")
+    with Image.open(io.BytesIO(contents)) as picture:
+        shown = getattr(picture, "n_frames", 1), *map(picture.info.get, ("duration", "loop"))
+    assert shown == ((5, 100, 0) if asked else (1, None, None))
+
+
+def test_an_animation_has_a_frame_a_sample_and_the_last_is_the_picture_in_its_colours(path):
+    with Image.open(io.BytesIO(made(path, ".gif"))) as animation, Image.open(io.BytesIO(made(path, ".png"))) as picture:
         assert (animation.n_frames, animation.info["duration"]) == (21, 40)
         assert all(side % 2 == 0 for side in animation.size), "or H.264 refuses to make a video of it"
-        return [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(animation)]
-
-
-@pytest.mark.slow
-def test_same_bytes_for_the_same_run(path):
-    for kind, few in ((".png", ()), (".gif", ("--frames", "3"))):
-        assert made(path, kind, *few) == made(path, kind, *few, "--seed", "3") != made(path, kind, *few, "--seed", "8")
-
-
-@pytest.mark.slow
-def test_animation_has_the_frames_asked_for_and_it_says_so(path, capsys):
-    contents = made(path, ".gif", "--frames", "5", "--fps", "10")
-    assert capsys.readouterr().out == f"{path.with_suffix('.gif')}: 5 frames, {in_bytes(len(contents))}\n"
-    with Image.open(io.BytesIO(contents)) as animation:
-        assert (animation.n_frames, animation.info["duration"], animation.info["loop"]) == (5, 100, 0)
-
-
-@pytest.mark.parametrize("fps", ["0.0015", "50.0001"])
-def test_rate_that_a_gif_cannot_have_is_refused_before_anything_is_drawn(path, tmp_path, capsys, monkeypatch, fps):
-    monkeypatch.setattr("brownpipe.figures.movie._gif", None)
-    assert main(["movie", str(path), "--output", str(tmp_path / "a.gif"), "--fps", fps]) == WRONG_REQUEST
-    assert capsys.readouterr().err.startswith("brownpipe: --fps: must be from 0.00153 to 50 frames a second")
-    assert not (tmp_path / "a.gif").exists()
-
-
-def test_last_frame_is_the_picture_in_the_colours_of_the_animation(path, frames):
-    with Image.open(io.BytesIO(made(path, ".png"))) as picture:
-        small = np.asarray(picture.convert("RGB").resize(frames[-1].shape[1::-1], Image.Resampling.BOX))
-    apart = abs(small - frames[-1].astype(int))
+        animation.seek(20)
+        small = np.asarray(picture.convert("RGB").resize(animation.size, Image.Resampling.BOX))
+        apart = abs(small - np.asarray(animation.convert("RGB")).astype(int))
     assert apart.mean() < 4  # edges differ by the resolution; most pixels are white, which the GIF has as 254
 
 
-def test_refusals(path, tmp_path, capsys):
+def test_a_frame_shows_every_disk_to_scale_in_its_colour_and_the_path_so_far():
+    kinds = [{"name": f"bath-{n}", "count": n, "radius": 0.2, "mass": mass} for n, mass in ((2, 1.0), (9, 4.0))]
+    disks = {"tracer": {"radius": 0.3, "mass": 1.0}, "species": kinds}
+    scene = make_scene(box={"x": [-3.0, 3.0], "y": [-1.0, 9.0], "boundary": "periodic"}, particles=12, disks=disks)
+    position = np.random.default_rng(1).uniform([-3.0, -1.0], [3.0, 9.0], (21, 12, 2))
+    with style.drawing():
+        figure, show = movie.scenery_of(scene, 3, Track(position, position, np.zeros(position.shape, np.int32)))
+        show(7)
+    (axes,), (centres, which) = figure.axes, movie.with_images(scene, position[7])
+    (disks,), (path, centre, start) = axes.collections, axes.lines
+    assert (axes.get_xlim(), axes.get_ylim(), axes.get_title("right")) == ((-3, 3), (-1, 9), "$t$ = 0.3500")
+    for found, expected in (
+        (disks.get_offsets(), centres),
+        ([disks.get_widths(), disks.get_heights()], [2 * scene.radius[which]] * 2),
+        (disks.get_facecolor(), to_rgba_array(movie.FACES[np.array([0, 1, 1, *[2] * 9])[which]])),
+        (path.get_xydata(), position[:8, 0]),
+        ([*centre.get_xydata(), *start.get_xydata()], position[[7, 0], 0]),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-15)
+    others = [f"{count} other disks: radius 0.2, mass {mass}" for count, mass in ((2, 1), (9, 4))]
+    assert [text.get_text() for text in figure.legends[0].get_texts()][1:] == others
+
+
+def test_refusals(path, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("brownpipe.figures.movie._gif", None)  # nothing is drawn before
     write_trajectories(tmp_path / "tracer.h5", make_scene(), Engine("exact"), make_runs(make_scene(), [1]).ensemble)
+    gif = "--output", tmp_path / "a.gif"
     asked = {
         "holds no whole runs; brownpipe simulate SCENE --record all makes some": [tmp_path / "tracer.h5"],
         "holds no run of seed 17; must be of 3,8": [path, "--seed", "17"],
         "the output must end in .gif, .png or .html, not '.avi'": [path, "--output", tmp_path / "run.avi"],
         "is an input": [path, "--output", path],
+        "--fps: must be from 0.00153 to 50 frames a second for a .gif, not 0.0015": [path, *gif, "--fps", "0.0015"],
+        "--fps: must be from 0.00153 to 50 frames a second for a .gif, not 50.0001": [path, *gif, "--fps", "50.0001"],
     }
     for message, arguments in asked.items():
         assert main(["movie", *map(str, arguments)]) == WRONG_REQUEST
         error = capsys.readouterr().err
         assert message in error and error.count("\n") == 1
+    assert [*tmp_path.iterdir()] == [tmp_path / "tracer.h5"]
 
 
 def test_images_of_disks_that_reach_over_an_edge():
