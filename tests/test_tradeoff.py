@@ -182,15 +182,13 @@ def cost(engine, scene):
     return COSTS[engine.label] * scene.particles / 20
 
 
-def stretched(trajectories, by, settings=STEP):
+def stretched(trajectories, by):
     """The same runs by an engine whose displacements are larger by a factor."""
     ensemble = trajectories.ensemble
     position = ensemble.tracer.position * by
     position[1, 1:] = ensemble.tracer.position[1, 1:] + 2e-4  # of all runs but one: within 0.001 R, R = 0.3
-    track = ensemble.tracer._replace(position=position)
-    return trajectories._replace(
-        engine=Engine("timestep", tuple(settings.items())), ensemble=ensemble._replace(tracer=track)
-    )
+    engine, track = Engine("timestep", tuple(STEP.items())), ensemble.tracer._replace(position=position)
+    return trajectories._replace(engine=engine, ensemble=ensemble._replace(tracer=track))
 
 
 @pytest.fixture(scope="module")
