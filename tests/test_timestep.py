@@ -11,6 +11,7 @@ from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.initial_state import draw
+from brownpipe.engines.recording import Conservation, report
 from brownpipe.engines.timestep import COLLISIONS, Settings, largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError
@@ -337,12 +338,16 @@ def test_energy_and_momentum_are_conserved_to_round_off(name, collisions):
     assert np.allclose(found["kinetic_energy"], exact.simulate(scene, range(5)).observables["kinetic_energy"])
 
 
-def test_what_is_no_number_has_failed():
+def test_what_is_no_number_or_not_conserved_has_failed():
     engine = timestep.prepared(SCENES["walls"], Settings(DT))
     state = draw(SCENES["walls"], 0)
     state.velocity[3] = np.nan
     assert timestep.run(engine, state, np.array([0.1])).observables["failed"]
     assert not timestep.run(engine, draw(SCENES["walls"], 0), np.array([0.1])).observables["failed"]
+    for drift, finite in ((2e-9, True), (-2e-9, True), (np.nan, True), (0.0, False), (-5e-10, True)):
+        conserved = Conservation(1.0, drift, 0.0, 1.0, finite)
+        found = report(engine.scene, engine.frame, conserved, [0, 0, 0], np.zeros(5), 0.0, True)
+        assert found["failed"] == (drift != -5e-10)
 
 
 # -- the same everywhere --------------------------------------------------------------------------------------------
