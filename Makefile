@@ -10,7 +10,7 @@ REPORT ?= report.html
 # packages that only pip was told of. Modules are compiled when they are first imported, which saves half of the time; where Python
 # is told not to write byte code, every process would compile them again, so it is done here.
 PIP := .venv/bin/python -m pip install --quiet --disable-pip-version-check
-UV := .venv/bin/uv pip install --quiet --system-certs --python .venv
+UV := UV_HTTP_TIMEOUT=10 UV_HTTP_RETRIES=0 .venv/bin/uv pip install --quiet --system-certs --python .venv
 INSTALL := install() { $(UV) $(if $(PYTHONDONTWRITEBYTECODE),--compile-bytecode) "$$@" 2> /dev/null || $(PIP) $(if $(PYTHONDONTWRITEBYTECODE),,--no-compile) "$$@"; }; install --no-deps
 
 study: ready
