@@ -594,7 +594,8 @@ def touching_scenes():
 def test_the_run_time_audit_sees_a_lost_collision(plain):
     """Disks pass through each other, energy and momentum perfect."""
     for scene, lost in zip(touching_scenes(), plain["literal"], strict=True):
-        right = simulate(scene, [0]).observables
+        run = simulate(scene, [0], {"all"})
+        right = run.observables
         assert right["failed"][0] == 0
         assert right["worst_overlap"][0] <= 2e-15
         assert lost["worst_overlap"][0] > 100 * right["worst_overlap"][0]
@@ -603,6 +604,7 @@ def test_the_run_time_audit_sees_a_lost_collision(plain):
         if scene.particles < 4:
             assert (right["pair_collisions"][0], lost["pair_collisions"][0]) == (1, 0)
             assert lost["failed"][0] == 1
+            assert run.whole[0].velocity[0, -2:].tolist() == [[1, 0], [0, 0]], "before the collision at t = 0"
 
 
 def strays():
