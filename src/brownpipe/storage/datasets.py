@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from brownpipe.provenance import PACKAGE, made_with
-from brownpipe.storage.files import DATASET, TRAJECTORIES, reading, write_sealed
+from brownpipe.storage.files import DATASET, TRAJECTORIES, reading, writing
 from brownpipe.storage.trajectories import SMALL, Trajectories, runs_record, trajectories_in
 
 if TYPE_CHECKING:
@@ -32,10 +32,8 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
     """
     large = [name for name, variable in dataset.variables.items() if variable.nbytes > SMALL]
     encoding = {name: {"zlib": True, "shuffle": True} for name in large if dataset[name].dtype.kind in "iuf"}
-    # Coordinates first: h5netcdf connects each variable anew to those that come after it, a third of the CPU time.
-    ordered = dataset.drop_vars(dataset.data_vars).assign(dataset.data_vars)
-    image = ordered.drop_encoding().to_netcdf(engine="h5netcdf", encoding=encoding)
-    write_sealed(path, image)
+    with writing(path, LookedUpOnce, track_order=True) as file:  # netCDF4 wants the order
+        dataset.drop_encoding().to_netcdf(file, engine="h5netcdf", encoding=encoding)
 
 
 def read_dataset(path: str | Path) -> "xarray.Dataset":
@@ -54,21 +52,23 @@ def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
 
 
 class LookedUpOnce(h5py.File):
-    """An HDF5 file that is only read: h5netcdf looks up each array some fifty times, half of the CPU time."""
+    """An HDF5 file without groups: h5netcdf looks up each array some fifty times, half of the CPU time."""
 
-    def __getitem__(self, name: str) -> h5py.Dataset:
+    def __getitem__(self, name: str) -> h5py.Group | h5py.Dataset:
         found = self.__dict__.setdefault("found", {})
-        if name not in found:
+        if name not in found and (name != "/" or self.mode == "r"):  # else its root, which forgets what is deleted
             found[name] = super().__getitem__(name)
-        return found[name]
+        return found.get(name, self)
+
+    def __delitem__(self, name: str) -> None:
+        self.__dict__.pop("found", None)
+        super().__delitem__(name)
 
 
 def _dataset_in(file: h5py.File) -> "xarray.Dataset":
-    import h5netcdf
     import xarray
 
-    store = xarray.backends.H5NetCDFStore(h5netcdf.File(LookedUpOnce(file.id), "r"))
-    return xarray.open_dataset(store).load().drop_encoding()
+    return xarray.load_dataset(LookedUpOnce(file.id), engine="h5netcdf").drop_encoding()
 
 
 # -- what a dataset was made from -----------------------------------------------------------------------------------

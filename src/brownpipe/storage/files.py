@@ -133,12 +133,12 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
 
 
 @contextmanager
-def writing(path: str | Path) -> Iterator[h5py.File]:
+def writing(path: str | Path, kind: type[h5py.File] = h5py.File, **options: bool) -> Iterator[h5py.File]:
     """Yield an HDF5 file in memory, which is then written with its seal; raises StorageError as `write_file` does.
 
     The same groups, datasets and attributes give the same bytes.
     """
-    with h5py.File(image := BytesIO(), "w") as file:
+    with kind(image := BytesIO(), "w", **options) as file:
         yield file
     write_sealed(path, image.getbuffer())
 
