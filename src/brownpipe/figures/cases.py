@@ -50,12 +50,12 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
 
 def has(case: Dataset, *names: str) -> bool:
     """Return whether the case has a finite value of every one of these variables."""
-    return all(name in case and bool(np.isfinite(case[name].values).any()) for name in names)
+    return all(name in case and bool(np.isfinite(case.variables[name].values).any()) for name in names)
 
 
 def own_names(cases: list[Dataset]) -> list[str]:
     """Return the names of the averages of the user's own observables that any of the cases has."""
-    names = [str(name) for name in cases[0].data_vars if "observable" in cases[0][name].attrs]
+    names = [str(name) for name in cases[0].data_vars if "observable" in cases[0].variables[name].attrs]
     return [name for name in names if any(has(case, name) for case in cases)]
 
 
@@ -102,12 +102,12 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
 
 def differing(cases: list[Dataset]) -> list[str]:
     """Return the labels that tell cases or their parts apart: scene, varied keys, particle count, engine, species."""
-    return [name for name in _labels(cases[0]) if len({case[name].item() for case in cases}) > 1]
+    return [name for name in _labels(cases[0]) if len({case.variables[name].values.item() for case in cases}) > 1]
 
 
 def _labels(case: Dataset) -> list[str]:
     """Return the names of the labels of a case or a part of it."""
-    return [name for name in (*labels_of_cases(case), *SPECIES) if name in case and not case[name].dims]
+    return [name for name in (*labels_of_cases(case), *SPECIES) if name in case and not case.variables[name].dims]
 
 
 def axis_of(cases: list[Dataset], otherwise: str = "particles") -> str:
@@ -176,8 +176,8 @@ def defined(case: Dataset, name: str) -> Dataset:
 
     Scenes of other durations, sizes or pairs leave gaps.
     """
-    dims = case[name].dims
-    return case.dropna(dims[-1], how="all", subset=[name]) if dims else case
+    values = case.variables[name]
+    return case.dropna(values.dims[-1], how="all", subset=[name]) if values.dims and values.isnull().any() else case
 
 
 def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
@@ -210,7 +210,7 @@ def fits_of(case: Dataset) -> list[Dataset]:
 
 def text_of(case: Dataset, name: str) -> str:
     """Return the value of a label in words."""
-    value = case[name].item()
+    value = case.variables[name].values.item()
     return f"{value:.6g}" if isinstance(value, float) else f"{value}"
 
 
@@ -266,7 +266,7 @@ def fitted_diffusion(case: Dataset) -> str:
 
 def estimate_of(case: Dataset, name: str) -> str:
     """Return a variable that is one number in this case with its standard error, as `plus_minus` does."""
-    return plus_minus(case[name], case[f"{name}_standard_error"])
+    return plus_minus(case.variables[name], case.variables[f"{name}_standard_error"])
 
 
 def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:

@@ -146,9 +146,9 @@ def quantities(dataset: Dataset) -> list[Quantity]:
 
 def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[Dataset | None]]]:
     """Yield heading and cells of each column of a quantity: for each case the part with one number, None without it."""
-    if one.variable not in cases[0]:
-        return
-    dim = next((dim for dim in SPECIES if dim in cases[0][one.variable].dims), "")
+    needed = {one.variable, f"{one.variable}_standard_error", one.theory, "diffusive_from", "drift_p_value"}
+    cases = [case[[name for name in needed if name in case]] for case in cases]  # parts of few variables are soon taken
+    dim = next((dim for dim in SPECIES if dim in cases[0].dims), "")
     labels = cases[0][dim].values.tolist() if dim else [""]
     parts = {label: [_at(case.sel({dim: label}) if dim else case, one) for case in cases] for label in labels}
     known = {label: of_label for label, of_label in parts.items() if any(of_label)}
@@ -166,7 +166,7 @@ def _at(case: Dataset, one: Quantity) -> Dataset | None:
     values, places = case[one.variable], {"window": 0}
     if "time" in values.dims:
         places["time"] = np.flatnonzero(values.notnull())[-1]
-    part = case.isel(places)
+    part = case.isel(places, missing_dims="ignore")
     return part if has(part, one.variable) else None
 
 
