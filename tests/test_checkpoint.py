@@ -146,7 +146,7 @@ def test_killed_again_and_again(name, stops):
 @pytest.mark.parametrize(("record", "average"), [("none", "origins"), ("tracer", "runs")])
 def test_what_is_measured_in_the_runs(record, average, tmp_path):
     """From every block and from between the runs; where nothing else is kept of them, too."""
-    more = {"sample_interval": 1.0, "equilibrate": {"time": 20.0, "tracer": "free"}, "velocities": {"temperature": 1.0}}
+    more = {"sample_interval": 4.0, "equilibrate": {"time": 20.0, "tracer": "free"}, "velocities": {"temperature": 1.0}}
     scene, measured = around_tracer(P, 100.0, **more), {"observables": tuple(OBSERVABLES), "average": average}
     expected = bits_of(simulate(scene, SEEDS, {record}, **measured))
     kept = []

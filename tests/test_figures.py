@@ -9,7 +9,6 @@ from importlib import import_module
 import matplotlib
 import numpy as np
 import pytest
-import xarray
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 from PIL import Image
@@ -386,10 +385,8 @@ OVERLAID = ("msd", "diffusion", "velocity_autocorrelation", "pair_distribution",
 
 def in_densities(dataset, count):
     """The dataset of one scene with so many values of a varied key."""
-    one = dataset.sel(scene=["hot"], particles=[20])
-    each = [one.assign_coords(tracer_mass=float(k + 1)).expand_dims("tracer_mass", 1) for k in range(count)]
-    data = xarray.concat(each, "tracer_mass", data_vars="all", combine_attrs="override")
-    return data.transpose("scene", "tracer_mass", ...).assign_attrs(varied="tracer_mass")
+    one = dataset.sel(scene=["hot"], particles=[20]).assign_attrs(varied="tracer_mass")
+    return one.expand_dims(tracer_mass=np.arange(1.0, count + 1), axis=1)
 
 
 @pytest.mark.parametrize("name", OVERLAID)
@@ -433,7 +430,7 @@ def test_at_most_six_cases_share_a_panel(dataset):
         return [len(group) for group in cases.panels_of(cases.cases_of(data), keys)]
 
     masses = in_densities(dataset, 4)
-    both = xarray.concat([masses, masses.assign_coords(scene=["b"])], "scene", combine_attrs="override")
+    both = masses.isel(scene=[0, 0]).assign_coords(scene=["hot", "b"])
     assert groups(masses) == [4] and groups(both) == [4, 4]
     assert groups(in_densities(dataset, 7)) == [1] * 7 and groups(both, ["tracer_mass"]) == [2] * 4
     assert groups(dataset) == [4] and groups(dataset, ["scene", "particles"]) == [1] * 4
@@ -569,7 +566,8 @@ def test_table_of_a_measure_is_the_dataset(dataset, folder, name):
     for variable in (variable for variable in variables if f"{variable}_low" in table[0]):
         for row in (row for row in table[:: 1 + len(table) // 30] if row[f"{variable}_low"]):
             at = {dim: float(row[dim]) if dataset[dim].dtype.kind == "f" else row[dim] for dim in along}
-            case = dataset.sel(scene=row["scene"], particles=int(row["particles"]), engine=row["engine"], **at)
+            of_variable = dataset[[variable + part for part in cases.PARTS]]
+            case = of_variable.sel(scene=row["scene"], particles=int(row["particles"]), engine=row["engine"], **at)
             for part in cases.PARTS:
                 assert float(row[variable + part]) == case[variable + part].item()
         expected = dataset[variable] if FIGURES[name].every_count else dataset[variable].sel(particles=20)
@@ -678,7 +676,7 @@ def test_msd_and_d_are_in_the_answer_if_they_were_asked_for(plain, dataset):
 
 def test_an_observable_of_ones_own_is_in_the_answer(plain):
     meaning = {"observable": "my_module:chirality", "long_name": "chirality of the fluid"}
-    one = xarray.full_like(plain.duration, 0.25).assign_attrs(meaning)
+    one = (0 * plain.duration + 0.25).assign_attrs(meaning)
     found = plain.assign(chirality=one, chirality_standard_error=0.01 * one / 0.25)
     assert [*columns(found)][3:] == ["chirality", "MSD(t = 1)", "D"] and columns(found)["chirality"] == "0.250 ± 0.010"
     assert "chirality: chirality of the fluid (my_module:chirality)." in summary(found)
