@@ -125,8 +125,7 @@ def test_a_profile_says_where_jobs_run_and_how_many(said, study, started, plugin
         assert said("run", study, "--profile", name) == (DONE, "", "")
         assert started[-1][0][-2:] == ["--profile", str(folder)]
     assert said("run", study, "--profile", "slurm", "-j", "9") == (DONE, "", "")
-    assert started[-1][0][-2:] == ["--jobs", "9"]
-    assert "--cores" not in started[-1][0]
+    assert started[-1][0][-2:] == ["--jobs", "9"] and "--cores" not in started[-1][0]
 
 
 @pytest.mark.parametrize(

@@ -108,9 +108,8 @@ def study(finished, tmp_path):
 def test_everything_declared_is_there_and_the_answer_is_printed_last(finished):
     folder, printed = finished
     names = {path.name for path in (folder / "results/study/figures").iterdir()}
-    expected = {
-        f"{name}.{kind}" for name in read_study(folder / "study.yaml").figures for kind in ("png", "svg", "csv")
-    }
+    figures = read_study(folder / "study.yaml").figures
+    expected = {f"{name}.{kind}" for name in figures for kind in ("png", "svg", "csv")}
     assert expected | {"summary.txt", "summary.csv", "provenance.json"} < names
     answer = (folder / "results/study/figures/summary.txt").read_text()
     last = "figures and tables: results/study/figures\nall on one page: results/study/report.html\n"
