@@ -2,7 +2,9 @@
 
 import io
 import logging
+import multiprocessing
 import os
+import signal
 import sys
 import termios
 from types import SimpleNamespace
@@ -15,6 +17,7 @@ from brownpipe import analysis, progress
 from brownpipe.engines import requested
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
+from brownpipe.processes import calculated
 from brownpipe.storage.trajectories import write_trajectories
 from snakemake_logger_plugin_brownpipe import LogHandler
 from synthetic import render
@@ -41,6 +44,15 @@ def test_a_piece_is_reported_by_what_is_tracked_within_it_and_by_nothing_else(re
         for _ in progress.tracked("cd", "engines"):
             progress.report("runs", 2, 3)
     assert reported == [("cases", case + share, 2) for case in (0, 1) for share in (0.5, 1, 1)]  # engines, end
+
+
+def test_what_a_killed_process_leaves_is_done_here():
+    def tenfold(item):
+        if item == 3 and multiprocessing.parent_process():
+            os.kill(os.getpid(), signal.SIGKILL)
+        return 10 * item
+
+    assert calculated(tenfold, range(6), "pieces", 2) == [0, 10, 20, 30, 40, 50]
 
 
 @pytest.mark.parametrize("engine", [EXACT, STEPS], ids=lambda engine: engine.name)

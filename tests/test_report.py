@@ -144,6 +144,7 @@ def test_figures_that_are_not_drawn_again_go(results, tmp_path):
     words = ["figures", str(results / "s.nc"), "--output", str(tmp_path), "--figures", "health"]
     assert main(words) == DONE, "its own files are replaced"
     assert {name: (tmp_path / name).read_text() for name in mine} == mine
+    assert origin.read_record(tmp_path / "energy.csv") is None, "the record beside it is of other files"
     drawn = json.loads((tmp_path / origin.RECORD).read_text())["files"]
     assert {*os.listdir(tmp_path)} == {*drawn, *mine, origin.RECORD, "report.html"}
 

@@ -256,6 +256,7 @@ def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(cos
     found = batches(range(first, first + runs), cost)
     assert found[0][0] == first and found[-1][1] == first + runs - 1
     assert all(before[1] + 1 == after[0] for before, after in pairwise(found))
+    assert found == [(first + one, first + last) for one, last in batches(range(runs), cost)]
     longer = batches(range(first, first + runs + more), cost)
     assert longer[: len(found) - 1] == found[:-1]
     assert longer[len(found) - 1][1] >= found[-1][1]

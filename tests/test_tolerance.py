@@ -69,6 +69,7 @@ def test_every_engine_has_a_cost_in_its_scenes(finished):
     pictures = {f"tradeoff_full_N12.{kind}" for kind in ("png", "svg")}
     texts = {"study.nc", "tradeoff.csv", "tradeoff.txt", "provenance.json", "report.html"}
     assert {path.name for path in made.iterdir() if "_from_" not in path.name} == pictures | texts
+    assert len({path.stem[-12:] for path in made.glob("*_from_*")}) == 2  # digests of the runs, and of the drawing, too
     rows = list(csv.DictReader((made / "tradeoff.csv").read_text().splitlines()))
     engines = ("exact", "timestep-0.03", "langevin-boltzmann", "exact in half_N6")
     assert {(row["scene"], row["setting"]) for row in rows} == {("full_N12", engine) for engine in engines}
@@ -93,13 +94,17 @@ def test_nothing_is_run_again_until_the_tolerance_changes(finished, tmp_path):
     age_backwards(folder)
 
     def planned():
-        table = make(folder, "--dry-run").partition("Job stats:")[2]
-        return dict(re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE))
+        said = make(folder, "--dry-run", "--cores", "7")
+        return dict(re.findall(r"^(\w+) +(\d+)$", said.partition("Job stats:")[2], re.MULTILINE)), said
 
-    assert planned() == {"tradeoff_figures": "1", "total": "1"}  # only the table is shown again
+    assert planned()[0] == {"tradeoff_figures": "1", "total": "1"}  # only the table is shown again
+    next((folder / "results/runs").rglob("*.h5")).unlink()
+    assert planned()[0].keys() == {"simulate", "tradeoff", "tradeoff_drawings", "tradeoff_figures", "total"}
     (plan,) = (folder / "results/study/plan").iterdir()
     plan.write_text(plan.read_text().replace("runs: ", "runs: 1"))
     said = make(folder, "--dry-run", status=FAILED)
     assert re.search(rf"^brownpipe: results/study/plan/{plan.name}: is damaged, .*delete it", said, re.MULTILINE)
     (folder / "study.yaml").write_text(STUDY.replace("20%", "15%"))
-    assert planned().items() >= {"plan": "1", "tradeoff": "1"}.items()
+    jobs, said = planned()
+    assert jobs.items() >= {"plan": "1", "tradeoff": "1"}.items()
+    assert "threads: 7" in said and said.count(" --planned ") == 2 and said.count(" mem_mb=") == 3
