@@ -56,12 +56,12 @@ class LookedUpOnce(h5py.File):
 
     def __getitem__(self, name: str) -> h5py.Group | h5py.Dataset:
         found = self.__dict__.setdefault("found", {})
-        if name not in found and (name != "/" or self.mode == "r"):  # else its root, which forgets what is deleted
+        if name not in found and (name != "/" or self.mode == "r"):  # written to, this file is its root: see below
             found[name] = super().__getitem__(name)
         return found.get(name, self)
 
     def __delitem__(self, name: str) -> None:
-        self.__dict__.pop("found", None)
+        self.__dict__.pop("found", None)  # as h5netcdf writes another array in its place
         super().__delitem__(name)
 
 
