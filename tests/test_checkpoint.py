@@ -99,7 +99,7 @@ def stopped_once(scene, record, kept, stops):
     """Run until the first checkpoint and no further; return that, or the ensemble if there was none."""
 
     def keep(arrays):
-        found.append({name: value[()].copy() for name, value in arrays.items()})
+        found.append({name: value[()].copy() for name, value in arrays.items()})  # numbers as numbers, like a file
         raise KilledError
 
     found = []

@@ -52,16 +52,19 @@ def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
 
 
 class LookedUpOnce(h5py.File):
-    """An HDF5 file without groups: h5netcdf looks up each array some fifty times, half of the CPU time."""
+    """An HDF5 file without groups: h5netcdf looks up each array some fifty times, half of the CPU time.
+
+    While it is written it is its own root group, and so knows of arrays that h5netcdf deletes, to write others there.
+    """
 
     def __getitem__(self, name: str) -> h5py.Group | h5py.Dataset:
-        found = self.__dict__.setdefault("found", {})
-        if name not in found and (name != "/" or self.mode == "r"):  # written to, this file is its root: see below
+        found = self.__dict__.setdefault("found", {} if self.mode == "r" else {"/": self})
+        if name not in found:
             found[name] = super().__getitem__(name)
-        return found.get(name, self)
+        return found[name]
 
     def __delitem__(self, name: str) -> None:
-        self.__dict__.pop("found", None)  # as h5netcdf writes another array in its place
+        self.__dict__.pop("found", None)
         super().__delitem__(name)
 
 
