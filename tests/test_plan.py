@@ -165,8 +165,7 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file,
     study = read_study(path)
     runs, (pilot,) = plan.write_plan(study, "counted.yaml")
     (file,) = Path("results/runs").rglob("*.h5")
-    assert file.name == f"0-{MOST_PILOT_RUNS - 1}.h5"
-    assert (pilot.made, len(pilot.runs.seeds)) == (MOST_PILOT_RUNS, MOST_PILOT_RUNS)
+    assert (file.name, pilot.made, len(pilot.runs.seeds)) == (f"0-{MOST_PILOT_RUNS - 1}.h5", *2 * [MOST_PILOT_RUNS])
     first, *others = files_of(plan.settled(study, "counted.yaml"))
     ends = "-".join(one.path.stem for one in others).split("-")
     assert first.path == file and (ends[0], ends[-1]) == (f"{MOST_PILOT_RUNS}", f"{runs - 1}")
@@ -176,9 +175,10 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file,
     said = capsys.readouterr().out
     assert f"exact: {runs:,} runs" in said and "0 pilot runs made" in said
     assert files_of(read_study("planned.yaml"))[0].path == file
-    others = ["--tolerance", "9%", "--target", "d", "--config", "particles=9", "--write", "plans/other.yaml"]
-    assert cli.main(["plan", str(path), *others]) == DONE and "\nd to 9 %:" in capsys.readouterr().out
-    assert read_study("plans/other.yaml").particles == (9,) and Path("results/runs/few/N9").is_dir()
+    others = ["--tolerance=9%", "--target=d", "--write=plans/other.yaml", "--config", "particles=09"]
+    assert cli.main(["plan", str(path), *others, "fit_windows=[[.1, .4]]"]) == DONE
+    assert "\nd to 9 %:" in capsys.readouterr().out and Path("results/runs/few/N9").is_dir()
+    assert ((other := read_study("plans/other.yaml")).particles, other.fit_windows) == ((9,), ((0.1, 0.4),))
 
 
 def test_only_engines_of_the_study_are_considered_in_their_order(study_file, here, monkeypatch, capsys):

@@ -115,6 +115,13 @@ def scalar(text: str) -> object:
     return int(text) if text.lstrip("+-").isdigit() else float(text)
 
 
+def value_in(text: str) -> Any:
+    """Return the value of a key in YAML, a list or mapping in brackets; what is not such YAML is a text."""
+    with suppress(ValueError, RecursionError, yaml.YAMLError):
+        return _value(yaml.compose(text, LOADER), (), {}) if text.startswith(("[", "{")) else scalar(text)
+    return text
+
+
 def yaml_text(mapping: dict) -> str:
     """Return the text of a YAML file with these keys in their order; innermost lists and mappings are in brackets.
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from brownpipe.errors import RequestError
-from brownpipe.scene.reading import Count, scalar, validated
+from brownpipe.scene.reading import Count, scalar, validated, value_in
 from brownpipe.scene.seeds import Seed
 
 Value = TypeVar("Value")
@@ -36,14 +36,14 @@ def several(read: Callable[[str], Value]) -> Callable[[str], list[Value]]:
 
 
 def key_value(text: str) -> tuple[str, object]:
-    """Return the key and the value of KEY=VALUE; the value is JSON or, if it is not, a text."""
+    """Return the key and the value of KEY=VALUE; the value is JSON or, if it is not, read as in a file."""
     key, sign, value = text.partition("=")
     if not (sign and key.replace(".", "").replace("-", "").isidentifier()):
         raise ArgumentTypeError(f"must be KEY=VALUE, like seeds=100 or disks.tracer.mass=10, not {text!r}")
     try:
         return key, json.loads(value)
     except (ValueError, RecursionError):
-        return key, value
+        return key, value_in(value)
 
 
 def refuse_together(arguments: Namespace, *options: str, but: Sequence[str] = ()) -> None:
