@@ -75,7 +75,7 @@ def cases_shown(
         raise FigureError(f"particles: {particles} is not in the dataset; choose one of {counts}")
     shown: dict[str, list[Dataset]] = {}
     for name in names or FIGURES:
-        _, needs, variables, every_count, _ = FIGURES[name]
+        needs, variables, every_count, _ = FIGURES[name]
         selected = [defined(case, *variables[:1]) if variables else case for case in cases if has(case, *variables)]
         selected = selected if every_count else one_count(selected, particles)
         selected = [case for case in selected if OWN not in needs or own_names([case])]

@@ -20,30 +20,26 @@ SPREADING = "record: tracer, or square_displacement among the observables"
 
 
 class Figure(NamedTuple):
-    """One figure of a study, drawn by the module of its name."""
+    """What a figure of a study asks for, and how its cases share panels."""
 
-    name: str
     needs: tuple[str, ...] = ()  # what the study must have
     variables: tuple[str, ...] = ()  # variables of the dataset that a case must have to be shown
     every_count: bool = False  # shows all particle counts of a scene; otherwise one
     part: str = ""  # dimension of the parts of a case that have curves of their own
 
 
-FIGURES = {
-    figure.name: figure
-    for figure in (
-        Figure("msd", (FOLLOWED, SPREADING), ("msd",)),
-        Figure("displacement_distribution", (FOLLOWED, ENDS), ("displacement_counts", "displacement_overflow")),
-        Figure("diffusion", (FOLLOWED, SPREADING), ("msd",)),
-        Figure("velocity_autocorrelation", ("the observable velocity_autocorrelation",), ("velocity_autocorrelation",)),
-        Figure("velocity_distribution", ("the observable velocity_distribution",), ("velocity_density",)),
-        Figure("pair_distribution", ("the observable pair_distribution",), ("pair_distribution",), part="species_pair"),
-        Figure("density_profile", (WALLS,), ("density_profile", "contact_density"), part="species"),
-        Figure("orientational_order", ("the observable orientational_order",), ("orientational_order",), True),
-        Figure("energy", ("the observable species_energy",), ("species_energy",), part="species"),
-        Figure("own_observables", (OWN,), every_count=True),
-        Figure("thermodynamics", (COLLISIONS,), ("collision_rate",), every_count=True),
-        Figure("scan", (SCAN, SPREADING), ("msd",), every_count=True),
-        Figure("health", every_count=True),
-    )
+FIGURES = {  # by name, which is that of the module that draws it
+    "msd": Figure((FOLLOWED, SPREADING), ("msd",)),
+    "displacement_distribution": Figure((FOLLOWED, ENDS), ("displacement_counts", "displacement_overflow")),
+    "diffusion": Figure((FOLLOWED, SPREADING), ("msd",)),
+    "velocity_autocorrelation": Figure(("the observable velocity_autocorrelation",), ("velocity_autocorrelation",)),
+    "velocity_distribution": Figure(("the observable velocity_distribution",), ("velocity_density",)),
+    "pair_distribution": Figure(("the observable pair_distribution",), ("pair_distribution",), part="species_pair"),
+    "density_profile": Figure((WALLS,), ("density_profile", "contact_density"), part="species"),
+    "orientational_order": Figure(("the observable orientational_order",), ("orientational_order",), True),
+    "energy": Figure(("the observable species_energy",), ("species_energy",), part="species"),
+    "own_observables": Figure((OWN,), every_count=True),
+    "thermodynamics": Figure((COLLISIONS,), ("collision_rate",), every_count=True),
+    "scan": Figure((SCAN, SPREADING), ("msd",), every_count=True),
+    "health": Figure(every_count=True),
 }

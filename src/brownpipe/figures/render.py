@@ -62,7 +62,7 @@ def _figure_of_all(name: str, cases: list[Dataset], panel: Sequence[str]) -> Fig
     module = import_module(f"brownpipe.figures.{name}")
     if not hasattr(module, "curves"):
         return module.draw(cases)
-    _, _, variables, every_count, part = FIGURES[name]
+    _, variables, every_count, part = FIGURES[name]
     groups = [cases] if every_count else panels_of(cases, panel, part, variables[0])
     rows = len(module.LABELS)
     figure, axes = columns(module.LABELS, len(groups), HEIGHTS[:rows], sharey=rows > 1)
@@ -91,7 +91,7 @@ def draw_into(axes: Axes, dataset: Dataset, name: str, particles: int | None = N
 
     looks: of its lines, as for `axes.plot`, such as color and label. Raises FigureError for a figure of several panels.
     """
-    module, (_, _, variables, _, part) = import_module(f"brownpipe.figures.{name}"), FIGURES[name]
+    module, (_, variables, _, part) = import_module(f"brownpipe.figures.{name}"), FIGURES[name]
     if not hasattr(module, "curves"):
         raise FigureError(f"ax: must not be given for {name}, which has several panels")
     cases = cases_shown(dataset, particles, [name])[name]
