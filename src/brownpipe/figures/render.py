@@ -45,32 +45,28 @@ def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel
 
 
 def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
-    """Draw the cases, MOST_CASES of them at equal steps if there are more and the figure is not that of a scan."""
-    if SCAN in FIGURES[name].needs or len(cases) <= MOST_CASES:
-        return _figure_of_all(name, cases, panel)
-    steps = np.linspace(0, len(cases) - 1, MOST_CASES, dtype=int)
-    figure = _figure_of_all(name, [cases[step] for step in steps], panel)
-    figure.suptitle(f"{MOST_CASES} of {len(cases)} cases, at equal steps; the table has all", x=0.01, ha="left")
-    return figure
+    """Draw the cases, MOST_CASES of them at equal steps if there are more and the figure is not that of a scan.
 
-
-def _figure_of_all(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
-    """Draw all cases: with `curves` several in a panel, where each of them, or each of its parts, is a curve.
-
-    A figure that shows every particle count has one panel. Further rows of panels are drawn by `below`.
+    With `curves` several cases share a panel, where each of them, or each of its parts, is a curve. A figure that shows
+    every particle count has one panel. Further rows of panels are drawn by `below`.
     """
-    module = import_module(f"brownpipe.figures.{name}")
-    if not hasattr(module, "curves"):
-        return module.draw(cases)
-    _, variables, every_count, part = FIGURES[name]
-    groups = [cases] if every_count else panels_of(cases, panel, part, variables[0])
-    rows = len(module.LABELS)
-    figure, axes = columns(module.LABELS, len(groups), HEIGHTS[:rows], sharey=rows > 1)
-    for upper, group in zip(axes[0], groups, strict=True):
-        module.curves(upper, group)
-    if rows > 1:
-        module.below(axes, groups)
-    heads(axes[0], [title_of(*group) for group in groups])
+    module, (needs, variables, every_count, part) = import_module(f"brownpipe.figures.{name}"), FIGURES[name]
+    are_too_many = SCAN not in needs and len(cases) > MOST_CASES
+    steps = np.linspace(0, len(cases) - 1, MOST_CASES, dtype=int) if are_too_many else range(len(cases))
+    shown = [cases[step] for step in steps]
+    if hasattr(module, "curves"):
+        groups = [shown] if every_count else panels_of(shown, panel, part, variables[0])
+        rows = len(module.LABELS)
+        figure, axes = columns(module.LABELS, len(groups), HEIGHTS[:rows], sharey=rows > 1)
+        for upper, group in zip(axes[0], groups, strict=True):
+            module.curves(upper, group)
+        if rows > 1:
+            module.below(axes, groups)
+        heads(axes[0], [title_of(*group) for group in groups])
+    else:
+        figure = module.draw(shown)
+    if are_too_many:
+        figure.suptitle(f"{MOST_CASES} of {len(cases)} cases, at equal steps; the table has all", x=0.01, ha="left")
     return figure
 
 
