@@ -7,7 +7,7 @@ n runs. See docs/theory.md, section 3.
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Averages, Case, Columns, Estimate
+from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.ensemble import Ensemble
@@ -97,11 +97,10 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     return Columns(means)
 
 
-def results(case: Case, averages: Averages) -> dict[str, float | Estimate]:
-    """Return averages, Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
-    means = {name: averages.estimate(name).unless_alike() for name in VARIABLES if name in averages.places}
+def results(case: Case, _: Averages) -> dict[str, float]:
+    """Return Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
     whole, added = case.engine.definition.moves_all_disks, drift_diffusion(case.scene)
-    return means | enskog(case.scene) | ({"drift_diffusion": added} if whole and added > 0 else {})
+    return enskog(case.scene) | ({"drift_diffusion": added} if whole and added > 0 else {})
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"
