@@ -87,23 +87,21 @@ def _resampled(runs: np.ndarray) -> Estimate:
     return found._replace(low=low, high=high)
 
 
-def _corrected(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (n, Q) of the regression of approximate runs on exact runs of the same seeds, and the slopes (Q,)."""
-    if pairs is None:
-        return approximate, np.zeros(approximate.shape[1])
-    paired, partner = approximate[pairs[0]], exact[pairs[1]]
-    slope = _slope(paired, partner, axis=0)
-    return paired - slope * partner, slope
+def _corrected(
+    approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None, axis: int | None = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (n, Q) of the regression of approximate runs on exact runs of the same seeds, and its slope.
 
-
-def _slope(paired: np.ndarray, partner: np.ndarray, axis: int | None) -> np.ndarray:
-    """Slope of the regression of runs (n, Q) on partners (n, Q): of each quantity (axis 0), or one for all (None).
-
-    It is exactly 1 for runs that are their own partners.
+    The slope is that of each quantity, (Q,), or with `axis` None one for all. It is exactly 1 for runs that are their
+    own partners, and 0 without pairs.
     """
+    if pairs is None:
+        return approximate, np.zeros(())
+    paired, partner = approximate[pairs[0]], exact[pairs[1]]
     centred, reference = (runs - runs.mean(axis=0) for runs in (paired, partner))
     square = (reference**2).sum(axis=axis)
-    return np.divide((reference * centred).sum(axis=axis), square, out=np.zeros_like(square), where=square > 0.0)
+    slope = np.divide((reference * centred).sum(axis=axis), square, out=np.zeros_like(square), where=square > 0.0)
+    return paired - slope * partner, slope
 
 
 def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Estimate:
@@ -117,12 +115,9 @@ def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | N
     """
     edges = np.quantile(exact, np.linspace(0.0, 1.0, RINGS + 1))
     edges[0], edges[-1] = 0.0, np.inf
-    residual, reference = _indicators(approximate, edges), _indicators(exact, edges)
-    slope: np.ndarray | float = 0.0  # one for all rings, so that the differences of shares still sum to 0
-    if pairs is not None:
-        paired, partner = residual[pairs[0]], reference[pairs[1]]
-        slope = _slope(paired, partner, axis=None)
-        residual = paired - slope * partner
+    reference = _indicators(exact, edges)
+    # One slope for all rings, so that the differences of shares still sum to 0.
+    residual, slope = _corrected(_indicators(approximate, edges), reference, pairs, axis=None)
     distance = _half_sum(residual.mean(axis=0) - (1.0 - slope) * reference.mean(axis=0))
     noise = np.sort(_half_sum(replicates(residual) - (1.0 - slope) * replicates(reference, other=True)))
     quantile = noise[int(np.ceil(CERTAIN * len(noise))) - 1]
