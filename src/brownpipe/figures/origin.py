@@ -21,13 +21,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brownpipe.storage.datasets import made_by
-from brownpipe.storage.trajectories import runs_record
+from brownpipe.storage.trajectories import Trajectories, runs_record
 from brownpipe.text import printable
 
 if TYPE_CHECKING:
     from xarray import Dataset
-
-    from brownpipe.storage.trajectories import Trajectories
 
 RECORD = "provenance.json"
 DESCRIBING = {"Conventions", "title", "comment"}  # attributes of every dataset
