@@ -24,6 +24,7 @@ from brownpipe.observables.species import species_table
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import Trajectories
+from brownpipe.text import counted
 
 SUFFIXES = (".gif", ".png")
 DOTS = 100  # per inch, of an animation
@@ -103,8 +104,7 @@ def legend_entries(scene: Scene, shades: np.ndarray) -> list[tuple[int, str]]:
     for shade in np.unique(shades):
         members = shades == shade
         radius, mass = (_range(values[members]) for values in (scene.radius, scene.mass))
-        count = np.count_nonzero(members)
-        name = "tracer and its path" if shade == 0 else f"{count:,} other disk{'' if count == 1 else 's'}"
+        name = counted(int(members.sum()), "other disk") if shade else "tracer and its path"
         entries.append((shade, f"{name}: radius {radius}, mass {mass}"))
     return entries
 
