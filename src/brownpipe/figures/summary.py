@@ -131,7 +131,7 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     if tests:
         columns += [(name, *map(_verdict, p[:, k], rejected[:, k])) for k, name in enumerate(TESTS)]
     legend = [*_legend(dataset, cases, shown, tests)]
-    return Answer(len(names), columns, legend, [*missing_runs(cases)], [*drifting(cases)])
+    return Answer(len(names), columns, legend, [*missing_runs(dataset, cases)], [*drifting(cases)])
 
 
 def quantities(dataset: Dataset) -> list[Quantity]:
@@ -246,17 +246,15 @@ def drifting(cases: list[Dataset]) -> Iterator[str]:
         yield f"{unknown[0]}{f' and {len(unknown) - 1} more' if len(unknown) > 1 else ''}: {drift.TOO_FEW}"
 
 
-def missing_runs(cases: list[Dataset]) -> Iterator[str]:
+def missing_runs(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
     """Lines that name the seeds whose runs failed or are missing, why runs could not go on, and the risk of a bias.
 
     Missing are seeds from the first to the last of the same engine: engines may have seeds of their own.
     """
-    engines: dict[str, np.ndarray] = {}  # (seeds,) whether a case of this engine has a run
+    is_there = dataset.run_status != MISSING
+    of_engine = is_there.any([dim for dim in is_there.dims if dim not in ("engine", "seed")])
     for case in cases:
-        name, is_there = case.engine.item(), case.run_status.values != MISSING
-        engines[name] = engines.get(name, False) | is_there
-    for case in cases:
-        run = engines[case.engine.item()]
+        run = of_engine.sel(engine=case.engine).values
         asked = np.logical_or.accumulate(run) & np.logical_or.accumulate(run[::-1])[::-1]
         for status, fate in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[(case.run_status.values == status) & asked]
