@@ -299,9 +299,9 @@ def frame_of(cases: Iterable[Dataset], dims: Sequence[str], names: Iterable[str]
     return pandas.concat(frames).reset_index()
 
 
-def label_of(case: Dataset) -> dict[str, str | int]:
-    """Return scene, particle count and engine, by which the rows of a case begin."""
-    return {name: case[name].item() for name in labels_of_cases(case)}
+def label_of(case: Dataset, *numbers: str) -> dict[str, Any]:
+    """Return scene, particle count and engine, by which the rows of a case begin, and some of its numbers."""
+    return {name: case[name].item() for name in (*labels_of_cases(case), *numbers)}
 
 
 def aligned(columns: Sequence[Sequence[str]]) -> list[str]:

@@ -4,7 +4,7 @@ import textwrap
 
 import numpy as np
 from matplotlib.figure import Figure
-from pandas import DataFrame
+from pandas import DataFrame, Series
 from xarray import Dataset
 
 from brownpipe.figures.cases import label_of, title_of
@@ -50,16 +50,14 @@ def _name(case: Dataset) -> str:
 def _quantiles(case: Dataset, name: str) -> np.ndarray:
     """Return the QUANTILES of the absolute values of a measure over the runs that have one; NaN if none has."""
     sizes = np.abs(case[name].values)
-    sizes = sizes[np.isfinite(sizes)]
-    return np.quantile(sizes, [*QUANTILES.values()]) if sizes.size else np.full(len(QUANTILES), np.nan)
+    return Series(sizes[np.isfinite(sizes)]).quantile([*QUANTILES.values()]).values
 
 
 def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and measure: its bound, and minimum, quantiles and maximum over the runs."""
     rows = []
     for case in cases:
-        counts = {name: case[name].item() for name in ("runs", "failed_runs")}
         for name, (_, bound) in MEASURES.items():
             sizes = dict(zip(QUANTILES, _quantiles(case, name), strict=True))
-            rows.append(label_of(case) | counts | {"measure": name, "bound": bound} | sizes)
+            rows.append(label_of(case, "runs", "failed_runs") | {"measure": name, "bound": bound} | sizes)
     return DataFrame(rows)

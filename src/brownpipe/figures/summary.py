@@ -23,6 +23,7 @@ from brownpipe.figures.cases import (
     early_mark,
     estimate_of,
     has,
+    label_of,
     own_names,
     scene_of,
     text_of,
@@ -277,7 +278,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
     shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
     measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):
-        row = {name: case[name].item() for name in (*labels_of_cases(case), "runs", "failed_runs")}
+        row = label_of(case, "runs", "failed_runs")
         row |= {"time": case.duration.item(), "diffusive_from": case.diffusive_from.item(), "drifts": drifts(case)}
         for one, heading, parts in measured:
             for end in ("", "_standard_error"):
