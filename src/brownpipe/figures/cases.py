@@ -93,11 +93,9 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
 
     A scene that lacks the requested count is left out.
     """
-    selected = []
-    for in_scene in _grouped(cases, scene_of).values():
-        count = particles or max(int(case.particles) for case in in_scene)
-        selected += [case for case in in_scene if case.particles == count]
-    return selected
+    ascending = sorted(cases, key=lambda case: case.particles.item())
+    largest = {scene_of(case): case.particles.item() for case in ascending}
+    return [case for case in cases if case.particles == (particles or largest[scene_of(case)])]
 
 
 def differing(cases: list[Dataset]) -> list[str]:
@@ -117,7 +115,7 @@ def axis_of(cases: list[Dataset], otherwise: str = "particles") -> str:
 
 
 def panels_of(
-    cases: list[Dataset], keys: Iterable[str] = (), part: str = "", variable: str = ""
+    cases: list[Dataset], keys: Sequence[str] = (), part: str = "", variable: str = ""
 ) -> list[list[Dataset]]:
     """Group the cases that share a panel: those with equal values of the labels `keys`.
 
@@ -128,7 +126,6 @@ def panels_of(
 
     Raises FigureError for a key that the cases do not have.
     """
-    keys = [*keys]
     for name in keys:
         if name not in _labels(cases[0]):
             allowed = ", ".join(labels_of_cases(cases[0]))
@@ -284,14 +281,13 @@ def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
 # -- tables: numbers (pandas, written as CSV), and words in aligned columns -------------------------------------------
 
 
-def frame_of(cases: Iterable[Dataset], dims: Sequence[str], names: Iterable[str]) -> DataFrame:
+def frame_of(cases: Sequence[Dataset], dims: Sequence[str], names: Iterable[str]) -> DataFrame:
     """Return one row per case and point along `dims` with the variables `names` there, each with its uncertainties.
 
     Variables and uncertainties that no case has are left out, and so are empty rows.
     """
     import pandas
 
-    cases = [*cases]
     labels = labels_of_cases(cases[0])
     shown = [name for name in names if name not in labels and any(has(case, name) for case in cases)]
     shown = [f"{name}{part}" for name in shown for part in PARTS if f"{name}{part}" in cases[0]]
