@@ -51,9 +51,8 @@ def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
     every particle count has one panel. Further rows of panels are drawn by `below`.
     """
     module, (needs, variables, every_count, part) = import_module(f"brownpipe.figures.{name}"), FIGURES[name]
-    are_too_many = SCAN not in needs and len(cases) > MOST_CASES
-    steps = np.linspace(0, len(cases) - 1, MOST_CASES, dtype=int) if are_too_many else range(len(cases))
-    shown = [cases[step] for step in steps]
+    most = len(cases) if SCAN in needs else min(MOST_CASES, len(cases))
+    shown = [cases[step] for step in np.linspace(0, len(cases) - 1, most, dtype=int)]
     if hasattr(module, "curves"):
         groups = [shown] if every_count else panels_of(shown, panel, part, variables[0])
         rows = len(module.LABELS)
@@ -65,7 +64,7 @@ def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
         heads(axes[0], [title_of(*group) for group in groups])
     else:
         figure = module.draw(shown)
-    if are_too_many:
+    if len(shown) < len(cases):
         figure.suptitle(f"{MOST_CASES} of {len(cases)} cases, at equal steps; the table has all", x=0.01, ha="left")
     return figure
 
