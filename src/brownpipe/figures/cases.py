@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-MOST_CURVES = 6  # cases in one panel
+MOST_CURVES = 6  # cases in one panel, or curves of one case
 LONGEST = 10.0  # duration of the cases in one panel over the shortest
 SPECIES = ("species", "species_pair")  # dimensions of parts of a case
 PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties

@@ -8,14 +8,15 @@ import pandas
 from matplotlib.figure import Figure
 from xarray import Dataset
 
-from brownpipe.figures.cases import SPECIES, axis_label, defined, frame_of, has, in_words, own_names
+from brownpipe.figures.cases import MOST_CURVES, SPECIES, axis_label, defined, frame_of, has, in_words, own_names
 from brownpipe.figures.style import WIDTH, band, grid, heads, points, told_apart
-
-MOST_CURVES = 6  # of a case in a panel: those for the first entries of the other dimensions
 
 
 def draw(cases: list[Dataset]) -> Figure:
-    """Draw each array of all cases against its first dimension, with its 95 % band; numbers as points."""
+    """Draw each array of all cases against its first dimension, with its 95 % band; numbers as points.
+
+    Of a case are shown at most MOST_CURVES, those for the first entries of the other dimensions.
+    """
     names = own_names(cases)
     figure, axes = grid(len(names), 1, WIDTH, 3.4)
     for name, panel in zip(names, axes[:, 0], strict=True):
