@@ -752,9 +752,8 @@ def test_distributions_in_rings_of_different_widths_keep_their_own_axes(tmp_path
         paths.append(write(tmp_path, trajectories))
     shown = cases.cases_of(aggregate(paths, displacement_times=(0.2, 1.0)))
     figure = displacement_distribution.draw(shown)
-    distributions = [one for case in shown for one in cases.distributions_of(case)]
     mains, lows = figure.axes[:4] + figure.axes[8:10], figure.axes[4:8] + figure.axes[10:]  # of the two rows
-    for main, low, one in zip(mains, lows, distributions, strict=True):
+    for main, low, one in zip(mains, lows, cases.distributions_of(shown), strict=True):
         edge = one.r_outer.values[-1]
         assert 0.9 * edge < main.get_xlim()[1] < 1.5 * edge and main.get_xlim() == low.get_xlim()
         assert any(f"beyond $r$ = {edge:g}" in words for words in main.get_legend_handles_labels()[1])

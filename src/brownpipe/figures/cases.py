@@ -186,15 +186,16 @@ def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
     return [part for part in parts if has(part, name)]
 
 
-def distributions_of(case: Dataset) -> list[Dataset]:
-    """Return the case at each time of its displacement distribution, with the rings used at that time."""
-    at_times = parts_of(case, "displacement_time", "displacement_overflow")
+def distributions_of(cases: list[Dataset]) -> list[Dataset]:
+    """Return the cases at each time of their displacement distributions, with the rings used at that time."""
+    at_times = [one for case in cases for one in parts_of(case, "displacement_time", "displacement_overflow")]
     return [defined(at_time, "displacement_counts") for at_time in at_times]
 
 
 def at_last_distribution(case: Dataset) -> Dataset:
     """Return the case at the last time of its displacement distribution, or without one at the dataset's last."""
-    return (distributions_of(case) or [case.isel(displacement_time=-1)])[-1]
+    at_times = parts_of(case, "displacement_time", "displacement_overflow")
+    return at_times[-1] if at_times else case.isel(displacement_time=-1)
 
 
 def fits_of(case: Dataset) -> list[Dataset]:

@@ -23,7 +23,7 @@ LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where n
 
 def draw(cases: list[Dataset]) -> Figure:
     """Draw one column per case and time: observed and expected counts per ring above, their residuals below."""
-    shown = [at_time for case in cases for at_time in distributions_of(case)]
+    shown = distributions_of(cases)
     comparable = len({_width(case) for case in shown}) == 1  # counts in rings of equal width
     counted = f"runs between $r$ and $r$ + {_width(shown[0]):.4g}" if comparable else "runs per ring"
     labels = (counted, "(observed - expected)\n/ standard error")
@@ -88,7 +88,7 @@ def _width(case: Dataset) -> float:
 def table(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, time and ring; the last one holds all displacements beyond the rings."""
     frames = []
-    for case in (at_time for one in cases for at_time in distributions_of(one)):
+    for case in distributions_of(cases):
         columns = {
             "time": case.displacement_time.item(),
             "r_inner": np.append(case.r_inner, case.r_outer[-1]),
