@@ -85,7 +85,7 @@ if "untested" in sys.argv:
     compiler.IS_TESTED = False
 from brownpipe.engines import kernels
 from brownpipe.engines.langevin.simulation import follow
-progress.remark_listeners.append(lambda line: print(line.partition(" ")[0]))
+progress.remark_listeners.append(lambda line: print(line.split()[1]))
 path, normal, weights = (np.random.default_rng(1).standard_normal(shape) for shape in ((50, 2, 2), (49, 2, 2), (49, 4)))
 for _ in range(2):
     kernels.compile_all(lambda: follow(path, normal, weights))

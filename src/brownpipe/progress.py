@@ -25,7 +25,7 @@ LINE_INTERVAL = 30.0  # s between two lines in a log, and before the first
 Item = TypeVar("Item")
 
 listeners: list[Callable[[str, float, int], object]] = []  # called with unit, done and total of a stage
-remark_listeners: list[Callable[[str], object]] = []  # called with every remark
+remark_listeners: list[Callable[[str], object]] = []  # called with every remark, a line
 _tracked: list[tuple[str, int, int]] = []  # stages that `tracked` has begun, outermost first
 _piece: list[tuple[str, int, int]] = []  # the stage whose next piece has begun
 
@@ -69,7 +69,7 @@ def _tell(unit: str, done: float, total: int) -> None:
 def remark(text: str) -> None:
     """Tell the listeners a sentence for the user, such as that kernels are compiled."""
     for listener in remark_listeners:
-        listener(text)
+        listener(f"brownpipe: {text}")
 
 
 @contextmanager
@@ -99,16 +99,13 @@ def shown(title: str, silent: bool = False) -> Iterator[None]:
     def update(unit: str, done: float, total: int) -> None:
         display.update(f"{title}: {int(done):,} of {total:,} {unit} ({100 * done / total:.0f} %)", done, total)
 
-    def remark(text: str) -> None:
-        display.say(f"brownpipe: {text}")
-
     listeners.append(update)
-    remark_listeners.append(remark)
+    remark_listeners.append(display.say)
     try:
         yield
     finally:
         listeners.remove(update)
-        remark_listeners.remove(remark)
+        remark_listeners.remove(display.say)
         display.erase()
 
 
