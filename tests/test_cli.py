@@ -22,7 +22,8 @@ from brownpipe.verbs import VERBS
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
 SCENE = str(SCENES / "harrison2020.yaml")
-STUDY = str(SCENES.parent / "small.yaml")
+STUDY, COMPARED = str(SCENES.parent / "small.yaml"), str(SCENES.parent / "tradeoff.yaml")
+STEP_ONLY = 'engines=[{"name": "timestep", "time_step": 0.01}]'
 PAIR = str(Path(__file__).parent / "scenes" / "pair_head_on.yaml")
 STEP, LANGEVIN = ["--engine", "timestep", "--time-step", "0.01"], ["--engine", "langevin", "--friction"]
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -119,7 +120,7 @@ COMMAS = "several values of an option are joined by commas"
         (["simulate", "absent.yaml"], "absent.yaml: cannot be read: No such file or directory"),
         (["simulate", STUDY], RUN_IT),
         (["tradeoff", SCENE], SIMULATE_IT),
-        (["tradeoff", STUDY], f"{STUDY}: has no results yet; run it first: brownpipe run {STUDY}"),
+        (["tradeoff", COMPARED], f"{COMPARED}: has no results yet; run it first: brownpipe run {COMPARED}"),
         (["aggregate", SCENE, "--output", "a.nc"], NO_RESULTS),
         (["aggregate", "DATASET", "--output", "a.nc"], "not a trajectory file"),
         (["figures", "RUNS", "--output", "f"], "not a dataset"),
@@ -129,6 +130,10 @@ COMMAS = "several values of an option are joined by commas"
         (["figures", "DATASET", "--output", "f", "--figures", "scan"], "scan: cannot be drawn from this dataset"),
         (["figures", "DATASET", "--output", "f", "--particles", "150"], "150"),
         (["figures", "DATASET", "--output", "f", "--panel", "mass"], "panel: must be of scene, particles, engine"),
+        *(
+            (["tradeoff", study, "--config", key], "has no trade-off; must have record: tracer, two seeds or more, the")
+            for study, key in ((STUDY, "seeds=9"), *((COMPARED, key) for key in ("record=none", "seeds=1", STEP_ONLY)))
+        ),
         # outputs of another kind
         (["simulate", SCENE, "--output", "new/x.csv"], "new/x.csv: the output must end in .h5 or .hdf5, not '.csv'"),
         (["aggregate", "RUNS", "--output", "x.h5"], "x.h5: the output must end in .nc, not '.h5'"),

@@ -14,7 +14,6 @@ from matplotlib.text import Annotation, Text
 from brownpipe import cli, inspection, tradeoff
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
-from brownpipe.errors import AnalysisError
 from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
 from brownpipe.storage.datasets import read_dataset, write_dataset
@@ -266,19 +265,6 @@ def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measu
     write_dataset(tmp_path / "tradeoff.nc", measured)
     assert read_dataset(tmp_path / "tradeoff.nc").identical(measured)
     assert ", that of this installation\n" in inspection.report(tmp_path / "tradeoff.nc")
-
-
-@pytest.mark.slow
-def test_files_that_cannot_be_compared_are_refused_in_one_line(files, tmp_path):
-    short = write(tmp_path, make_runs(make_scene("short", duration=0.5), range(10)))
-    for paths, instead_of, message in (
-        (files[2:3], {}, "^full_N20: no runs of the exact engine to compare with"),
-        (files, {"full": ["nowhere"]}, "^nowhere: no runs of the exact engine, and so it cannot stand in for full"),
-        ([*files, short], {"full": ["short"]}, "^short: has other sample times than full"),
-        (files[:2], {}, "^nothing to compare: there must be runs of the exact engine and of another"),
-    ):
-        with pytest.raises(AnalysisError, match=message):
-            tradeoff.measure(paths, instead_of, seconds_per_run=cost)
 
 
 class Clocked(NamedTuple):

@@ -276,9 +276,14 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
 
 
 def test_a_wrong_study_is_refused_in_one_line(tmp_path):
-    printed = snakemake(write_study(tmp_path / "study"), "--dry-run", "--config", "sed=3", status=WRONG_REQUEST)
-    (line,) = (line for line in printed.splitlines() if not line.startswith("Using "))
-    assert line.startswith("brownpipe: ") and "study.yaml (replaced): sed: unknown key; did you mean" in line
+    folder = write_study(tmp_path / "study")
+    for words, wrong in (
+        (["--config", "sed=3"], "study.yaml (replaced): sed: unknown key; did you mean"),
+        (["tradeoff_figures"], "the study study: has no trade-off; must have record: tracer, the"),
+    ):
+        printed = snakemake(folder, "--dry-run", *words, status=WRONG_REQUEST)
+        (line,) = (line for line in printed.splitlines() if not line.startswith("Using "))
+        assert line.startswith("brownpipe: ") and wrong in line
     assert not (tmp_path / "study" / "results").exists()
 
 

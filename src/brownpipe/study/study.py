@@ -257,6 +257,14 @@ class Study(Record):
         compared = [use.case for use in self.uses if use.engine != REFERENCE or use.case.name in self.instead_of]
         return [case.label for case in exact if case in compared]
 
+    def refuse_tradeoff(self) -> None:
+        """Raise RequestError for a study whose runs cannot be compared with exact ones."""
+        exact = [use.case for use in self.uses if use.engine == REFERENCE]
+        fewest = min(len(use.seeds or self.seeds) for use in self.uses)
+        if self.record == "none" or fewest < 2 or len(exact) < len(self.cases) or not self.tradeoff_cases:
+            needed = "record: tracer, two seeds or more, the engine exact in every case, and another one"
+            raise RequestError(f"the study {self.name}: has no trade-off; must have {needed}")
+
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
     """Return why a relative error is undefined in one of the scenes; None if it is defined in all."""

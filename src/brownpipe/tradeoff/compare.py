@@ -48,15 +48,10 @@ class EngineRuns(NamedTuple):
 
 
 def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
-    """Return the runs of groups of trajectory files, `analysis.runs.groups_of`.
-
-    Raises AnalysisError for files without a tracer and what `analysis.runs.blocks_of` raises.
-    """
+    """Return the runs of groups of trajectory files, `analysis.runs.groups_of`."""
     found = []
     for group in groups:
         contents = group.pattern.contents
-        if contents.ensemble.tracer is None:
-            raise AnalysisError(f"{group.files[0].path}: holds no tracer; must be of runs with record: tracer")
         found.append(runs_of(contents.scene, contents.engine, joined([*blocks_of(group)])))
     return found
 

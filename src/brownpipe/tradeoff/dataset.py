@@ -7,9 +7,8 @@ import numpy as np
 
 from brownpipe.analysis.dataset import joined
 from brownpipe.analysis.runs import Source, groups_of
-from brownpipe.analysis.variables import ENDS, SAME_TIME, Mean, Variable, with_uncertainties
+from brownpipe.analysis.variables import ENDS, Mean, Variable, with_uncertainties
 from brownpipe.engines import Engine
-from brownpipe.errors import AnalysisError
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.datasets import origin_attributes
@@ -83,20 +82,15 @@ def measure(
     seconds_per_run: CPU seconds of a run of an engine in a scene; by default measured, in turn with the exact engine
         (`timing.ratio_to`).
 
-    Scenes that have exact runs only are left out. Raises AnalysisError for a scene without exact runs, if no scene has
-    other runs, for stand-ins without runs or with other sample times, and what `read_runs` raises.
+    Scenes that have exact runs only are left out. `Study.refuse_tradeoff` refuses what cannot be compared. Raises what
+    `groups_of` raises.
     """
     groups = groups_of(paths)
     all_runs = read_runs(groups)
     references = [runs for runs in all_runs if runs.is_reference]
-    lacking = {runs.scene.label for runs in all_runs} - {exact.scene.label for exact in references}
-    if lacking:
-        raise AnalysisError(f"{min(lacking)}: no runs of the exact engine to compare with; add it to the study")
     instead_of = instead_of or {}
     every = ((exact, _compared(exact, all_runs, instead_of.get(exact.scene.name, ()))) for exact in references)
     pairs = [(exact, compared) for exact, compared in every if len(compared) > 1]
-    if not pairs:
-        raise AnalysisError("nothing to compare: there must be runs of the exact engine and of another one in a scene")
     parts = []
     for exact, compared in tracked(pairs, "cases"):
         fitted = window or (exact.times[-1] / 10, exact.times[-1])
@@ -128,13 +122,7 @@ def _compared(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequ
     compared = {runs.engine.label: runs for runs in all_runs if runs.scene.label == exact.scene.label}
     for name in stand_ins:
         others = [runs for runs in all_runs if runs.scene.name == name and runs.is_reference]
-        if not others:
-            why = "no runs of the exact engine, and so it cannot stand in for"
-            raise AnalysisError(f"{name}: {why} {exact.scene.name}")
-        for runs in others:
-            if len(runs.times) != len(exact.times) or not np.allclose(runs.times, exact.times, rtol=SAME_TIME):
-                raise AnalysisError(f"{name}: has other sample times than {exact.scene.name}; must have the same")
-            compared[f"{REFERENCE_NAME} in {runs.scene.label}"] = runs
+        compared |= {f"{REFERENCE_NAME} in {runs.scene.label}": runs for runs in others}
     return compared
 
 

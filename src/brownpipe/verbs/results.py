@@ -136,6 +136,7 @@ def tradeoff(arguments: Namespace) -> None:
     example: brownpipe tradeoff config/tradeoff.yaml
     """
     study = _study(arguments, "tradeoff")
+    study.refuse_tradeoff()
     expected = files_of(study)
     inputs = [str(file.path) for file in expected]
     if missing := [path for path in inputs if not Path(path).exists()]:
