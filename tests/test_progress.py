@@ -38,12 +38,12 @@ def reported(monkeypatch):
 # -- what is reported -----------------------------------------------------------------------------------------------
 
 
-def test_a_piece_is_reported_by_what_is_tracked_within_it_and_by_nothing_else(reported):
+def test_what_is_reported_within_a_piece_is_a_fraction_of_it(reported):
     for _ in progress.tracked("ab", "cases"):
-        progress.report("runs", 1, 3)
         for _ in progress.tracked("cd", "engines"):
-            progress.report("runs", 2, 3)
-    assert reported == [("cases", case + share, 2) for case in (0, 1) for share in (0.5, 1, 1)]  # engines, end
+            progress.report("runs", 1, 2)
+    shares = 0.25, 0.5, 0.75, 1, 1  # runs, engine; twice; end
+    assert reported == [("cases", case + share, 2) for case in (0, 1) for share in shares]
 
 
 def test_what_a_killed_process_leaves_is_done_here():

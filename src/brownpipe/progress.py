@@ -31,9 +31,11 @@ _piece: list[tuple[str, int, int]] = []  # the stage whose next piece has begun
 
 
 def report(unit: str, done: float, total: int) -> None:
-    """Tell the listeners how much of a stage is done; within `tracked` do nothing, as that reports itself."""
-    if not _tracked:
-        _tell(unit, done, total)
+    """Tell the listeners how much is done of the outermost stage; each inner stage is a piece of the one around it."""
+    for outer, before, count in reversed(_tracked):
+        unit, done, total = outer, before + done / total, count
+    for listener in listeners:
+        listener(unit, done, total)
 
 
 def begin_piece(unit: str, done: int, total: int) -> None:
@@ -48,22 +50,14 @@ def within(fraction: float) -> None:
 
 
 def tracked(items: Collection[Item], unit: str) -> Iterator[Item]:
-    """Yield the items, and report after each how many are done; a `tracked` within an item reports fractions of it."""
+    """Yield the items, and report after each how many are done; what is reported within an item are fractions of it."""
     for done, item in enumerate(items):
         _tracked.append((unit, done, len(items)))
         try:
             yield item
         finally:
             _tracked.pop()
-        _tell(unit, done + 1, len(items))
-
-
-def _tell(unit: str, done: float, total: int) -> None:
-    """Tell the listeners about the outermost stage; each inner stage is a piece of the one around it."""
-    for outer, before, count in reversed(_tracked):
-        unit, done, total = outer, before + done / total, count
-    for listener in listeners:
-        listener(unit, done, total)
+        report(unit, done + 1, len(items))
 
 
 def remark(text: str) -> None:
