@@ -156,10 +156,12 @@ def test_keys_together_share_a_dimension_and_are_named_in_summary_and_table():
     assert (rest.units, rest.values.tolist()) == ("time", [0.0, 1.5])
 
 
-def test_a_scan_refuses_a_scene_before_any_is_run(monkeypatch):
+def test_a_scan_refuses_what_is_wrong_before_any_scene_is_run(monkeypatch):
     monkeypatch.setattr(Engine, "simulate", None)
-    with pytest.raises(bp.RequestError, match="for a heavy tracer"):
-        bp.scan(bp.Scene(**FLUID), {MASS: [10.0, 1.0]}, 3, engine="langevin", friction="enskog", quiet=True)
+    langevin, window = {"engine": "langevin", "friction": "enskog"}, {"fit_windows": [(1, 9)]}
+    for options, wrong in ((langevin, "for a heavy tracer"), (window, r"fit window \[1, 9\]: must end by")):
+        with pytest.raises((bp.RequestError, bp.AnalysisError), match=wrong):
+            bp.scan(bp.Scene(**FLUID), {MASS: [10.0, 1.0]}, 3, **options, quiet=True)
 
 
 def test_a_varied_number_of_disks_is_the_axis_of_one_series():

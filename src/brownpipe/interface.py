@@ -20,7 +20,7 @@ from xarray import DataArray, Dataset, DataTree
 
 from brownpipe import progress
 from brownpipe.analysis import aggregate
-from brownpipe.analysis.dataset import ALWAYS, refuse_taken
+from brownpipe.analysis.dataset import ALWAYS, refuse_taken, refuse_windows
 from brownpipe.analysis.resampling import resample
 from brownpipe.engines import DEFINITIONS, Engine, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures, joined, select
@@ -215,6 +215,7 @@ def scan(
     options = {key: [*one] if isinstance(one, Iterator) else one for key, one in options.items()}
     for one in scenes:
         _requested({**simulate.__kwdefaults__, **options, "scene": one, "seeds": seeds})
+    refuse_windows(windows or (), [one.times for one in scenes])  # not when all runs are made
     with progress.shown("scan", silent=quiet):
         runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in progress.tracked(scenes, "scenes")]
         return aggregate(runs, windows, vary=[*values], vary_together=together)

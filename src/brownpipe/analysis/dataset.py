@@ -77,7 +77,8 @@ def aggregate(
         Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own, varied=vary)
         for one, runs in ((one, one.ensemble) for one in every)
     ]
-    _refuse_unfit(cases, bool(windows))
+    refuse_windows(windows or (), [case.times for case in cases])
+    _refuse_times(cases)
     own = _own_variables(groups)
     every_case = tracked([*zip(cases, groups, strict=True)], "cases")
     parts = [part for case, group in every_case for part in _results(case, group)]
@@ -140,18 +141,21 @@ def _followed(runs: Trajectories) -> str:
     return "all disks equal to the tracer" if over_disks else "the tracer"
 
 
-def _refuse_unfit(cases: Sequence[Case], are_asked: bool) -> None:
-    """Refuse windows that coincide, windows that are asked and fit no run, and times that no run samples."""
-    windows, times = cases[0].windows, cases[0].displacement_times
-    names, last = displacement.labels(windows), max(case.times[-1] for case in cases)
+def refuse_windows(windows: Sequence[tuple[float, float]], times: Sequence[np.ndarray]) -> None:
+    """Refuse fit windows that coincide, and one that fits no run; `times` has the sample times of each scene."""
+    names, last = displacement.labels(windows), max(one[-1] for one in times)
     if len(set(names)) < len(names):
         raise AnalysisError(f"fit windows {', '.join(names)}: must differ in their first six digits")
     for name, window in zip(names, windows, strict=True):
-        if are_asked and all(np.isnan(displacement.line_weights(case.times, window)).all() for case in cases):
+        if all(np.isnan(displacement.line_weights(one, window)).all() for one in times):
             allowed = f"must end by {last:g}, when the longest run does, and have three samples or more of a run"
             raise AnalysisError(f"fit window {name}: {allowed}")
+
+
+def _refuse_times(cases: Sequence[Case]) -> None:
+    """Refuse times of the displacement distribution that no run samples."""
     sampled = np.concatenate([case.times[distribution.chosen_times(case)] for case in cases])
-    for time in times:
+    for time in cases[0].displacement_times:
         if not np.isclose(sampled, time, rtol=SAME_TIME, atol=0.0).any():
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
