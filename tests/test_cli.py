@@ -134,6 +134,7 @@ COMMAS = "several values of an option are joined by commas"
             (["tradeoff", study, "--config", key], "has no trade-off; must have record: tracer, two seeds or more, the")
             for study, key in ((STUDY, "seeds=9"), *((COMPARED, key) for key in ("record=none", "seeds=1", STEP_ONLY)))
         ),
+        (["tradeoff", COMPARED, "--fit-window", "5:60"], "fit window [5, 60]: must end by 25, when the longest run"),
         # outputs of another kind
         (["simulate", SCENE, "--output", "new/x.csv"], "new/x.csv: the output must end in .h5 or .hdf5, not '.csv'"),
         (["aggregate", "RUNS", "--output", "x.h5"], "x.h5: the output must end in .nc, not '.h5'"),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from brownpipe import analysis, progress
 from brownpipe import tradeoff as comparison
+from brownpipe.analysis.dataset import refuse_windows
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.scene.reading import AtLeastOne, Positive
@@ -137,6 +138,7 @@ def tradeoff(arguments: Namespace) -> None:
     """
     study = _study(arguments, "tradeoff")
     study.refuse_tradeoff()
+    refuse_windows([arguments.fit_window] if arguments.fit_window else (), [case.times for case in study.cases])
     expected = files_of(study)
     inputs = [str(file.path) for file in expected]
     if missing := [path for path in inputs if not Path(path).exists()]:
