@@ -2,6 +2,7 @@
 
 import math
 from itertools import combinations
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from brownpipe.engines import initial_state
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.placement import ALL_FAIL, SOME_FAIL, crowding
+from brownpipe.engines.insertion import insert, push_apart
+from brownpipe.engines.placement import ALL_FAIL, SOME_FAIL, TRIES_PER_SWEEP, crowding, tries_to_place
 from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.scene.scene import overlap
@@ -125,10 +128,6 @@ def dense(where, kinds, placement, **more):
     return parse_scene(mapping | {"velocities": {"temperature": 1.0}, "duration": 1.0}, "dense.yaml")
 
 
-def on_lattice(where, kinds, **more):
-    return dense(where, kinds, "lattice", **more)
-
-
 def assert_sound(scene, state):
     """Inside the walls, in a periodic box inside it, and no two overlap, checked by other means than placement's."""
     low, high = np.array((scene.box.x, scene.box.y)).T
@@ -191,7 +190,7 @@ LATTICES = {
 @pytest.mark.parametrize("name", LATTICES)
 def test_lattices_are_sound(name):
     where, kinds, more = LATTICES[name]
-    scene = on_lattice(where, kinds, **more)
+    scene = dense(where, kinds, "lattice", **more)
     state = draw(scene, 1)
     assert_sound(scene, state)
     assert not more or state.position[0].tolist() == more["tracer"]["position"]
@@ -251,6 +250,16 @@ def test_where_some_runs_find_no_place_these_grow():
         except PlacementError:
             stuck += 1
     assert 0 < stuck < 10
+
+
+@pytest.mark.parametrize("phi", [0.1, 0.4, 0.53, 0.65, 0.75])
+def test_tries_to_place_disks_are_near_those_forecast(phi, monkeypatch):
+    monkeypatch.setattr(initial_state, "insert", tries := Mock(wraps=insert))
+    monkeypatch.setattr(initial_state, "push_apart", sweeps := Mock(wraps=push_apart))
+    side = (1000 * math.pi / 4 / phi) ** 0.5
+    draw(scene := dense(box(side, side, P), [(1000, 0.5, 1)], "auto"), 0)
+    found = sum(len(call.args[1]) for call in tries.call_args_list) + 1000 * TRIES_PER_SWEEP * sweeps.call_count
+    assert 0.5 < found / tries_to_place(scene) < 2
 
 
 @pytest.mark.slow

@@ -42,8 +42,7 @@ def test_what_is_reported_within_a_piece_is_a_fraction_of_it(reported):
     for _ in progress.tracked("ab", "cases"):
         for _ in progress.tracked("cd", "engines"):
             progress.report("runs", 1, 2)
-    shares = 0.25, 0.5, 0.75, 1, 1  # runs, engine; twice; end
-    assert reported == [("cases", case + share, 2) for case in (0, 1) for share in shares]
+    assert reported == [("cases", case + share, 2) for case in (0, 1) for share in (0.25, 0.5, 0.75, 1, 1)]
 
 
 def test_what_a_killed_process_leaves_is_done_here():

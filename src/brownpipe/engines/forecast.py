@@ -17,7 +17,7 @@ import numpy as np
 from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.friction import DENSEST, bath_of, partners_of
-from brownpipe.engines.placement import is_grown, placement_caution
+from brownpipe.engines.placement import is_grown, placement_caution, tries_to_place
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
@@ -28,6 +28,7 @@ from brownpipe.scene.scene import HEXAGONAL_PACKING
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
 EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it; half of it for the tracer alone
 SECONDS_PER_EVENT = 1.9e-7  # CPU seconds of a collision, or of a disk that moves by the distance of neighbours
+SECONDS_PER_TRY = 1.2e-7  # CPU seconds to find out whether a disk fits in a place
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
 SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, and of each lag of an average over origins, at least
 SECONDS_PER_BYTE = 3e-8  # CPU seconds to compress, write and verify a byte of a file
@@ -95,6 +96,7 @@ def of_run(
     seconds += seconds_to_measure(scene, observables, average)
     if not alone:
         seconds += SECONDS_PER_EVENT * (collisions + time * crossing_rate(scene) + 5 * scene.particles)
+        seconds += SECONDS_PER_TRY * tries_to_place(scene)
     return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working)
 
 

@@ -14,33 +14,57 @@ import numpy as np
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-SATURATION = 0.541  # packing fraction of equal disks at which insertion ends
+LIMIT = 0.547  # packing fraction that random insertion of equal disks approaches
+SATURATION = 0.541  # at which it ends here
 MARGIN = 0.34  # in radii of the disk to be inserted
 SOME_FAIL, ALL_FAIL = 0.95, 1.05  # ratio of disks to places above which some runs, and all runs, fail
 JAMMED = 0.84  # packing fraction at which disks pushed apart in disorder have no more room
+TRIES_NEAR_LIMIT = 0.09  # tries of insertion for each place, times the squared distance from LIMIT; measured
+SWEEPS_NEAR_JAMMED = 0.8  # over growing disks, times the squared distance from JAMMED, at least CLOSEST; measured
+TRIES_PER_SWEEP, CLOSEST = 3, 0.01  # that take as long, for each disk; measured
 
 
 # -- random insertion -----------------------------------------------------------------------------------------------
 
 
-def crowding(scene: Scene) -> float:
-    """Return the ratio of the number of disks to that of places for them, the largest over all radii.
+def _insertions(scene: Scene) -> list[tuple[int, float]]:
+    """Return for each radius, from large to small, how many disks are inserted at random, and how many find places.
 
-    It is 0 for a lattice, a list of disks, and a lone disk, which always find their places.
+    It is empty for a lattice, a list of disks, and a lone disk, which always find their places.
     """
     if scene.placement not in ("auto", "random") or scene.particles < 2:
-        return 0.0
-    worst = 0.0
+        return []
+    found = []
     radii = sorted({species.radius for species in scene.species if species.count}, reverse=True)
     counts = [sum(species.count for species in scene.species if species.radius == radius) for radius in radii]
     for k, (radius, count) in enumerate(zip(radii, counts, strict=True)):
         walls = 0.0 if scene.box.periodic else 2 * MARGIN * radius
         area = (scene.box.width - walls) * (scene.box.height - walls)
         area -= sum(n * math.pi * (larger + MARGIN * radius) ** 2 for larger, n in zip(radii[:k], counts, strict=False))
-        places = SATURATION * max(area, 0.0) / (math.pi * radius**2)
         if k > 0 or count > 1:  # the first disk always finds a place
-            worst = max(worst, count / max(places, 1e-3))
-    return worst
+            found.append((count, max(SATURATION * area / (math.pi * radius**2), 1e-3)))
+    return found
+
+
+def crowding(scene: Scene) -> float:
+    """Return the ratio of the number of disks to that of places for them, the largest over all radii; 0 if all fit."""
+    return max((count / places for count, places in _insertions(scene)), default=0.0)
+
+
+def tries_to_place(scene: Scene) -> float:
+    """Return how many tries it takes to place all disks of a scene, good to a factor of 2.
+
+    For each place they grow as the inverse square of the distance from LIMIT (Hinrichsen et al.). For disks that grow,
+    sweeps count as the tries that take as long; their number grows as the inverse square of the distance from JAMMED.
+    """
+    if is_grown(scene):
+        sweeps = SWEEPS_NEAR_JAMMED / max(JAMMED - scene.packing_fraction, CLOSEST) ** 2
+        return scene.particles * TRIES_PER_SWEEP * sweeps
+    tries = 0.0
+    for count, places in _insertions(scene):
+        filled = SATURATION * min(count / places, 1.0)
+        tries += places / SATURATION * TRIES_NEAR_LIMIT * ((LIMIT - filled) ** -2 - LIMIT**-2)
+    return tries
 
 
 def is_grown(scene: Scene) -> bool:
