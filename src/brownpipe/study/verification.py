@@ -38,7 +38,8 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     files, stored = {path for path in paths if path.suffix in (".h5", ".nc")}, set[Path]()
     if not (files or runs or damaged):
         raise WrongFileError(f"{folder}: has no dataset and no list of runs; must be results, results/STUDY or files")
-    missing = [relpath(path) for path in sorted({path for path, _ in drawn}) if not path.is_file()]
+    there = files | {path for path, _ in drawn if path.is_file()}
+    missing = [relpath(path) for path in sorted({path for path, _ in drawn} - there)]
     for place, asked in sorted(runs, key=str):
         batches = stored_batches(place, seeds := np.asarray(asked))
         stored |= {place / f"{first}-{last}.h5" for first, last in batches}
@@ -49,5 +50,5 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
             (read_stored if file in stored else verified)(file)
         except (OSError, StorageError):
             damaged.add(file)
-    damaged |= {path for path, digest in drawn if path.is_file() and sha256(path.read_bytes()).hexdigest() != digest}
-    return [*map(relpath, sorted((files | stored) - damaged))], [*map(relpath, sorted(damaged))], missing
+    damaged |= {path for path, digest in drawn if path in there and sha256(path.read_bytes()).hexdigest() != digest}
+    return [*map(relpath, sorted((there | stored) - damaged))], [*map(relpath, sorted(damaged))], missing
