@@ -39,5 +39,6 @@ rule all:
 
 
 onstart:
-    simulations = [job for job in workflow.dag.needrun_jobs() if job.rule.name == "simulate"]
-    forecast(study, simulations, logger)
+    due = [*workflow.dag.needrun_jobs()]
+    awaits_plan.extend(job for job in due if job.rule.name == "plan")
+    forecast(study, [job.output[0] for job in due if job.rule.name == "simulate"], logger)

@@ -19,9 +19,9 @@ from snakemake_interface_logger_plugins.common import LogEvent
 from brownpipe.progress import Display
 
 UNSAID = re.compile(  # in Snakemake's log alone: its steps, what is explained here, submitted jobs, that all is done
-    r"Assuming unrestricted|Building DAG|Using shell|Select jobs|Execute |Elapsed|RuleException|brownpipe: .*: 0 runs"
-    r"|SLURM run ID|Job \S+ has been submitted|Cleaning up SLURM|Job rate limit reached|Exiting because a job"
-    r"|WorkflowError:\nAt least one job did not complete"
+    r"Assuming unrestricted|Building DAG|DAG of jobs|Updating checkpoint|Using shell|Select jobs|Execute |Elapsed"
+    r"|RuleException|brownpipe: .*: 0 runs|SLURM run ID|Job \S+ has been submitted|Cleaning up SLURM"
+    r"|Job rate limit reached|Exiting because a job|WorkflowError:\nAt least one job did not complete"
 )
 RUNS_DONE = re.compile(r"^simulate: ([\d,]+) of ([\d,]+) runs", re.MULTILINE)  # in the log of a job
 REMARK = re.compile(r"^brownpipe: .*", re.MULTILINE)

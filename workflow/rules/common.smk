@@ -24,6 +24,7 @@ any_digest = "[0-9a-f]" * len(made_from["plan"])
 simulations = commands(study)
 request = requests(study)
 captions = PACKAGE / "figures"
+awaits_plan = []  # the job that says how many runs there are, until it is done
 not_as_made = "echo 'brownpipe: delete what is not as the study made it, and run the study again' >&2; exit 1"
 
 
@@ -65,4 +66,15 @@ def plan_file(wildcards):
 def trajectories(wildcards):
     """Return the files with the runs of the study: those that are there, and those to be made."""
     known = settled(study, *plan_file(wildcards)) if study.tolerance else study
-    return [str(file.path) for file in files_of(known)]
+    paths = [file.path for file in files_of(known)]
+    if awaits_plan:
+        awaits_plan.clear()
+        forecast(study, [str(path) for path in paths if not path.exists()], logger)
+    return [str(path) for path in paths]
+
+
+@ended_by_mistakes()
+def compared(wildcards):
+    """Return the files with the runs of a study with engines to compare."""
+    study.refuse_tradeoff()
+    return trajectories(wildcards)

@@ -1,10 +1,3 @@
-@ended_by_mistakes()
-def compared(wildcards):
-    """Return the files with the runs of a study with engines to compare."""
-    study.refuse_tradeoff()
-    return trajectories(wildcards)
-
-
 # This rule measures CPU times, so no other job may run at the same time.
 rule tradeoff:
     input:

@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 from brownpipe.errors import BrownpipeError, RequestError
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import read_yaml, scalar
+from brownpipe.storage.store import DIGITS
 from brownpipe.study.run_sets import run_sets, seconds_of_jobs
 from brownpipe.study.study import Study, read_study
 from brownpipe.text import counted, in_time, shell_path
@@ -87,12 +88,17 @@ def remove_stale_locks() -> None:
         fcntl.flock(_held[-1], fcntl.LOCK_SH)  # with others: a dry run does not keep a study from having one
 
 
-def forecast(study: Study, jobs: Sequence[Any], logger: Logger) -> None:
-    """Say what the jobs of `simulate` that are due will take; the logger plugin derives the time left from it."""
-    costs = {runs.key: runs.cost for runs in run_sets(study)}
-    runs = {job.output[0]: int(job.wildcards.last) - int(job.wildcards.first) + 1 for job in jobs}
-    seconds = {job.output[0]: seconds_of_jobs(costs[job.wildcards.digest], runs[job.output[0]]) for job in jobs}
-    text = f"{counted(sum(runs.values()), 'run')} in {counted(len(jobs), 'job')}, some {in_time(sum(seconds.values()))}"
+def forecast(study: Study, files: Sequence[str], logger: Logger) -> None:
+    """Say what it will take to simulate the files of runs that are due.
+
+    The logger plugin derives the time left from it.
+    """
+    costs, runs, seconds = {runs.key: runs.cost for runs in run_sets(study)}, dict[str, int](), dict[str, float]()
+    for file in files:
+        first, last = map(int, Path(file).stem.split("-"))
+        runs[file] = last - first + 1
+        seconds[file] = seconds_of_jobs(costs[Path(file).parent.name[-DIGITS:]], runs[file])
+    text = f"{counted(sum(runs.values()), 'run')} in {counted(len(runs), 'job')}, some {in_time(sum(seconds.values()))}"
     logger.info(f"brownpipe: the study {study.name}: {text} of CPU", extra={"runs": runs, "seconds": seconds})
 
 

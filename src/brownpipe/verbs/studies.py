@@ -14,13 +14,12 @@ from brownpipe.scene.reading import AtLeastOne, Name, validated
 from brownpipe.storage.files import write_file
 from brownpipe.study import Study, read_study
 from brownpipe.study.check import describe_scene_or_study
-from brownpipe.study.plan import offers, performance_of, recommendation, settled, spent_on, write_plan, write_study
-from brownpipe.study.run_sets import describe_workload
+from brownpipe.study.plan import offers, performance_of, recommendation, spent_on, write_plan, write_study
 from brownpipe.study.study import Target, Tolerance, read_keys, why_no_relative_error
 from brownpipe.study.workflow import pipeline_folder, run_study
 from brownpipe.text import shell_path
 from brownpipe.verbs.options import add_config, add_particles, refuse_together, typed
-from brownpipe.verbs.output import YAML, absent, say, show, writable
+from brownpipe.verbs.output import YAML, absent, show, writable
 
 
 def add_new(add: Callable) -> None:
@@ -105,10 +104,10 @@ def plan(arguments: Namespace) -> int:
     study = read_study(arguments.study, config)
     if arguments.count is not None:
         with progress.shown("plan"):
-            _, pilots = write_plan(study, writable(arguments.count, arguments.study, suffixes=YAML))
+            runs, pilots = write_plan(study, writable(arguments.count, arguments.study, suffixes=YAML))
+        show(f"{arguments.count}: {runs:,} runs for a tolerance of {100 * study.tolerance:g} % of {study.target}")
         show(spent_on(pilots))
-        workload = describe_workload(settled(study, arguments.count))  # `brownpipe run` shows what is said in a log
-        return say(f"{study.target} to {100 * study.tolerance:g} % takes {workload}", DONE)
+        return DONE
     target, tolerance = arguments.target or study.target, arguments.tolerance or study.tolerance
     if tolerance is None:
         raise RequestError("--tolerance: missing; must be given, as the study has none")
