@@ -67,7 +67,10 @@ def test_the_example_of_the_guide_is_measured_stored_and_averaged_without_its_mo
     assert bp.plot(result, "own_observables").axes
 
 
-def test_an_edited_function_makes_other_runs_wherever_the_study_is_called(here, monkeypatch):
+def test_an_edited_function_makes_other_runs_wherever_the_study_is_called_and_must_be_there(here, monkeypatch):
+    Path("sub/wrong.yaml").write_text(STUDY.replace("my_function]", "my_funktion]"))
+    with pytest.raises(RequestError, match=r"sub/wrong.yaml: line 4: observables: .*my_module.py has no function my_f"):
+        read_study("sub/wrong.yaml")
     (one,) = run_sets(read_study("sub/study.yaml"))
     monkeypatch.chdir("sub")
     (same,) = run_sets(read_study("study.yaml"))
@@ -120,9 +123,9 @@ FUNCTION = "def f(scene, run):\n    return "
         (FUNCTION + "{'a b': 1}", r"my:f: ValueError: a b: names of arrays and dimensions must be words"),
         (FUNCTION + "{'mine': ('time', [1, 2])}", r"my:f: ValueError: mine: must have \(11,\) values along"),
         (FUNCTION + "{'mine': (('x', 'y'), [1, 2])}", r"my:f: ValueError: mine: must be \(dims, values\) with a dim"),
-        (FUNCTION + "{'pair_collisions': 1}", r"my:f: pair_collisions: pair_collisions is a name in runs"),
-        (FUNCTION + "{'msd': 1}", r"my:f: msd: msd is a name in runs or datasets"),
-        (FUNCTION + "{'mine': ('window', [1, 2])}", r"my:f: mine: window is a name in runs or datasets"),
+        (FUNCTION + "{'pair_collisions': 1}", r"my:f: ValueError: pair_collisions: pair_collisions is a name in runs"),
+        ("n = [1]\n" + FUNCTION + "{'msd': n.pop()}", r"my:f: ValueError: msd: msd is a name in runs or datasets"),
+        (FUNCTION + "{'mine': ('window', [1, 2])}", r"my:f: ValueError: mine: window is a name in runs or datasets"),
         (FUNCTION + "{'mine': run.whole.position.fill(0)}", r"my:f: ValueError: .*read-only \(my.py, line 2\)"),
         ("n = []\n" + FUNCTION + "{'mine': ('x', n.append(1) or n)}", r"seed 1: my:f: ValueError: mine: must be al"),
     ],
@@ -135,12 +138,6 @@ def test_mistakes_are_one_line_and_nothing_is_written(here, capsys, text, messag
     said = capsys.readouterr().err
     assert re.search(message, said) and said.count("\n") == 1
     assert not Path("x.h5").exists()
-
-
-def test_a_study_refuses_a_function_that_is_not_there_by_file_and_line(here):
-    Path("sub/study.yaml").write_text(STUDY.replace("my_function]", "my_funktion]"))
-    with pytest.raises(RequestError, match=r"sub/study.yaml: line 4: observables: .*my_module.py has no function my_f"):
-        read_study("sub/study.yaml")
 
 
 def test_a_function_given_in_python_is_itself_alone_and_others_are_not_joined_with_it(here):
@@ -172,6 +169,9 @@ def test_a_name_like_that_of_a_quantity_which_may_drift_is_ones_own(here):
         return {"quarter_mine": ("x", [1.0, 2.0, 3.0]), "kinetic_energy_of_mine": 1.0, "sometimes": next(numbers)}
 
     scene = bp.read_scene("sub/few.yaml").replace(equilibrate={"time": 1.0, "tracer": "free"})
+    numbers = iter([0.0])
+    with pytest.raises(RequestError, match="msd is a name in runs or datasets"):  # after one run
+        bp.simulate(scene, 2, observables=[lambda *_: {"msd": next(numbers)}])
     numbers = iter([*range(7), np.nan])
     found = bp.analyse(bp.simulate(scene, 8, observables=[mine]))
     assert "\nsometimes: no mean where a run has no number of it.\n" in summary(found)

@@ -20,7 +20,7 @@ from xarray import DataArray, Dataset, DataTree
 
 from brownpipe import progress
 from brownpipe.analysis import aggregate
-from brownpipe.analysis.dataset import ALWAYS, refuse_taken, refuse_windows
+from brownpipe.analysis.dataset import ALWAYS, refuse_windows
 from brownpipe.analysis.resampling import resample
 from brownpipe.engines import DEFINITIONS, Engine, read_record, requested
 from brownpipe.engines.ensemble import Ensemble, failures, joined, select
@@ -147,7 +147,6 @@ def simulate(
         missing = without(np.asarray(numbers), [(part.seeds[0], part.seeds[-1]) for part in parts])
         found = joined([*parts, *_made(make, missing, cores)])
         ensemble = select(found, np.isin(found.seeds, numbers))
-    refuse_taken(ensemble.own)
     if failed := failures(ensemble):
         warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=2)
     return to_tree(Trajectories(scene, chosen, ensemble, source_digest("simulate", chosen.name)))

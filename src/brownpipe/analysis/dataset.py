@@ -10,13 +10,13 @@ from brownpipe.analysis import displacement, distribution, drift, pairs, thermod
 from brownpipe.analysis.estimator import Averages, Case, columns_of, results_of
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported
-from brownpipe.analysis.variables import EACH, SAME_TIME, VARIED, Mean, Variable, names_of, with_uncertainties
+from brownpipe.analysis.variables import EACH, SAME_TIME, VARIED, Mean, Variable, with_uncertainties
 from brownpipe.engines.ensemble import HEALTH, Ensemble, select
 from brownpipe.engines.friction import default_windows
-from brownpipe.errors import AnalysisError, RequestError
+from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES
 from brownpipe.observables.observable import RunArray
-from brownpipe.observables.own import Own
+from brownpipe.observables.own import taken
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.scene.variation import short_name, unit_of, value_of
@@ -38,6 +38,7 @@ LABELS_AND_HEALTH = {*displacement.COORDINATES, *distribution.COORDINATES, *HEAL
 ALWAYS = LABELS_AND_HEALTH.union(with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES))  # in every dataset
 ALL_COORDINATES = {dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()} | variables.COORDINATES
 ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
+taken.update(ALL_VARIABLES, ALL_COORDINATES, VARIABLES)
 Table = Mapping[str, Variable]
 RUNS_FOR_RINGS = 200  # of a case, or all that it has: for default rings, chosen from its first blocks
 
@@ -124,15 +125,6 @@ def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
         name: Mean((*EACH, *one.dims), one.units, one.long_name, extra={"observable": one.observable})
         for name, one in own.items()
     }
-
-
-def refuse_taken(own: Own) -> None:
-    """Raise RequestError for arrays of the user's own with names that variables of runs or datasets have."""
-    taken = {*ALL_VARIABLES, *ALL_COORDINATES, *VARIABLES}
-    for name, array in own.items():
-        for new in (*names_of(name), *(dim for dim in array.dims if dim not in AXES)):
-            if new in taken:
-                raise RequestError(f"{array.observable}: {name}: {new} is a name in runs or datasets; choose another")
 
 
 def _followed(runs: Trajectories) -> str:

@@ -47,6 +47,7 @@ class Function(NamedTuple):
     source: str  # SHA-256 of the file; of one given in Python a random number
 
 
+taken: set[str] = set()  # names that no array and dimension may have: `analysis.dataset` knows them
 _given: dict[str, Function] = {}  # given in Python, by `my_module:my_function@id`; none is ever removed
 
 
@@ -146,6 +147,8 @@ def measure(name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, R
             own = RunArray(dims, *attributes, True, measured[array].shape, title_of(name), function.source)
             if any(size not in (None, found) for size, found in zip(shape, own.shape, strict=True)):
                 raise ValueError(f"{array}: must have {shape} values along {dims}, not {own.shape}")
+            if clash := taken & {array, *(dim for dim in dims if dim not in axes)}:
+                raise ValueError(f"{array}: {min(clash)} is a name in runs or datasets; choose another")
             if known.setdefault(array, own) != own:
                 raise ValueError(f"{array}: must be alike in all runs; was {known[array][:5]}, is {own[:5]}")
     except Exception as error:

@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import tradeoff
-from brownpipe.analysis.dataset import refuse_taken
 from brownpipe.engines import Engine, forecast
 from brownpipe.engines.ensemble import joined, select
 from brownpipe.errors import RequestError
@@ -76,7 +75,6 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     missing = without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts])
     for first, last in ranges(missing):
         parts.append(engine.simulate(scene, range(first, last + 1), record, observables=observables, average=average))
-        refuse_taken(parts[-1].own)
         write_trajectories(wanted.folder / f"{first}-{last}.h5", scene, engine, parts[-1], digest=wanted.digest)
     every = joined(parts)
     ensemble = select(every, np.isin(every.seeds, seeds))

@@ -13,7 +13,7 @@ from brownpipe.engines import DEFINITIONS, Engine, option, read_record, requeste
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
-from brownpipe.observables.own import identity
+from brownpipe.observables.own import identity, is_own
 from brownpipe.provenance import made_with
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import Count, Positive, read_yaml, validated
@@ -85,12 +85,10 @@ def simulate(arguments: Namespace) -> int:
         say(caution, DONE)
     checkpoint = f"{output}.checkpoint"
     checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
+    if any(map(is_own, arguments.observables)):
+        from brownpipe.analysis import dataset  # noqa: F401  # it knows which names are taken; to import it takes 0.2 s
     with progress.shown("simulate"):
         ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
-    if ensemble.own:
-        from brownpipe.analysis.dataset import refuse_taken  # takes 0.2 s
-
-        refuse_taken(ensemble.own)
     write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
