@@ -408,13 +408,11 @@ def test_cases_share_a_panel_with_colours_and_words_that_tell_them_apart(dataset
 
 
 def test_a_correlation_at_rest_has_no_initial_slope_and_cases_without_a_common_label_no_title(hot):
-    style.heads(matplotlib.figure.Figure().subplots(1, 1, squeeze=False)[0], [""])
+    axes = (figure := matplotlib.figure.Figure(layout="constrained")).add_subplot()
+    axes.plot([1, 2], label="its legend")
+    style.heads([axes], [""])
+    assert style.image_bytes(figure, "png") and axes.get_legend().get_window_extent().y1 < figure.bbox.y1
     draw_figure(hot.assign(velocity_autocorrelation=0 * hot.velocity_autocorrelation), "velocity_autocorrelation")
-
-
-def test_the_answer_says_what_a_drift_of_all_disks_adds_to_d(hot):
-    assert "the drift of all disks" not in summary(hot)
-    assert "adds 0.5 to D by the end of a run" in summary(hot.assign(drift_diffusion=0 * hot.runs + 0.5))
 
 
 def test_of_many_cases_some_are_drawn_unless_the_figure_is_that_of_a_scan(dataset, monkeypatch):
@@ -660,10 +658,12 @@ def test_the_answer_begins_with_what_the_study_measured(dataset):
     assert found[contact[1]] == estimate(case.isel(species_pair=2), "contact_value")
     assert found["MSD(t = 1)"] == estimate(case.isel(time=-1), "msd")
     assert found["D"].startswith(estimate(case.isel(window=0), "diffusion_coefficient"))
-    assert max(map(len, summary(dataset).splitlines())) <= 120
+    assert max(map(len, summary(dataset).splitlines())) <= 120 and "the drift of all disks" not in summary(dataset)
+    drifting = dataset.assign(drift_diffusion=0 * dataset.runs + 0.5)
+    assert "the drift of all disks adds 0.5 to D by the end of a run" in summary(drifting)
 
 
-def test_msd_and_d_are_in_the_answer_if_they_were_asked_for(plain, dataset):
+def test_msd_and_d_are_in_the_answer_if_they_were_asked_for_and_an_observable_of_ones_own(plain, dataset):
     """By an option of the analysis or a figure; and beside all else that was measured if nothing is asked for."""
     by_default = dataset.assign_attrs(options="{}").drop_vars(
         [name for name in dataset.data_vars if name.startswith(("diffusion_running", "species_energy"))]

@@ -105,7 +105,7 @@ def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     font = FontProperties(size=KEY_SIZE)
     pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
     for axes, title in zip(panels, titles, strict=True):
-        axes.set_title(title, pad=pad, fontsize=11 * min(1, 45 / max(len(title), 1)))
+        axes.set_title(title or " ", pad=pad, fontsize=11 * min(1, 45 / max(len(title), 1)))  # "" makes no room
         if labels := axes.get_legend_handles_labels()[1]:
             width = max(text_to_path.get_text_width_height_descent(text, font, "$" in text)[0] for text in labels) / 72
             place = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "borderaxespad": 0.2, "labelspacing": 0.35}
