@@ -436,6 +436,9 @@ def test_at_most_six_cases_share_a_panel(dataset):
     assert groups(longer) == [2, 2], "one time axis cannot show both"
     with pytest.raises(FigureError, match="panel: must be of scene, tracer_mass, particles, engine, not 'phi'"):
         groups(masses, ["phi"])
+    own = draw_figure(both, "own_observables")
+    looks = [(bar.lines[0].get_color(), bar.lines[0].get_marker()) for bar in own.axes[-1].containers]
+    assert len({*looks}) == len(looks) == 8 and own.get_figheight() > 3.7 * len(own.axes)
 
 
 @pytest.mark.parametrize("name", [*OVERLAID, "orientational_order"])
@@ -672,9 +675,6 @@ def test_msd_and_d_are_in_the_answer_if_they_were_asked_for_and_an_observable_of
     assert "D" in columns(by_default, "msd") and "D" in columns(by_default.assign_attrs(options=plain.options))
     assert [*columns(plain.assign_attrs(options="{}"))][3:] == ["collision rate", "MSD(t = 1)", "D"]
     assert [*columns(plain.assign_attrs(options="{}"), "thermodynamics", "health")][3:] == ["collision rate"]
-
-
-def test_an_observable_of_ones_own_is_in_the_answer(plain):
     meaning = {"observable": "my_module:chirality", "long_name": "chirality of the fluid"}
     one = (0 * plain.duration + 0.25).assign_attrs(meaning)
     found = plain.assign(chirality=one, chirality_standard_error=0.01 * one / 0.25)

@@ -33,8 +33,9 @@ SERIES = (
     *((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, (0, (4, 1.5, 1, 1.5)), "^"), ("#8A4F7D", DOTTED, "D")),
     *(("#E69F00", (0, (9, 2)), "v"), ("#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P")),
 )
-# Of the points of the first, second, ... series: every pair of colour and marker
+# Of the points or curves of the first, second, ... series: every pair of colour and marker, or of colour and line
 MARKS = [{"color": SERIES[k % 6][0], "fmt": SERIES[(k + k // 6) % 6][2]} for k in range(36)]
+LINES = [SERIES[(k + k // 6) % 6][1] for k in range(36)]
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 # Leading digits labelled on a logarithmic axis, by the decades below which they apply; (): labels of a linear axis
@@ -126,7 +127,7 @@ def told_apart(
     names = differing(cases)
     ordered = len(names) == 1 and cases[0][names[0]].dtype.kind in "iuf"
     colours = shades(len(cases)) if ordered else [colour for colour, _, _ in SERIES]
-    for case, colour, (_, line, _) in zip(cases, cycle(colours), cycle(SERIES), strict=False):
+    for case, colour, line in zip(cases, cycle(colours), cycle(LINES), strict=False):
         label = ": ".join(filter(None, (in_words(case, names), number(case)))) + drift_in_words(case)
         own = {"color": colour, "linestyle": "-" if ordered else line, "label": label}
         yield case, own | normalize_kwargs({**looks}, Line2D)
