@@ -493,6 +493,7 @@ def values_of(case, name):
 def test_points_are_the_values_with_their_intervals_beside_theory(dataset, as_it_is, name):
     """Theory: dashed lines of the scan, deviations in a second row, of the rate at the scene's temperature if known."""
     end, panels = dataset.isel(time=-1, window=0, engine=0), as_it_is[name][1]
+    assert name != "scan" or title(panels[1]).get_text() == "diffusion coefficient over [0.1, 1] °"
     for k, variable in enumerate(MODULES[name].PANELS):
         dashed = [line.get_ydata() for line in panels[k].lines if line.get_linestyle() == "--"]
         expected = f"enskog_{'diffusion' if variable == 'diffusion_coefficient' else variable}"
@@ -591,7 +592,8 @@ def test_other_tables_have_the_numbers_of_the_dataset(dataset, folder):
     for row in of_hot["scan"]:
         window = [0.1, 0.5].index(float(row["window_start"]))
         fitted = dataset.sel(scene="hot", particles=int(row["particles"]), engine="exact").isel(window=window)
-        assert float(row["diffusion_coefficient"]) == fitted.diffusion_coefficient.item()
+        for name in ("diffusion_coefficient", "diffusive_from"):
+            assert float(row[name]) == fitted[name].item()
     worst = next(row for row in of_hot["health"] if (row["particles"], row["measure"]) == ("20", "energy_drift"))
     for share, column in ((0.05, "5 %"), (0.95, "95 %"), (1.0, "greatest")):
         assert float(worst[column]) == abs(case.energy_drift).quantile(share).item() and worst["failed_runs"] == "2"

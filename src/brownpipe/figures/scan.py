@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
-from brownpipe.figures.cases import PARTS, axis_label, axis_of, frame_of, has, series_of
+from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, frame_of, has, series_of
 from brownpipe.figures.style import DASHED, MARKS, WIDTH, grid, heads, log_axis, points
 
 LOGARITHMIC = 30.0  # ratio of the largest value to the smallest, beyond which an axis is logarithmic
@@ -40,7 +40,7 @@ def draw(cases: list[Dataset]) -> Figure:
         _panel(panel, axis, shown, name)
         panel.set_xlabel(axis_label(cases[0], axis))
         panel.set_ylabel(PANELS[name][1])
-    over = {D: f" over {cases[0].window[0].item()}"}
+    over = {D: f" over {cases[0].window[0].item()}{max(early_mark(case.isel(window=0)) for case in cases)}"}
     heads(axes.flat[: len(names)], [PANELS[name][0] + over.get(name, "") for name in names])
     return figure
 
@@ -76,7 +76,7 @@ def table(cases: list[Dataset]) -> DataFrame:
             ends.append(case.isel(time=-1).assign(_differences(before, case)))
     differences = [f"{name}_difference" for name in OF_RUNS]
     theory = [expected for _, _, expected in PANELS.values() if expected]
-    names = ("packing_fraction", "window_start", "window_end", *PANELS, *theory, *differences)
+    names = ("packing_fraction", "diffusive_from", "window_start", "window_end", *PANELS, *theory, *differences)
     return frame_of(ends, ("window",), names).drop(columns="window")
 
 
