@@ -370,6 +370,7 @@ def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(hot):
     free = hot.drop_vars("accessible_half_width")
     flying = {"initial_square_speed": (hot.msd / hot.time**2).isel(time=10)}
     assert claimed(hot).startswith("diffusion between walls") and claimed(free).startswith("free diffusion")
+    assert claimed(hot.assign(diffusive_from=9 + 0 * hot.diffusive_from)).endswith(" °")
     assert claimed(hot.assign(flying)) == claimed(free.assign(flying)) == ""
     walls = {"accessible_half_width": hot.accessible_half_width * 0 + 0.5}  # that have stopped it, says the MSD
     assert claimed(hot.assign(flying | walls)) == ""

@@ -70,7 +70,7 @@ def _diffusion(case: Dataset, t: np.ndarray) -> tuple[np.ndarray, str]:
     elif fits := fits_of(case):
         fit = max(fits, key=lambda fit: float(fit.window_start))
         start, value = float(fit.window_start), float(fit.diffusion_coefficient)
-        source = f"D over {fit.window.item()} = {estimate_of(fit, 'diffusion_coefficient')}"
+        source = f"D over {fit.window.item()} = {estimate_of(fit, 'diffusion_coefficient')}{early_mark(fit)}"
     ballistic = theory.ballistic_msd(start, float(case.initial_square_speed))
     if not (value > 0 and np.interp(start, case.time, case.msd) < FORGOTTEN * ballistic):  # nor if any is unknown: NaN
         return np.full(t.shape, np.nan), ""
