@@ -213,7 +213,9 @@ def scan(
     scenes = [scene_with(mapping, where, one, plain(particles), name) for one in combinations(values, together)]
     options = {key: [*one] if isinstance(one, Iterator) else one for key, one in options.items()}
     for one in scenes:
-        _requested({**simulate.__kwdefaults__, **options, "scene": one, "seeds": seeds})
+        *_, record, names, _ = _requested({**simulate.__kwdefaults__, **options, "scene": one, "seeds": seeds})
+        if windows and "tracer" not in record and "square_displacement" not in names:
+            raise RequestError("fit_windows: must go with record='tracer', or the observable square_displacement")
     refuse_windows(windows or (), [one.times for one in scenes])  # not when all runs are made
     with progress.shown("scan", silent=quiet):
         runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in progress.tracked(scenes, "scenes")]

@@ -66,7 +66,7 @@ def aggregate(
         their values; together, keys beyond the first are coordinates along the dimension of the first.
 
     Raises AnalysisError for files that do not belong together, for windows that coincide, or windows and times
-    that no run reaches, and what `read_trajectories` raises for broken files.
+    that no run reaches or can use, and what `read_trajectories` raises for broken files.
     """
     if (dr is None) != (rings is None):
         raise AnalysisError("rings: width and number must be given together")
@@ -78,6 +78,9 @@ def aggregate(
         Case(one.scene, one.engine, runs.times, runs.average, fitted, times, fixed, own=runs.own, varied=vary)
         for one, runs in ((one, one.ensemble) for one in every)
     ]
+    ended = [{*one.record, *one.measured} for one in every if one.measured is not None]
+    if ended and set().union(*ended).isdisjoint({"tracer", "square_displacement"}) and (windows or dr or times):
+        raise AnalysisError("fit windows, rings and displacement times: must go with runs that have displacements")
     refuse_windows(windows or (), [case.times for case in cases])
     _refuse_times(cases)
     own = _own_variables(groups)
