@@ -135,8 +135,7 @@ def test_scenes_and_particle_counts_keep_the_order_in_which_they_are_given(tmp_p
     scenes = [make_scene(name, count) for name in ("M1", "M3", "M10") for count in (20, 10)]
     dataset = aggregate([write(tmp_path, make_runs(scene, range(3))) for scene in scenes])
     assert dataset.scene.values.tolist() == ["M1", "M3", "M10"]
-    assert dataset.particles.values.tolist() == [20, 10]
-    assert (dataset.runs == 3).all()
+    assert dataset.particles.values.tolist() == [20, 10] and (dataset.runs == 3).all()
 
 
 def test_other_durations_and_seeds_leave_nan(tmp_path):

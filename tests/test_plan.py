@@ -152,9 +152,11 @@ def test_a_tracer_that_does_not_move_has_no_relative_error(study_file, tmp_path,
 
 def test_a_study_that_stores_no_displacements_has_no_plan_for_them(study_file, here):
     for target, measured in (("msd", "species_energy"), ("displacement_distribution", "square_displacement")):
-        study = read_study(study_file(tolerance=0.1, target=target, record="none", observables=[measured]))
         with pytest.raises(RequestError, match=f"the target {target} needs record: tracer, or square_displacement"):
-            counted(study)
+            counted(read_study(study_file(tolerance=0.1, target=target, record="none", observables=[measured])))
+    (here / "scenes" / "few.yaml").write_text(SCENE.replace("sample_interval: 0.05", ""))
+    with pytest.raises(AnalysisError, match=r"fit window \[0.25, 0.5\]: must .* have three samples or more"):
+        counted(read_study(study_file(tolerance=0.1, target="d")))
 
 
 @pytest.mark.parametrize("measured", [{}, {"record": "none", "observables": ["square_displacement", "my:f"]}])
@@ -282,13 +284,12 @@ def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, 
         (["--count", "p.yaml", "--write", "my.yaml"], "--write: must not be given with --count"),
     ],
 )
-def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, words, message):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("brownpipe.verbs.studies.performance_of", None)
-        try:
-            status = cli.main(["plan", str(study_file(seeds=5)), *words])
-        except SystemExit as end:
-            status = end.code
+def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, monkeypatch, words, message):
+    monkeypatch.setattr("brownpipe.verbs.studies.performance_of", None)
+    try:
+        status = cli.main(["plan", str(study_file(seeds=5)), *words])
+    except SystemExit as end:
+        status = end.code
     said = capsys.readouterr().err
     assert status == WRONG_REQUEST and message in said and said.count("\n") == 1
 

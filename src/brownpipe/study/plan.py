@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import tradeoff
+from brownpipe.analysis.dataset import refuse_windows
 from brownpipe.engines import Engine, forecast
 from brownpipe.engines.ensemble import joined, select
 from brownpipe.errors import RequestError
@@ -155,11 +156,14 @@ class Offer(NamedTuple):
 def performance_of(study: Study, target: str, tolerance: float) -> tuple[list[Performance], list[Pilot]]:
     """Return the performance of the study's engines in each case, in their order, and the pilot runs.
 
-    Approximate engines are compared with pilot runs of the exact engine, also if the study does without it.
+    Approximate engines are compared with pilot runs of the exact engine, also if the study does without it. Raises
+    AnalysisError, before any run, for D without three samples in its window.
     """
     quantity = "displacement" if target == DISTRIBUTION else target
     names = [f"{quantity}_{part}" for part in ("bias", "bias_standard_error", "spread")]  # of `tradeoff.compare`
     found, pilots = list[Performance](), list[Pilot]()
+    for case in study.cases if target == "d" else ():  # those of default windows are counted here only
+        refuse_windows(study.fit_windows[:1], [case.times])
     for case in tracked(study.cases, "cases"):
         engines = [use.engine for use in study.uses if use.case is case]
         every = [*dict.fromkeys([REFERENCE, *engines])]
