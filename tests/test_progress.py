@@ -231,7 +231,7 @@ def test_chatter_is_left_out_and_no_warning_and_no_error(monkeypatch, message, m
     ("log", "reason"),
     [
         ("brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\nbrownpipe: no\n", "brownpipe: no"),
-        ("", "brownpipe: killed, most likely out of memory; "),
+        ("", "brownpipe: killed, most likely out of memory, or the disk is full; "),
         ("brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\n", "brownpipe: killed, most likely out of me"),
     ],
 )
