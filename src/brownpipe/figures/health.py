@@ -49,8 +49,7 @@ def _name(case: Dataset) -> str:
 
 def _quantiles(case: Dataset, name: str) -> np.ndarray:
     """Return the QUANTILES of the absolute values of a measure over the runs that have one; NaN if none has."""
-    sizes = np.abs(case[name].values)
-    return Series(sizes[np.isfinite(sizes)]).quantile([*QUANTILES.values()]).values
+    return Series(np.abs(case[name].values)).quantile([*QUANTILES.values()]).values
 
 
 def table(cases: list[Dataset]) -> DataFrame:

@@ -1,8 +1,8 @@
 """Figure `own_observables`: the averages of the user's own observables, one panel for each array."""
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
-from itertools import chain, islice, product
+from itertools import islice, product
 
 import pandas
 from matplotlib.figure import Figure
@@ -15,12 +15,9 @@ from brownpipe.figures.style import MARKS, WIDTH, band, grid, heads, points, tol
 def draw(cases: list[Dataset]) -> Figure:
     """Draw each array of all cases against its first dimension, with its 95 % band; numbers as points.
 
-    Of a case are shown at most MOST_CURVES, those for the first entries of the other dimensions.
+    Of a case are shown at most MOST_CURVES, those at the first places along the other dimensions.
     """
-    shown = dict[str, list[Dataset]]()
-    for name in own_names(cases):
-        of_cases = (islice(_parts(case, cases[0][name].dims[1:]), MOST_CURVES) for case in cases if has(case, name))
-        shown[name] = [*chain.from_iterable(of_cases)]
+    shown = {one: [part for case in cases if has(case, one) for part in _parts(case, one)] for one in own_names(cases)}
     figure, axes = grid(len(shown), 1, WIDTH, 2.3 + 0.19 * max(6, *map(len, shown.values())))
     for (name, parts), panel in zip(shown.items(), axes[:, 0], strict=True):
         along, *others = map(str, cases[0][name].dims or ("case",))
@@ -36,10 +33,11 @@ def draw(cases: list[Dataset]) -> Figure:
     return figure
 
 
-def _parts(case: Dataset, dims: Sequence[Hashable]) -> Iterator[Dataset]:
-    """Yield a case at each place along these dimensions, which need no coordinates."""
+def _parts(case: Dataset, name: str) -> Iterator[Dataset]:
+    """Yield a case at the first places along all dimensions of an array but its first; they need no coordinates."""
+    dims = case[name].dims[1:]
     numbered = case.assign_coords({dim: case[dim] for dim in dims})
-    for place in product(*(range(case.sizes[dim]) for dim in dims)):
+    for place in islice(product(*(range(case.sizes[dim]) for dim in dims)), MOST_CURVES):
         yield numbered.isel(dict(zip(dims, place, strict=True)))
 
 
