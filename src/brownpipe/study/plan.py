@@ -31,7 +31,7 @@ from brownpipe.inspection.reports import equilibrium
 from brownpipe.observables.own import is_own
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
-from brownpipe.scene.reading import read_yaml, scalar, yaml_text
+from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS, ranges
 from brownpipe.storage.files import naming, verified, write_file, write_sealed
 from brownpipe.storage.store import RUNS, stored_runs, without
@@ -110,7 +110,7 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     title, most = max(needed.items(), key=lambda item: item[1])
     if most > MOST_SEEDS:
         raise RequestError(f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}")
-    plan = {"planned": digests(study)["plan"], "needed": needed, "runs": most}
+    plan = {"planned": f"study {digests(study)['plan']}", "needed": needed, "runs": most}
     write_sealed(path, f"# Runs for a tolerance of {study.tolerance:g} of {study.target}\n\n{yaml_text(plan)}".encode())
     return most, pilots
 
@@ -126,7 +126,7 @@ def settled(study: Study, path: str | Path | None) -> Study:
         raise RequestError("--plan: missing; the number of runs for a tolerance is in results/STUDY/plan/*.yaml")
     with naming(path, "plan"):
         plan = read_yaml(verified(path))
-    if plan.get("planned") != scalar(digests(study)["plan"]):  # as YAML reads it: 12e3 is a number
+    if plan.get("planned") != f"study {digests(study)['plan']}":  # a digest alone may be a number in YAML
         raise RequestError(f"{path}: is the plan of another study; delete it and run the study again")
     return study.model_copy(update={"seeds": range(plan["runs"])})
 
