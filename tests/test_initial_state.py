@@ -106,9 +106,7 @@ def test_zero_momentum_at_t_zero_after_equilibration(tracer, runs):
 
 def check_pinned(velocity, drawn, mass):
     """The tracer's velocity (R, 2) at t = 0 is 1 - m/M of what was drawn, less the bath's momentum over M, a noise.
-
-    False alarm: 7e-6 each for the factor and for the variance of this noise, kT (M - m)/M^2.
-    """
+    False alarm: 7e-6 each for the factor and for the variance of this noise, kT (M - m)/M^2."""
     kt, whole = 1.6, mass.sum()
     noise = velocity - (1 - mass[0] / whole) * drawn
     variance, number = kt * (whole - mass[0]) / whole**2, drawn.size

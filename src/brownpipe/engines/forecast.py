@@ -125,7 +125,7 @@ def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> fl
     """Return the CPU seconds to measure observables in a run."""
     seconds = 0.0
     for observable in map(measures.record_of, names):
-        samples, disks = len(scene.times), scene.particles
+        samples, disks = len(scene.times), scene.particles * observable.times_as_long(scene)
         if observable.of == "tracer":
             disks = len(equal_disks(scene)) if average == "disks" else 1
         elif observable.is_over_samples and not is_stationary(scene):

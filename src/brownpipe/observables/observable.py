@@ -78,6 +78,7 @@ class Observable(NamedTuple):
     of: Literal["tracer", "bath", "all"] = "all"
     axes: Mapping[str, Axis] = MappingProxyType({})  # the dimensions that are its own, by name
     is_over_samples: bool = False  # its track has all samples of a stationary scene, otherwise the last one alone
+    times_as_long: Callable[[Scene], float] = lambda scene: 1.0  # in this scene, as those CPU seconds
     unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
 
 
