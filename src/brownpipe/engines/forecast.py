@@ -2,14 +2,13 @@
 
 The forecast is rough on purpose, good to a factor of 2: an engine has one measured cost of its events, an observable
 one of a disk in a sample (`observables.Observable`). Collision counts hold in equilibrium, within some percent, those
-above a packing fraction of 0.7 for crystals. In a scene that gives disks of all masses the same standard deviation of
-the velocity, they hold for the first collisions only. docs/theory.md, section 3.
+above a packing fraction of 0.7 for crystals. docs/theory.md, section 3.
 """
 
 import math
 import os
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.friction import DENSEST, bath_of, partners_of
 from brownpipe.engines.placement import is_grown, placement_caution, tries_to_place
-from brownpipe.engines.units import SMALLEST_NORMAL
+from brownpipe.engines.units import SMALLEST_NORMAL, common_radius
 from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.observables.species import equal_disks, species_table
@@ -28,6 +27,8 @@ from brownpipe.scene.scene import HEXAGONAL_PACKING
 START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
 EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it; half of it for the tracer alone
 SECONDS_PER_EVENT = 1.9e-7  # CPU seconds of a collision, or of a disk that moves by the distance of neighbours
+DISKS_PER_EVENT = 30  # in a disk's cell and those around it; with more an event takes longer, in proportion
+SECONDS_PER_VELOCITY = 2e-7  # CPU seconds for a disk that does not move, but has a part in the total momentum
 SECONDS_PER_TRY = 1.2e-7  # CPU seconds to find out whether a disk fits in a place
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
 SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, and of each lag of an average over origins, at least
@@ -94,8 +95,10 @@ def of_run(
     seconds = EACH_RUN * (0.5 if alone else 1 + (scene.equilibrate.time > 0))
     seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
     seconds += seconds_to_measure(scene, observables, average)
+    seconds += SECONDS_PER_VELOCITY * scene.particles * bool(alone and scene.velocities.zero_momentum)
     if not alone:
-        seconds += SECONDS_PER_EVENT * (collisions + time * crossing_rate(scene) + 5 * scene.particles)
+        each = SECONDS_PER_EVENT * max(1.0, disks_in_cells(scene) / DISKS_PER_EVENT)
+        seconds += each * (collisions + time * crossing_rate(scene) + 5 * scene.particles)
         seconds += SECONDS_PER_TRY * tries_to_place(scene)
     return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working)
 
@@ -154,9 +157,11 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
 def speeds(scene: Scene) -> np.ndarray:
     """Return the standard deviation [length/time] of a velocity component of disks of each species (K,).
 
-    A list of disks is taken to be in equilibrium at its mean kinetic energy per disk.
+    A list of disks is taken to be in equilibrium at its mean kinetic energy per disk. From equal speeds disks of
+    different masses reach equal energies, in which light disks are faster: the mean square over the run is returned,
+    where the differences of the energies decay by the share 4 m_i m_j/(m_i + m_j)^2 in a collision, all at one rate.
     """
-    mass = species_table(scene).mass
+    number, mass = species_table(scene).number, species_table(scene).mass
     if scene.velocities is None:
         velocity = np.array([disk.velocity for disk in scene.listed]).reshape(-1, 2)
         unit = float(np.abs(velocity).max(initial=0.0)) or 1.0  # so that no square overflows
@@ -164,41 +169,53 @@ def speeds(scene: Scene) -> np.ndarray:
         return unit * np.sqrt(energy / mass)
     if scene.velocities.temperature is not None:
         return np.sqrt(scene.velocities.temperature / mass)
-    return np.full(len(mass), scene.velocities.standard_deviation)
+    ratio, speed = mass[:, None] / mass, np.full(len(mass), scene.velocities.standard_deviation)
+    last = np.sqrt(number * (1 - bool(scene.velocities.zero_momentum) / (number @ ratio)) @ ratio / number.sum())
+    shared = np.where(ratio == 1.0, 0.0, 4 / (2 + ratio + ratio.T))  # of the difference of two energies
+    for _ in range(8):  # until speeds and collisions fit each other
+        exchanges = (shared * [*_pair_rates(scene, speed)]).sum() * (scene.duration + scene.equilibrate.time)
+        speed = scene.velocities.standard_deviation * np.sqrt((1 + exchanges * last**2) / (1 + exchanges))
+    return speed
 
 
 def pair_rate(scene: Scene) -> float:
     """Return the expected collisions between disks per time [1/time], summed over all pairs of species.
 
-    `theory.collision_rate` with sqrt(kT/mu) = hypot(speed_i, speed_j), the standard deviation of a component of the
-    relative velocity. This also holds for species of different temperatures.
-
     Above DENSEST disks collide more often than in the fluid of that packing fraction: by the free volume of a crystal
     of equal disks, Z = 1 + 2 phi chi = s/(s - 2 R) for neighbours at the distance s (Z. W. Salsburg & W. W. Wood, J.
     Chem. Phys. 37, 798 (1962)). Rows that the box compresses collide more often.
     """
-    table, speed, rate, phi = species_table(scene), speeds(scene), 0.0, scene.packing_fraction
-    density, diameter = table.number / scene.box.area, 2 * table.radius
-    fluid = min(1.0, DENSEST / max(phi, 1e-300))
+    of_species = zip(species_table(scene).number, _pair_rates(scene, speeds(scene)), strict=True)
+    rate = float(sum(number * rates.sum() for number, rates in of_species)) / 2
+    if scene.packing_fraction <= DENSEST:
+        return rate
+    gap = max(1 - math.sqrt(scene.packing_fraction / HEXAGONAL_PACKING), SMALLEST_GAP)  # relative to the distance
+    return rate * ((1 / gap - 1) / (2 * scene.packing_fraction) / theory.contact_value(DENSEST))
+
+
+def _pair_rates(scene: Scene, speed: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield for each species the collisions per time [1/time] of a disk with those of each species (K,), in a fluid.
+
+    `theory.collision_rate` with sqrt(kT/mu) = hypot(speed_i, speed_j), the standard deviation of a component of the
+    relative velocity. This also holds for species of different temperatures. A list of disks may have a species each.
+    """
+    table, fluid = species_table(scene), min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
+    diameter, density = 2 * table.radius, fluid * table.number / scene.box.area
     for i, radius in enumerate(table.radius):
         partners = (table.number - (np.arange(len(speed)) == i)) / scene.box.area
-        contact = theory.contact_value_mixture(diameter[i], diameter, fluid * density, diameter)
-        rates = theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0)
-        rate += table.number[i] * (rates * np.hypot(speed[i], speed)).sum() / 2
-    if phi <= DENSEST:
-        return float(rate)
-    gap = max(1 - math.sqrt(phi / HEXAGONAL_PACKING), SMALLEST_GAP)  # relative to the distance
-    return float(rate) * ((1 / gap - 1) / (2 * phi) / theory.contact_value(DENSEST))
+        contact = theory.contact_value_mixture(diameter[i], diameter, density, diameter)
+        yield theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0) * np.hypot(speed[i], speed)
 
 
 def wall_rate(scene: Scene) -> float:
-    """Return the expected collisions with walls per time [1/time]: n Z speed/sqrt(2 pi) per length of the perimeter."""
+    """Return the expected collisions with walls per time [1/time]: of each disk Z speed sqrt(2/pi)/side, summed over
+    both sides of the rectangle accessible to its centre; Z is that of the other disks. Too many in narrow channels."""
     if scene.box.periodic:
         return 0.0
-    phi = min(scene.packing_fraction, DENSEST)
+    phi, table = min(scene.packing_fraction * (1 - 1 / max(scene.particles, 1)), DENSEST), species_table(scene)
     compressibility = theory.compressibility(phi, theory.contact_value_henderson(phi))
-    flux = (species_table(scene).number * speeds(scene)).sum() / scene.box.area * compressibility / np.sqrt(2 * np.pi)
-    return float(2 * (scene.box.width + scene.box.height) * flux)
+    side = np.array([[scene.box.width], [scene.box.height]]) - (2 - SMALLEST_GAP) * table.radius
+    return float(compressibility * math.sqrt(2 / math.pi) * (table.number * speeds(scene) / side).sum())
 
 
 def path_rate(scene: Scene) -> float:
@@ -209,6 +226,15 @@ def path_rate(scene: Scene) -> float:
 def crossing_rate(scene: Scene) -> float:
     """Return how often per time [1/time] disks move by the distance of neighbours, sqrt(area per disk)."""
     return path_rate(scene) / math.sqrt(scene.box.area / max(scene.particles, 1))
+
+
+def disks_in_cells(scene: Scene) -> float:
+    """Return how many disks are in the 3 x 3 cells in which an event looks for partners.
+
+    Larger disks, but for a few (`units.common_radius`), set the width of cells, which then have many small disks.
+    """
+    cell = 2 * common_radius(scene.radius) * (2 - 1.8 * min(scene.packing_fraction, 0.5)) if scene.particles else 0.0
+    return 9 * cell**2 / scene.box.area * scene.particles
 
 
 def caution(scene: Scene) -> str | None:
