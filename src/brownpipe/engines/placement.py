@@ -47,7 +47,10 @@ def _insertions(scene: Scene) -> list[tuple[int, float]]:
 
 
 def crowding(scene: Scene) -> float:
-    """Return the ratio of the number of disks to that of places for them, the largest over all radii; 0 if all fit."""
+    """Return the ratio of the number of disks to that of places for them, the largest over all radii.
+
+    It is 0 where none are inserted at random.
+    """
     return max((count / places for count, places in _insertions(scene)), default=0.0)
 
 
