@@ -181,8 +181,9 @@ def cautions(lines):
 
 def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):
     assert cautions(report(tmp_path, crowd(60))) == cautions(report(tmp_path, crowd(75, placement="lattice"))) == []
-    (caution,) = cautions(report(tmp_path, crowd(75)))
-    assert "N = 75: random placement is expected to fail in every run (packing fraction 0.589)" in caution
+    ((placed, cure),) = (caution.split("; ") for caution in cautions(report(tmp_path, crowd(75))))
+    assert placed == "scene, N = 75: random placement is expected to fail in every run (packing fraction 0.589)"
+    assert cure == "must be fewer or smaller disks, or `placement: auto` with `equilibrate`"
     (caution,) = cautions(report(tmp_path, crowd(66)))
     assert "expected to fail in some of the runs (packing fraction 0.518)" in caution
 

@@ -179,3 +179,4 @@ def test_differences_are_of_runs_with_the_same_seeds():
     assert heavy["msd_difference"] == pytest.approx(pairs.mean())
     assert heavy["msd_difference_standard_error"] == pytest.approx(pairs.std(ddof=1) / math.sqrt(12))
     assert math.isnan(light["msd_difference"])
+    assert heavy["msd"] - light["msd"] == pytest.approx(heavy["msd_difference"])

@@ -17,7 +17,7 @@ from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.friction import DENSEST, bath_of, partners_of
 from brownpipe.engines.placement import is_grown, placement_caution, tries_to_place
-from brownpipe.engines.units import SMALLEST_NORMAL, common_radius
+from brownpipe.engines.units import SMALLEST_NORMAL, cell_width, common_radius
 from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.observables.species import equal_disks, species_table
@@ -233,8 +233,8 @@ def disks_in_cells(scene: Scene) -> float:
 
     Larger disks, but for a few (`units.common_radius`), set the width of cells, which then have many small disks.
     """
-    cell = 2 * common_radius(scene.radius) * (2 - 1.8 * min(scene.packing_fraction, 0.5)) if scene.particles else 0.0
-    return 9 * cell**2 / scene.box.area * scene.particles
+    wide = cell_width(common_radius(scene.radius), scene.packing_fraction) if scene.particles else 0.0
+    return 9 * wide**2 / scene.box.area * scene.particles
 
 
 def caution(scene: Scene) -> str | None:

@@ -21,7 +21,8 @@ SOME_FAIL, ALL_FAIL = 0.95, 1.05  # ratio of disks to places above which some ru
 JAMMED = 0.84  # packing fraction at which disks pushed apart in disorder have no more room
 TRIES_NEAR_LIMIT = 0.09  # tries of insertion for each place, times the squared distance from LIMIT; measured
 SWEEPS_NEAR_JAMMED = 0.8  # over growing disks, times the squared distance from JAMMED, at least CLOSEST; measured
-TRIES_PER_SWEEP, CLOSEST = 3, 0.01  # that take as long, for each disk; measured
+CLOSEST = 0.01  # where the number of sweeps comes near the most that are made
+TRIES_PER_SWEEP = 3  # that take as long for each disk; measured
 
 
 # -- random insertion -----------------------------------------------------------------------------------------------

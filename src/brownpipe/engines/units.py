@@ -111,3 +111,8 @@ def common_radius(radius: np.ndarray) -> float:
         if len(ordered) > big and ordered[-big] > 1.5 * ordered[-big - 1]:
             return float(ordered[-big - 1])
     return float(ordered[-1])
+
+
+def cell_width(common: float, packing_fraction: float) -> float:
+    """Return the width of cells: 1.1 (dense) to 2 (dilute) contact distances of disks of the common radius."""
+    return 2 * common * (2.0 - 1.8 * min(packing_fraction, 0.5))

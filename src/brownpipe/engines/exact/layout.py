@@ -10,7 +10,7 @@ from brownpipe.engines import fours
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.calendar import BUCKET_WORDS, MOST_DEFERRED, push_all
 from brownpipe.engines.kernels import compile_all
-from brownpipe.engines.units import PATH_PER_BLOCK, Frame, common_radius, power_of_two, rms_speed
+from brownpipe.engines.units import PATH_PER_BLOCK, Frame, cell_width, common_radius, power_of_two, rms_speed
 from brownpipe.scene import Scene
 from brownpipe.scene.scene import HEXAGONAL_PACKING
 
@@ -156,7 +156,7 @@ def _grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
     """
     box, n = scene.box, scene.particles
     width, height = box.width / frame.length, box.height / frame.length
-    wide = 2 * (common + half) if half else 2 * common * (2.0 - 1.8 * min(scene.packing_fraction, 0.5))
+    wide = 2 * (common + half) if half else cell_width(common, scene.packing_fraction)
     side = max(wide, math.sqrt(width * height / (4 * n + 4)))
     columns, rows = max(int(width / side), 1), max(int(height / side), 1)
     x, y = (box.x[0] - frame.origin[0]) / frame.length, (box.y[0] - frame.origin[1]) / frame.length
