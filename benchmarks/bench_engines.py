@@ -1,10 +1,12 @@
 """Cost of the exact engine and of time steps against the number of disks.
 
-    python benchmarks/bench_engines.py [--most 100000]   writes its section of docs/benchmarks.md and its figure
-    python benchmarks/bench_engines.py --quick            one small box, nothing written
+    python benchmarks/bench_engines.py [--most 100000]   writes its section of docs/benchmarks.md
+    and its figure python benchmarks/bench_engines.py --quick            one small box, nothing
+    written
 
-Periodic boxes of equal disks, phi = 0.14 as in the note, in units of the note's bath. Seconds of CPU for a unit of
-time, without drawing the state: the difference of two durations of the same seeds, median of five, in one process.
+Periodic boxes of equal disks, phi = 0.14 as in the note, in units of the note's bath. Seconds of
+CPU for a unit of time, without drawing the state: the difference of two durations of the same
+seeds, median of five, in one process.
 """
 
 import argparse
@@ -26,9 +28,9 @@ PHI = 0.14
 SHARES = (1.0, 0.1, 0.01)  # of the largest time step allowed
 WORK = 2e6  # disks times steps of a stretch, or collisions, about
 QUICK = 1e5  # of them in a quick pass
-HEAD = """One core of an {}. Periodic boxes of equal disks, packing fraction 0.14: CPU time for the note's
-unit of time by the exact engine, and the cost of time steps relative to it, medians of five, without drawing and
-reports. Steps are fractions of the largest step allowed."""
+HEAD = """One core of an {}. Periodic boxes of equal disks, packing fraction 0.14: CPU time for the
+note's unit of time by the exact engine, and the cost of time steps relative to it, medians of five,
+without drawing and reports. Steps are fractions of the largest step allowed."""
 
 
 def scene_of(n, duration):
@@ -36,7 +38,10 @@ def scene_of(n, duration):
     return parse_scene(
         {
             "box": {"x": [0.0, side], "y": [0.0, side], "boundary": "periodic"},
-            "disks": {"species": [{"name": "fluid", "count": n, "radius": 0.1, "mass": 0.4}], "placement": "lattice"},
+            "disks": {
+                "species": [{"name": "fluid", "count": n, "radius": 0.1, "mass": 0.4}],
+                "placement": "lattice",
+            },
             "velocities": {"temperature": 1.6},
             "duration": duration,
         },
@@ -81,10 +86,22 @@ def main():
     names = ["exact", *(f"dt = {share:g} of the largest" for share in SHARES)]
     table = {n: [] for n in sizes}
     for n, row in table.items():
-        row += [seconds_of_time(n, one, duration_of(n, one, work), repeats) for one in engines(scene_of(n, 1.0))]
-    lines = [HEAD.format(processor()), "", "| N | exact, s | " + " | ".join(names[1:]) + " |", "|---" * 5 + "|"]
+        row += [
+            seconds_of_time(n, one, duration_of(n, one, work), repeats)
+            for one in engines(scene_of(n, 1.0))
+        ]
+    lines = [
+        HEAD.format(processor()),
+        "",
+        "| N | exact, s | " + " | ".join(names[1:]) + " |",
+        "|---" * 5 + "|",
+    ]
     for n, (exact, *others) in table.items():
-        lines.append(f"| {n:,} | {exact:.3g} | " + " | ".join(f"x {other / exact:.3g}" for other in others) + " |")
+        lines.append(
+            f"| {n:,} | {exact:.3g} | "
+            + " | ".join(f"x {other / exact:.3g}" for other in others)
+            + " |"
+        )
     print("\n".join(lines))
     drawn = picture(table, names)
     if DISKS[-1] in sizes:
@@ -97,7 +114,13 @@ def picture(table, names):
         figure, ((axes,),) = grid(1, 1, 5.6, 4.0)
         colours = [DATA, FIT, *shades(len(names) - 2)]
         for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
-            axes.plot(list(table), [1e6 * row[k] / n for n, row in table.items()], "o-", color=colour, label=name)
+            axes.plot(
+                list(table),
+                [1e6 * row[k] / n for n, row in table.items()],
+                "o-",
+                color=colour,
+                label=name,
+            )
         axes.set(xscale="log", ylim=(0, None), xlabel="number of disks N")
         axes.set_ylabel("CPU time per disk and unit of time ($\\mu$s)")
         heads([axes], ["Cost of a unit of time"])

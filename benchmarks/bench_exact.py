@@ -1,10 +1,14 @@
-"""How fast the exact engine is: pair collisions per CPU second and bytes per disk, and what each feature costs.
+"""How fast the exact engine is: pair collisions per CPU second and bytes per disk, and what each
+feature costs.
 
-    make bench                      writes its section of docs/benchmarks.md and docs/figures/speed.png
-    python benchmarks/bench_exact.py --quick     every part of it with a few events each, nothing written
+    make bench                      writes its section of docs/benchmarks.md and
+    docs/figures/speed.png
+    python benchmarks/bench_exact.py --quick     every part of it with a few events each, nothing
+    written
 
-A figure is the median over stretches of one run that was melted before, in CPU time of one core. Compare figures of one
-table with each other: machines differ, and a busy one has less cache to itself.
+A figure is the median over stretches of one run that was melted before, in CPU time of one core.
+Compare figures of one table with each other: machines differ, and a busy one has less cache to
+itself.
 """
 
 import argparse
@@ -34,14 +38,16 @@ ROOT = Path(__file__).parent.parent
 FOR_EVER = np.array([1e9])
 NOTE = ROOT / "config/scenes/harrison2020.yaml"
 NUMBERS, FRACTIONS = (150, 1_000, 10_000, 100_000, 1_000_000), (0.14, 0.5, 0.7)
-# Radius and mass of the species, in equal numbers; a big disk comes on top. A lattice has room for 1.25 at phi = 0.7.
+# Radius and mass of the species, in equal numbers; a big disk comes on top. A lattice has room for
+# 1.25 at phi = 0.7.
 MIXTURES = {
     "equal": [(0.5, 1.0)],
     "two masses": [(0.5, 1.0), (0.5, 2.0)],
     "radii 1 and 1.25": [(0.5, 1.0), (0.625, 1.5625)],
     "one of radius 50": [(0.5, 1.0)],
 }
-EVENTS_TO_MELT = 20  # per disk: after some 10 disks leave the squares of their neighbour lists at a constant rate
+# per disk: after some 10 disks leave the squares of their neighbour lists at a constant rate
+EVENTS_TO_MELT = 20
 BIG = {"radius": 25.0, "mass": 1000.0}
 
 
@@ -75,7 +81,9 @@ class Effort(NamedTuple):
 
 
 WALLED = ("equal", "radii 1 and 1.25", "one of radius 50")
-ROWS = [("periodic", name) for name in MIXTURES if name != WALLED[-1]] + [("reflecting", name) for name in WALLED]
+ROWS = [("periodic", name) for name in MIXTURES if name != WALLED[-1]] + [
+    ("reflecting", name) for name in WALLED
+]
 FULL = Effort(NUMBERS, ROWS, 400_000, 150_000, 5, 400, (1_000, 100_000))
 QUICK = Effort(NUMBERS[:1], ROWS[:1], 2_000, 2_000, 1, 10, NUMBERS[:1])
 
@@ -86,12 +94,16 @@ def scene_of(case):
     each, big = n // len(MIXTURES[mixture]), mixture == "one of radius 50"
     area = sum(each * math.pi * radius**2 for radius, _ in MIXTURES[mixture]) / phi
     side = math.sqrt(area + big * math.pi * (BIG["radius"] + 0.5) ** 2) + (boundary == "reflecting")
-    species = [{"name": f"s{j}", "count": each, "radius": r, "mass": m} for j, (r, m) in enumerate(MIXTURES[mixture])]
+    species = [
+        {"name": f"s{j}", "count": each, "radius": r, "mass": m}
+        for j, (r, m) in enumerate(MIXTURES[mixture])
+    ]
     tracer = {"tracer": BIG | {"position": [side / 2, side / 2]}} if big else {}
     return parse_scene(
         {
             "box": {"x": [0.0, side], "y": [0.0, side], "boundary": boundary},
-            "disks": tracer | {"species": species, "placement": "random" if phi < 0.3 else "lattice"},
+            "disks": tracer
+            | {"species": species, "placement": "random" if phi < 0.3 else "lattice"},
             "velocities": {"temperature": 1.0},
             "duration": FOR_EVER[0],
         },
@@ -100,7 +112,9 @@ def scene_of(case):
 
 
 def started(scene, effort, change=None, record=()):
-    """A melted run, its buckets as in `run.to_end`: workspace and recorder. `change` gives a workspace more to do."""
+    """A melted run, its buckets as in `run.to_end`: workspace and recorder. `change` gives a
+    workspace more to do.
+    """
     engine = prepare_scene(scene, FOR_EVER, record)
     w = engine.workspace if change is None else change(engine.workspace)
     room = engine.recorder
@@ -127,13 +141,17 @@ def speed_of(case, effort):
     """Return the Speed of a case."""
     w, room = started(scene_of(case), effort)
     rates = [go_on(w, room, max(effort.events, case.n // 4)) for _ in range(effort.stretches)]
-    arrays = [array for array in (*w, *(w.big or ()), *(w.lists or ())) if isinstance(array, np.ndarray)]
-    sizes = {array.ctypes.data: array.nbytes for array in arrays}  # two may be views of the same memory
+    arrays = [
+        array for array in (*w, *(w.big or ()), *(w.lists or ())) if isinstance(array, np.ndarray)
+    ]
+    sizes = {
+        array.ctypes.data: array.nbytes for array in arrays
+    }  # two may be views of the same memory
     rate = float(np.median(rates))
     return Speed(rate, max(abs(one / rate - 1) for one in rates), sum(sizes.values()) / case.n)
 
 
-# -- what a feature costs -------------------------------------------------------------------------------------------
+# -- what a feature costs --------------------------------------------------------------------------
 
 
 def with_masses(w):
@@ -155,20 +173,27 @@ FEATURES = {
 
 
 def cost_of_features(n, phi, effort):
-    """Yield each feature with the CPU time a collision takes with it, relative to the same run without; alternating."""
+    """Yield each feature with the CPU time a collision takes with it, relative to the same run
+    without; alternating.
+    """
     scene = scene_of(Case(n, phi, "periodic", "equal"))
-    plain, events = started(scene, effort), 5 * effort.events  # long ones, as the differences are small
+    plain, events = (
+        started(scene, effort),
+        5 * effort.events,
+    )  # long ones, as the differences are small
     for name, (change, record) in FEATURES.items():
         other, stretches = started(scene, effort, change, record), 2 * effort.stretches - 1
         ratios = [go_on(*plain, events) / go_on(*other, events) for _ in range(stretches)]
         yield name, float(np.median(ratios))
 
 
-# -- runs of the note's scene, and two processes --------------------------------------------------------------------
+# -- runs of the note's scene, and two processes ---------------------------------------------------
 
 
 def milliseconds_per_run(effort):
-    """Median CPU time of a run of the note's scene: the engine alone, and with drawing, sampling and reporting."""
+    """Median CPU time of a run of the note's scene: the engine alone, and with drawing, sampling
+    and reporting.
+    """
     scene, runs = read_scene(NOTE), effort.runs
     engine, states = prepare_scene(scene, scene.times), [draw(scene, seed) for seed in range(runs)]
     w, room = engine.workspace, engine.recorder
@@ -186,13 +211,19 @@ def milliseconds_per_run(effort):
 
 
 def note_rate(effort, wait):
-    """Pair collisions per second of wall time in runs of the note's scene, all processes beginning together."""
+    """Pair collisions per second of wall time in runs of the note's scene, all processes beginning
+    together.
+    """
     scene, pairs = read_scene(NOTE), 0
     exact.simulate(scene, range(10))
     wait()
     begun = time.monotonic()
     for first in range(0, 10 * effort.runs, effort.runs):
-        pairs += exact.simulate(scene, range(first, first + effort.runs)).observables["pair_collisions"].sum()
+        pairs += (
+            exact.simulate(scene, range(first, first + effort.runs))
+            .observables["pair_collisions"]
+            .sum()
+        )
     return pairs / (time.monotonic() - begun)
 
 
@@ -206,7 +237,9 @@ def case_rate(case, effort, wait):
 
 
 def measure_what_is_asked(pipe):
-    """A process that measures one rate after the other: it says when it is ready, and waits until all others are."""
+    """A process that measures one rate after the other: it says when it is ready, and waits until
+    all others are.
+    """
 
     def wait():
         pipe.send("ready")
@@ -239,10 +272,14 @@ def together(work, pipes):
 
 
 def ensembles(effort):
-    """Yield what is run, the rate of one process and that of two at once: the medians of both, measured in turn."""
+    """Yield what is run, the rate of one process and that of two at once: the medians of both,
+    measured in turn.
+    """
     works = {"the note's scene, N = 150": partial(note_rate, effort)}
     for n in effort.together:
-        works[f"periodic, equal, phi = 0.5, N = {n}"] = partial(case_rate, Case(n, 0.5, "periodic", "equal"), effort)
+        works[f"periodic, equal, phi = 0.5, N = {n}"] = partial(
+            case_rate, Case(n, 0.5, "periodic", "equal"), effort
+        )
     groups = [started_processes(number) for number in (1, 2)]
     for name, work in works.items():
         rates = [[together(work, pipes) for pipes in groups] for _ in range(effort.stretches)]
@@ -251,12 +288,14 @@ def ensembles(effort):
         pipe.send(None)
 
 
-# -- the report -----------------------------------------------------------------------------------------------------
+# -- the report ------------------------------------------------------------------------------------
 
 
 def processor():
     """The name of the processor."""
-    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else ():
+    for line in (
+        Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else ()
+    ):
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
@@ -285,19 +324,25 @@ def report(effort, speeds):
             loads.append(os.getloadavg()[0])
     spreads = [100 * speed.spread for speed in speeds.values()]
     yield (
-        f"\nIntervals deviate from their entry's median by at most {np.median(spreads):.0f} % in half of the entries, "
-        f"by {max(spreads):.0f} % at most.\nLoad of the machine meanwhile: {min(loads):.1f} to {max(loads):.1f} "
+        f"\nIntervals deviate from their entry's median by at most {np.median(spreads):.0f} % in "
+        "half of the entries, "
+        f"by {max(spreads):.0f} % at most.\nLoad of the machine meanwhile: {min(loads):.1f} to "
+        f"{max(loads):.1f} "
         f"processes on {os.cpu_count()} hardware threads, this program included."
     )
     yield (
-        "\nCPU time of a collision with a feature that the scene does not need, relative to that without it "
+        "\nCPU time of a collision with a feature that the scene does not need, relative to that "
+        "without it "
         "(N = 1000, periodic,\nequal disks):\n"
     )
     yield "| | phi = 0.14 | 0.5 |\n|---|---|---|"
     columns = (cost_of_features(1_000, phi, effort) for phi in FRACTIONS[:2])
     for (name, dilute), (_, dense) in zip(*columns, strict=True):
         yield f"| {name} | {dilute:.2f} | {dense:.2f} |"
-    yield "\nMillion pair collisions per second of wall time, by one process and by two at the same time:\n"
+    yield (
+        "\nMillion pair collisions per second of wall time, by one process and by two at the same "
+        "time:\n"
+    )
     yield "| | one | two |\n|---|---|---|"
     for name, one, two in ensembles(effort):
         yield f"| {name} | {one / 1e6:.2f} | {two / 1e6:.2f} |"
@@ -305,7 +350,11 @@ def report(effort, speeds):
 
 def write(name, text):
     """Replace the text between the two comments of this name on the page of benchmarks."""
-    page, start, end = ROOT / "docs" / "benchmarks.md", f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+    page, start, end = (
+        ROOT / "docs" / "benchmarks.md",
+        f"<!-- {name} -->\n",
+        f"<!-- end of {name} -->",
+    )
     before, _, rest = page.read_text().partition(start)
     page.write_text(f"{before}{start}{text}\n{end}{rest.partition(end)[2]}")
 
@@ -323,14 +372,28 @@ def drawn(speeds):
     with style.drawing():
         figure, ((axes,),) = style.grid(1, 1, 5.6, 4.2)
         for colour, phi in zip((style.DATA, style.FIT, style.MODEL), FRACTIONS, strict=True):
-            for dashes, row in (("-", ("periodic", "equal")), (style.DASHED, ("periodic", "radii 1 and 1.25"))):
+            for dashes, row in (
+                ("-", ("periodic", "equal")),
+                (style.DASHED, ("periodic", "radii 1 and 1.25")),
+            ):
                 there = [case for case in speeds if case.phi == phi and case[2:] == row]
                 cost = [1e6 / speeds[case].rate for case in there]
                 label = rf"$\varphi$ = {phi:g}" if dashes == "-" else None
                 axes.plot(
-                    [case.n for case in there], cost, color=colour, linestyle=dashes, marker="o", ms=4, label=label
+                    [case.n for case in there],
+                    cost,
+                    color=colour,
+                    linestyle=dashes,
+                    marker="o",
+                    ms=4,
+                    label=label,
                 )
-        axes.set(xscale="log", ylim=(0, None), xlabel="number of disks", ylabel="CPU time of a pair collision [µs]")
+        axes.set(
+            xscale="log",
+            ylim=(0, None),
+            xlabel="number of disks",
+            ylabel="CPU time of a pair collision [µs]",
+        )
         style.heads([axes], ["Periodic box: equal disks; dashed: two radii"])
         return style.image_bytes(figure, "png")
 
@@ -338,7 +401,9 @@ def drawn(speeds):
 def main():
     """Print the report, and keep it unless it is a quick one."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a few events of each kind, nothing written")
+    parser.add_argument(
+        "--quick", action="store_true", help="a few events of each kind, nothing written"
+    )
     quick, lines, speeds = parser.parse_args().quick, [], {}
     for line in report(QUICK if quick else FULL, speeds):
         print(line, flush=True)

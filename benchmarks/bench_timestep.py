@@ -3,10 +3,11 @@
     python benchmarks/bench_timestep.py
     python benchmarks/bench_timestep.py --quick     a few short runs, of each kind
 
-CPU time of one core, medians, both engines in one process, from the same states, without drawing states. In the note's
-scene sampling and reporting are included; in the periodic boxes the time is the difference of a long run and a short
-one, so that start-up is not. Bias: the mean difference in pair collisions from the exact engine, seed by seed; in the
-boxes that of the long run, with the standard error that independent collisions would give it.
+CPU time of one core, medians, both engines in one process, from the same states, without drawing
+states. In the note's scene sampling and reporting are included; in the periodic boxes the time is
+the difference of a long run and a short one, so that start-up is not. Bias: the mean difference in
+pair collisions from the exact engine, seed by seed; in the boxes that of the long run, with the
+standard error that independent collisions would give it.
 """
 
 import argparse
@@ -63,16 +64,23 @@ def seconds(run, repeats):
 def exactly(engine, state, times, record=()):
     """A run of the exact engine from a state, sampled at these times."""
     block = engine.workspace.calendar.block
-    engine = engine._replace(recorder=exact_run.new_recorder(engine.scene, engine.frame, block, times, record))
+    engine = engine._replace(
+        recorder=exact_run.new_recorder(engine.scene, engine.frame, block, times, record)
+    )
     return exact_run.to_end(engine, exact_run.beginning(engine, state))
 
 
 def runs_of_the_note(effort):
     """Time per run, bias and departure against the time step, in the note's scene."""
     scene, seeds = read_scene(ROOT / "config/scenes/harrison2020.yaml"), effort.seeds
-    states, there = [draw(scene, seed) for seed in range(effort.states)], exact.simulate(scene, range(seeds))
+    states, there = (
+        [draw(scene, seed) for seed in range(effort.states)],
+        exact.simulate(scene, range(seeds)),
+    )
     reference = exact_run.prepare_scene(scene, scene.times)
-    alone = seconds(lambda: [exactly(reference, state, scene.times) for state in states], effort.repeats)
+    alone = seconds(
+        lambda: [exactly(reference, state, scene.times) for state in states], effort.repeats
+    )
     alone *= 1e3 / len(states)
     pairs = there.observables["pair_collisions"]
     yield f"exact: {alone:.3f} ms a run, {pairs.mean():.1f} pair collisions\n"
@@ -83,9 +91,12 @@ def runs_of_the_note(effort):
         stepped = milliseconds(scene, few, dt, collisions, effort)
         run = timestep.simulate(scene, range(seeds), time_step=dt, collisions=collisions)
         less = 100 * (run.observables["pair_collisions"] - pairs) / pairs.mean()
-        departed = departure_time(scene.times, run.tracer.position, there.tracer.position, APART * scene.radius[0])
+        departed = departure_time(
+            scene.times, run.tracer.position, there.tracer.position, APART * scene.radius[0]
+        )
         yield (
-            f"| {dt:g} | {collisions} | {stepped:.2f} | {stepped / alone:.1f} | {less.mean():.2f} +- "
+            f"| {dt:g} | {collisions} | {stepped:.2f} | {stepped / alone:.1f} | {less.mean():.2f} "
+            "+- "
             f"{less.std(ddof=1) / seeds**0.5:.2f} | {np.median(departed):.2f} | "
             f"{np.median(run.observables['worst_overlap']):.3f} |"
         )
@@ -94,17 +105,24 @@ def runs_of_the_note(effort):
 def milliseconds(scene, states, dt, collisions, effort):
     """Median CPU time of a run from each of the states [ms]."""
     engine = timestep.prepared(scene, Settings(dt, collisions))
-    all_runs = seconds(lambda: [timestep.run(engine, state, scene.times) for state in states], effort.repeats)
+    all_runs = seconds(
+        lambda: [timestep.run(engine, state, scene.times) for state in states], effort.repeats
+    )
     return 1e3 * all_runs / len(states)
 
 
 def boxes(effort):
-    """Time per unit of time against N, packing fraction and time step, in periodic boxes that were melted before."""
+    """Time per unit of time against N, packing fraction and time step, in periodic boxes that were
+    melted before.
+    """
     yield "| N | phi | exact, ms | dt | collisions | ms | of exact | bias, % |"
     yield "|---|---|---|---|---|---|---|---|"
     for n, phi in effort.boxes:
         yield from box(
-            with_duration(scene_of(Case(n, phi, "periodic", "equal")), LONGER * effort.disk_time / n), effort
+            with_duration(
+                scene_of(Case(n, phi, "periodic", "equal")), LONGER * effort.disk_time / n
+            ),
+            effort,
         )
 
 
@@ -121,22 +139,30 @@ def box(scene, effort):
         found = timestep.run(stepping, state, long).observables["pair_collisions"]
         bias, error = 100 * (found / pairs - 1), 100 * np.sqrt(1 / found + 1 / pairs)
         yield (
-            f"| {n} | {scene.packing_fraction:.2f} | {alone:.3g} | {dt:g} | {collisions} | {stepped:.3g} | "
+            f"| {n} | {scene.packing_fraction:.2f} | {alone:.3g} | {dt:g} | {collisions} | "
+            f"{stepped:.3g} | "
             f"{stepped / alone:.1f} | {bias:.1f} +- {error:.1f} |"
         )
 
 
 def milliseconds_of_time(run, long, effort):
-    """Median CPU time for a unit of time [ms], by the difference of runs to time `long`, (1,), and to a part of it."""
+    """Median CPU time for a unit of time [ms], by the difference of runs to time `long`, (1,), and
+    to a part of it.
+    """
     short = long / LONGER
     run(short)
-    differences = [seconds(lambda: run(long), 1) - seconds(lambda: run(short), 1) for _ in range(effort.repeats)]
+    differences = [
+        seconds(lambda: run(long), 1) - seconds(lambda: run(short), 1)
+        for _ in range(effort.repeats)
+    ]
     return 1e3 * float(np.median(differences) / (long - short)[0])
 
 
 def with_duration(scene, duration):
     """The scene with another duration, sampled at its end."""
-    return parse_scene(json.loads(scene.text) | {"duration": duration, "sample_interval": duration}, "benchmark")
+    return parse_scene(
+        json.loads(scene.text) | {"duration": duration, "sample_interval": duration}, "benchmark"
+    )
 
 
 def main():

@@ -1,14 +1,17 @@
-"""The numbers of many runs as hashes: does a change of the source leave every bit of every result as it was?
+"""The numbers of many runs as hashes: does a change of the source leave every bit of every result
+as it was?
 
-    python benchmarks/hash_runs.py --write before.json     all scenes by all engines, on the old source
-    python benchmarks/hash_runs.py --compare before.json   on the new one: names the datasets that differ, exit status 1
-    python benchmarks/hash_runs.py --quick                 three scenes
+    python benchmarks/hash_runs.py --write before.json     all scenes by all engines, on the old
+    source
+    python benchmarks/hash_runs.py --compare before.json   on the new one: names the datasets that
+    differ, exit status 1 python benchmarks/hash_runs.py --quick                 three scenes
 
-Each scene is run by `brownpipe simulate` with every engine and its settings; some of the files are then given to
-`brownpipe aggregate`. Of each file all arrays of trajectories, collisions and observables are hashed: name, shape, type
-and bytes. Attributes (the scene's text, versions, digests) are left out. Where an engine refuses a scene, the exit
-status is all there is to compare. This script uses the command line and h5py alone, so that it works with any
-arrangement of the modules. Compare hashes of one set of packages only; the processor does not matter.
+Each scene is run by `brownpipe simulate` with every engine and its settings; some of the files are
+then given to `brownpipe aggregate`. Of each file all arrays of trajectories, collisions and
+observables are hashed: name, shape, type and bytes. Attributes (the scene's text, versions,
+digests) are left out. Where an engine refuses a scene, the exit status is all there is to compare.
+This script uses the command line and h5py alone, so that it works with any arrangement of the
+modules. Compare hashes of one set of packages only; the processor does not matter.
 """
 
 import argparse
@@ -24,7 +27,8 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums of matrix products in an order that does not depend on the cores
+# sums of matrix products in an order that does not depend on the cores
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import h5py
 import numpy as np
@@ -34,7 +38,11 @@ from brownpipe.cli import main as brownpipe
 
 STEPS = [f"timestep --collisions {when}" for when in ("at_contact", "late")]
 ENGINES = ("exact", *STEPS, "langevin --friction enskog", "langevin --friction boltzmann")
-RECORDS = {"exact": "all,events", "timestep": "all", "langevin": "tracer"}  # as much as each can record
+RECORDS = {
+    "exact": "all,events",
+    "timestep": "all",
+    "langevin": "tracer",
+}  # as much as each can record
 ALL = ",".join(observables.OBSERVABLES)
 DONE, FAILED, WRONG = 0, 1, 2  # exit status of the command line
 STATUS = "exit status"  # stands among the datasets of a file
@@ -60,7 +68,7 @@ class Case(NamedTuple):
     aggregated: bool = False
 
 
-# -- scenes ---------------------------------------------------------------------------------------------------------
+# -- scenes ----------------------------------------------------------------------------------------
 
 THERMAL = {"temperature": 1.6, "zero_momentum": False}
 AT_REST = {"temperature": 0.0, "zero_momentum": False}
@@ -70,8 +78,19 @@ NOTE = (0.3, 1.0, [0.0, 0.0])  # tracer of the note: radius, mass, position
 EQUAL = (0.1, 0.4)  # disks of the note's bath
 
 
-def gas(phi, *species, walls=False, tracer=None, aspect=1.0, corner=(0.0, 0.0), placement="random", **more):
-    """A scene of packing fraction phi; species (count, radius, mass), tracer (radius, mass[, position])."""
+def gas(
+    phi,
+    *species,
+    walls=False,
+    tracer=None,
+    aspect=1.0,
+    corner=(0.0, 0.0),
+    placement="random",
+    **more,
+):
+    """A scene of packing fraction phi; species (count, radius, mass), tracer (radius, mass[,
+    position]).
+    """
     disks = {"placement": placement}
     disks["species"] = [
         {"name": f"species_{k}", "count": count, "radius": radius, "mass": mass}
@@ -90,15 +109,24 @@ def gas(phi, *species, walls=False, tracer=None, aspect=1.0, corner=(0.0, 0.0), 
 
 def note(**more):
     """The note's scene: 150 disks between walls, the tracer in the centre."""
-    scene = gas(0.14, (149, *EQUAL), walls=True, tracer=NOTE, velocities={"standard_deviation": 2.0}, **more)
+    scene = gas(
+        0.14, (149, *EQUAL), walls=True, tracer=NOTE, velocities={"standard_deviation": 2.0}, **more
+    )
     return scene | {"box": {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": "reflecting"}}
 
 
 def listed(*disks, side=6.0, walls=True, duration=10.0):
     """A scene of explicit disks: (x, y, velocity x, velocity y, radius, mass)."""
     return {
-        "box": {"x": [0.0, side], "y": [0.0, side], "boundary": "reflecting" if walls else "periodic"},
-        "disks": [{"position": [x, y], "velocity": [u, v], "radius": r, "mass": m} for x, y, u, v, r, m in disks],
+        "box": {
+            "x": [0.0, side],
+            "y": [0.0, side],
+            "boundary": "reflecting" if walls else "periodic",
+        },
+        "disks": [
+            {"position": [x, y], "velocity": [u, v], "radius": r, "mass": m}
+            for x, y, u, v, r, m in disks
+        ],
         "duration": duration,
         "sample_interval": duration / 10,
     }
@@ -115,15 +143,27 @@ def in_units(value, length, mass, time, key=""):
 
 
 def explicit_cases():
-    """Lists of disks: in contact, at walls and corners, at rest, of very different masses, and none."""
+    """Lists of disks: in contact, at walls and corners, at rest, of very different masses, and
+    none.
+    """
     row = [(1.0 + 0.5 * k, 3.0, 1.0 if k == 0 else 0.0, 0.0, 0.25, 1.0) for k in range(6)]
-    grid = [(0.5 + i, 0.5 + k, 0.3 * i - 0.1 * k, 0.2 * k - 0.45 * i, 0.3, 1.0 + i) for i in range(6) for k in range(6)]
-    ratio = [(1.5, 3.0, 1.0, 0.1, 0.5, 1e100), (4.0, 3.1, -0.5, 0.0, 0.5, 1.0), (3.0, 5.0, 0.3, -0.2, 0.4, 1e-50)]
+    grid = [
+        (0.5 + i, 0.5 + k, 0.3 * i - 0.1 * k, 0.2 * k - 0.45 * i, 0.3, 1.0 + i)
+        for i in range(6)
+        for k in range(6)
+    ]
+    ratio = [
+        (1.5, 3.0, 1.0, 0.1, 0.5, 1e100),
+        (4.0, 3.1, -0.5, 0.0, 0.5, 1.0),
+        (3.0, 5.0, 0.3, -0.2, 0.4, 1e-50),
+    ]
     found = {
         "explicit_none": listed(),
         "explicit_head_on": listed((1.0, 3.0, 1.0, 0.0, 0.1, 1.0), (5.0, 3.0, -1.0, 0.0, 0.1, 1.0)),
         "explicit_row_in_contact": listed(*row),
-        "explicit_corners": listed((0.5, 0.5, -1.0, -1.0, 0.5, 1.0), (5.5, 5.5, 2.0, 2.0, 0.5, 3.0)),
+        "explicit_corners": listed(
+            (0.5, 0.5, -1.0, -1.0, 0.5, 1.0), (5.5, 5.5, 2.0, 2.0, 0.5, 3.0)
+        ),
         "explicit_fills_the_box": listed((3.0, 3.0, 1.0, 2.0, 2.9, 1.0)),
         "explicit_lattice": listed(*grid),
         "explicit_periodic": listed(*grid, walls=False),
@@ -132,7 +172,10 @@ def explicit_cases():
         "explicit_far_units": in_units(listed(*grid), 1e-30, 1e40, 1e50),
     }
     step, record = {"explicit_far_units": 2e47}, {"explicit_masses": "all"}
-    return {name: Case(scene, step.get(name, 1e-2), "0", record=record.get(name)) for name, scene in found.items()}
+    return {
+        name: Case(scene, step.get(name, 1e-2), "0", record=record.get(name))
+        for name, scene in found.items()
+    }
 
 
 def cases_of(walls):
@@ -150,33 +193,63 @@ def cases_of(walls):
         "phi_0.65": Case(gas(0.65, (300, *EQUAL), **dense, duration=1.0), 1e-3),
         "phi_0.7": Case(gas(0.7, (500, *EQUAL), **dense, duration=0.5), 5e-4, "0-1"),
         "phi_0.7_many": Case(gas(0.7, (2000, *EQUAL), **dense, duration=0.1), 5e-4, "0"),
-        "prefetched": Case(gas(0.3, (20_000, *EQUAL), **dense, duration=0.2, sample_interval=0.2), seeds="0"),
+        "prefetched": Case(
+            gas(0.3, (20_000, *EQUAL), **dense, duration=0.2, sample_interval=0.2), seeds="0"
+        ),
         "two_sizes": Case(gas(0.4, (150, 0.1, 0.4), (150, 0.125, 0.4), walls=walls)),
-        "two_sizes_dense": Case(gas(0.65, (500, 0.1, 0.4), (500, 0.125, 0.4), **dense, duration=0.3), 5e-4, "0"),
-        "near_sizes_dense": Case(gas(0.65, (200, 0.1, 0.4), (200, 0.105, 0.4), **dense, duration=0.5), 5e-4, "0"),
-        "far_apart_sizes": Case(gas(0.3, (40, 0.5, 5.0), (400, 0.05, 0.1), walls=walls, duration=1.0), 5e-4, "0-1"),
+        "two_sizes_dense": Case(
+            gas(0.65, (500, 0.1, 0.4), (500, 0.125, 0.4), **dense, duration=0.3), 5e-4, "0"
+        ),
+        "near_sizes_dense": Case(
+            gas(0.65, (200, 0.1, 0.4), (200, 0.105, 0.4), **dense, duration=0.5), 5e-4, "0"
+        ),
+        "far_apart_sizes": Case(
+            gas(0.3, (40, 0.5, 5.0), (400, 0.05, 0.1), walls=walls, duration=1.0), 5e-4, "0-1"
+        ),
         "two_masses": Case(gas(0.3, (150, 0.1, 1.0), (150, 0.1, 100.0), walls=walls)),
         "three_species": Case(gas(0.2, (60, 0.1, 0.4), (30, 0.2, 1.6), light, walls=walls), 5e-4),
         "heavy_tracer": Case(gas(0.2, (199, *EQUAL), tracer=heavy, walls=walls, equilibrate=FREE)),
-        "pinned_tracer": Case(gas(0.14, (149, *EQUAL), tracer=tracer, walls=walls, equilibrate=PINNED)),
+        "pinned_tracer": Case(
+            gas(0.14, (149, *EQUAL), tracer=tracer, walls=walls, equilibrate=PINNED)
+        ),
         "big_tracer": Case(gas(0.3, (300, *EQUAL), tracer=big, walls=walls, equilibrate=PINNED)),
-        "one_much_bigger": Case(gas(0.5, (1000, *EQUAL), (1, 2.0, 50.0), walls=walls, duration=0.5), seeds="0"),
-        "big_in_small_box": Case(gas(0.199, (3, *EQUAL), tracer=(1.2, 100.0), walls=walls, duration=40.0)),
+        "one_much_bigger": Case(
+            gas(0.5, (1000, *EQUAL), (1, 2.0, 50.0), walls=walls, duration=0.5), seeds="0"
+        ),
+        "big_in_small_box": Case(
+            gas(0.199, (3, *EQUAL), tracer=(1.2, 100.0), walls=walls, duration=40.0)
+        ),
         "few_bigger": Case(gas(0.3, (400, *EQUAL), (3, 0.6, 10.0), walls=walls, duration=1.0)),
         "elongated": Case(gas(0.2, (200, *EQUAL), walls=walls, aspect=40.0)),
-        "far_origin": Case(gas(0.2, (100, *EQUAL), walls=walls, corner=(1e6, -3e5), duration=4.0), 5e-3),
-        "small_units": Case(in_units(gas(0.2, (99, *EQUAL), tracer=tracer, walls=walls), 1e-70, 1e-90, 1e-40), 2e-43),
-        "large_units": Case(in_units(gas(0.2, (99, *EQUAL), tracer=tracer, walls=walls), 1e60, 1e120, 1e-30), 2e-33),
-        "zero_momentum": Case(gas(0.2, (100, *EQUAL), walls=walls, velocities=THERMAL | {"zero_momentum": True})),
-        "at_rest": Case(gas(0.2, (50, *EQUAL), tracer=tracer, walls=walls, velocities=AT_REST), 0.1, "0"),
-        "logarithmic": Case(gas(0.14, (149, *EQUAL), tracer=tracer, walls=walls, samples={"per_decade": 5})),
+        "far_origin": Case(
+            gas(0.2, (100, *EQUAL), walls=walls, corner=(1e6, -3e5), duration=4.0), 5e-3
+        ),
+        "small_units": Case(
+            in_units(gas(0.2, (99, *EQUAL), tracer=tracer, walls=walls), 1e-70, 1e-90, 1e-40), 2e-43
+        ),
+        "large_units": Case(
+            in_units(gas(0.2, (99, *EQUAL), tracer=tracer, walls=walls), 1e60, 1e120, 1e-30), 2e-33
+        ),
+        "zero_momentum": Case(
+            gas(0.2, (100, *EQUAL), walls=walls, velocities=THERMAL | {"zero_momentum": True})
+        ),
+        "at_rest": Case(
+            gas(0.2, (50, *EQUAL), tracer=tracer, walls=walls, velocities=AT_REST), 0.1, "0"
+        ),
+        "logarithmic": Case(
+            gas(0.14, (149, *EQUAL), tracer=tracer, walls=walls, samples={"per_decade": 5})
+        ),
     }
 
 
 def all_cases():
     """Every case by its name."""
     found = {
-        "note": Case(note(duration=1.0, sample_interval=0.01), seeds="0-5", more=("langevin --friction measured",))
+        "note": Case(
+            note(duration=1.0, sample_interval=0.01),
+            seeds="0-5",
+            more=("langevin --friction measured",),
+        )
     }
     found |= {f"walls_{name}": case for name, case in cases_of(walls=True).items()}
     found |= {f"periodic_{name}": case for name, case in cases_of(walls=False).items()}
@@ -188,9 +261,15 @@ def all_cases():
     logarithmic, every = found["periodic_logarithmic"].scene, f"--observables {ALL}"
     without_bath = every.replace("bath_velocity_autocorrelation,", "")
     return found | {
-        "measured_between_walls": Case(between, seeds="0-11", options=every, record="tracer", aggregated=True),
-        "measured_over_origins": Case(mixed, seeds="0-11", options=f"{every} --average origins", aggregated=True),
-        "measured_over_disks": Case(alike, seeds="0-7", options=f"{without_bath} --average disks", record="none"),
+        "measured_between_walls": Case(
+            between, seeds="0-11", options=every, record="tracer", aggregated=True
+        ),
+        "measured_over_origins": Case(
+            mixed, seeds="0-11", options=f"{every} --average origins", aggregated=True
+        ),
+        "measured_over_disks": Case(
+            alike, seeds="0-7", options=f"{without_bath} --average disks", record="none"
+        ),
         "measured_in_walls": Case(
             gas(0.2, (80, *EQUAL), walls=True, **stationary), options=without_bath, record="none"
         ),
@@ -199,18 +278,22 @@ def all_cases():
         "nothing_recorded": Case(note(duration=1.0), record="none"),
         "reported_together": Case(note(duration=1.0), seeds="0-11", record="tracer"),
         "reported_together_periodic": Case(gas(0.14, (100, *EQUAL)), seeds="0-11", record="tracer"),
-        "with_checkpoints": Case(note(duration=60.0), seeds="0-1", options="--checkpoint-every 1e-6"),
+        "with_checkpoints": Case(
+            note(duration=60.0), seeds="0-1", options="--checkpoint-every 1e-6"
+        ),
     }
 
 
 QUICK = ("walls_pinned_tracer", "explicit_periodic", "aggregated_logarithmic")
 
 
-# -- hashes ---------------------------------------------------------------------------------------------------------
+# -- hashes ----------------------------------------------------------------------------------------
 
 
 def hashes_of(path):
-    """{name of an array: hash} of a trajectory file or dataset; coordinates of trajectory files are left out."""
+    """{name of an array: hash} of a trajectory file or dataset; coordinates of trajectory files are
+    left out.
+    """
     with h5py.File(path) as file:
         return {name: hash_of(item) for name, item in arrays_of(file).items()}
 
@@ -218,20 +301,28 @@ def hashes_of(path):
 def arrays_of(file):
     """{name: array} of a file."""
     found = {}
-    file.visititems(lambda path, item: found.update({path: item}) if isinstance(item, h5py.Dataset) else None)
+    file.visititems(
+        lambda path, item: found.update({path: item}) if isinstance(item, h5py.Dataset) else None
+    )
     if "runs_digest" not in file.attrs:
         return found
     whole = [path for path in found if path.startswith("disks/") and found[path].ndim == 4]
     events = [
-        path for path in found if path.startswith("events/") and path not in ("events/event", "events/event_seed")
+        path
+        for path in found
+        if path.startswith("events/") and path not in ("events/event", "events/event_seed")
     ]
     stopped = file["stopped"].asstr()[()] if "stopped" in file else [""] * len(file["seed"])
     arrays = {path: item for path, item in found.items() if "/" not in path and not item.is_scale}
     for column, seed in enumerate(file["seed"][()]):
         if not stopped[column]:
             own = file["events/event_seed"][()] == seed if events else []
-            arrays |= {path.replace("disks", f"seed_{seed:05d}"): found[path][:, column] for path in whole}
-            arrays |= {path.replace("events", f"seed_{seed:05d}"): found[path][()][own] for path in events}
+            arrays |= {
+                path.replace("disks", f"seed_{seed:05d}"): found[path][:, column] for path in whole
+            }
+            arrays |= {
+                path.replace("events", f"seed_{seed:05d}"): found[path][()][own] for path in events
+            }
     return arrays
 
 
@@ -249,7 +340,7 @@ def summed_up(found):
     return hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()[:16]
 
 
-# -- runs -----------------------------------------------------------------------------------------------------------
+# -- runs ------------------------------------------------------------------------------------------
 
 
 def call(words):
@@ -272,13 +363,17 @@ def words_of(case, engine):
 
 
 def runs_of(name, case, folder):
-    """Simulate a case by all engines, aggregate if it says so; yield name and hashes of each file."""
+    """Simulate a case by all engines, aggregate if it says so; yield name and hashes of each
+    file.
+    """
     scene = Path(folder) / f"{name}.yaml"
     scene.write_text(json.dumps(case.scene))
     files = []
     for engine in (*ENGINES, *case.more):
         output = Path(folder) / f"{len(files)}.h5"
-        status, messages = call(["simulate", str(scene), *words_of(case, engine), "--output", str(output)])
+        status, messages = call(
+            ["simulate", str(scene), *words_of(case, engine), "--output", str(output)]
+        )
         if status not in (DONE, FAILED, WRONG) or (engine == "exact" and status != DONE):
             sys.exit(f"{name}, {engine}: exit status {status}\n{messages}")
         found = hashes_of(output) if output.exists() else {}

@@ -1,4 +1,6 @@
-"""Settings of Sphinx for the site that `make docs` builds from the pages gathered by `docs/_ext/pages.py`."""
+"""Settings of Sphinx for the site that `make docs` builds from the pages gathered by
+`docs/_ext/pages.py`.
+"""
 
 import sys
 from importlib.metadata import version as version_of

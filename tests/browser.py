@@ -1,4 +1,6 @@
-"""A headless Chromium, driven by its DevTools protocol: JSON messages over two pipes, each ended by a zero byte."""
+"""A headless Chromium, driven by its DevTools protocol: JSON messages over two pipes, each ended by
+a zero byte.
+"""
 
 import base64
 import json
@@ -9,8 +11,16 @@ import subprocess
 import sys
 import time
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe", "--hide-scrollbars")
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--remote-debugging-pipe",
+    "--hide-scrollbars",
+)
 TAKE_PIPES = """import os, sys
 pipes = [os.dup(int(number)) for number in sys.argv[1:3]]  # copies, as 3 and 4 may be in use
 for pipe, number in zip(pipes, (3, 4)):  # Chromium reads from descriptor 3 and writes to 4
@@ -18,13 +28,21 @@ for pipe, number in zip(pipes, (3, 4)):  # Chromium reads from descriptor 3 and 
     os.set_inheritable(number, True)
 os.execv(sys.argv[3], sys.argv[3:])"""
 PATIENCE = 60  # s of wall time for what takes a second on an idle machine
-KEYS = {" ": ("Space", 32), "Enter": ("Enter", 13), "Tab": ("Tab", 9), "Home": ("Home", 36), "End": ("End", 35)}
+KEYS = {
+    " ": ("Space", 32),
+    "Enter": ("Enter", 13),
+    "Tab": ("Tab", 9),
+    "Home": ("Home", 36),
+    "End": ("End", 35),
+}
 KEYS |= {"ArrowLeft": ("ArrowLeft", 37), "ArrowRight": ("ArrowRight", 39)}
 TEXTS = {" ": " ", "Enter": "\r"}  # what these keys write
 
 
 class Browser:
-    """One page at a time. Errors and warnings that it writes to the console are collected in `console`."""
+    """One page at a time. Errors and warnings that it writes to the console are collected in
+    `console`.
+    """
 
     def __init__(self, profile):
         requests, self._requests = os.pipe()
@@ -39,7 +57,9 @@ class Browser:
         os.close(requests)
         os.close(answers)
         self._waiting, self._count, self._session, self.console = b"", 0, None, []
-        (target,) = [one for one in self.call("Target.getTargets")["targetInfos"] if one["type"] == "page"]
+        (target,) = [
+            one for one in self.call("Target.getTargets")["targetInfos"] if one["type"] == "page"
+        ]
         attached = self.call("Target.attachToTarget", targetId=target["targetId"], flatten=True)
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Log"):
@@ -60,20 +80,34 @@ class Browser:
     def _next(self):
         """The next message of the browser, entered in `console` if it is one for the console."""
         while b"\0" not in self._waiting:
-            assert select.select([self._answers], [], [], PATIENCE)[0], "the browser does not answer"
+            assert select.select([self._answers], [], [], PATIENCE)[0], (
+                "the browser does not answer"
+            )
             part = os.read(self._answers, 2**20)
             assert part, "the browser has ended"
             self._waiting += part
         text, _, self._waiting = self._waiting.partition(b"\0")
         message = json.loads(text)
-        if message.get("method") in ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded"):
+        if message.get("method") in (
+            "Runtime.exceptionThrown",
+            "Runtime.consoleAPICalled",
+            "Log.entryAdded",
+        ):
             self.console.append(message["params"])
         return message
 
     def show(self, path, width=1280, height=900, dark=False, still=True):
-        """Open a page with a window of this size [CSS pixels]; `still`: the user prefers reduced motion."""
+        """Open a page with a window of this size [CSS pixels]; `still`: the user prefers reduced
+        motion.
+        """
         self.console.clear()
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         features = {"prefers-color-scheme": "dark" if dark else "light"}
         features |= {"prefers-reduced-motion": "reduce" if still else "no-preference"}
         features = [{"name": name, "value": value} for name, value in features.items()]
@@ -83,7 +117,9 @@ class Browser:
 
     def value(self, expression):
         """The value of a JavaScript expression in the page."""
-        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        answer = self.call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
@@ -104,7 +140,9 @@ class Browser:
 
     def picture(self):
         """The bytes of a PNG of the whole page."""
-        return base64.b64decode(self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)["data"])
+        return base64.b64decode(
+            self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)["data"]
+        )
 
     def close(self):
         """End the browser."""

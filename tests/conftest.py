@@ -1,4 +1,6 @@
-"""What all tests need: one thread each, an order that keeps all cores busy, Ctrl-C, and random faults."""
+"""What all tests need: one thread each, an order that keeps all cores busy, Ctrl-C, and random
+faults.
+"""
 
 import gc
 import os
@@ -10,38 +12,70 @@ from functools import cache
 
 import pytest
 
-# Before numpy is imported, and for all processes that tests start: the tests themselves are on all cores.
+# Before numpy is imported, and for all processes that tests start: the tests themselves are on all
+# cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Hundreds of processes are started. If none of them may store its compiled source, each takes 0.2 s of CPU more.
+# Hundreds of processes are started. If none of them may store its compiled source, each takes 0.2 s
+# of CPU more.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-# Files of results are on disk before they are renamed, which takes 5 ms each: it is for a power cut, and no test makes
-# one. Processes that tests start do wait for the disk.
+# Files of results are on disk before they are renamed, which takes 5 ms each: it is for a power
+# cut, and no test makes one. Processes that tests start do wait for the disk.
 os.fsync = lambda _: None
 
 gc.set_threshold(50_000)  # with all the packages in memory the usual 700 take 6 % of the CPU time
 
-# The files that take longest, before all others: each is run by one process, and none may be left to the end. Most
-# kernels are compiled in `exact`; until they are there, the other process runs files that need few of them.
+# The files that take longest, before all others: each is run by one process, and none may be left
+# to the end. Most kernels are compiled in `exact`; until they are there, the other process runs
+# files that need few of them.
 FIRST = (
     "exact",
     *("figures", "goodness", "streaming", "analysis"),
-    *("workflow", "benchmarks", "check", "wheel", "validation", "tolerance", "estimators", "provenance", "checkpoint"),
-    *("documents", "faults", "cli", "extremes", "fluid", "kernels", "interruptions", "failures", "initial_state"),
+    *(
+        "workflow",
+        "benchmarks",
+        "check",
+        "wheel",
+        "validation",
+        "tolerance",
+        "estimators",
+        "provenance",
+        "checkpoint",
+    ),
+    *(
+        "documents",
+        "faults",
+        "cli",
+        "extremes",
+        "fluid",
+        "kernels",
+        "interruptions",
+        "failures",
+        "initial_state",
+    ),
     *("langevin", "inspection", "storage", "tradeoff", "observables", "replay"),
 )
 RANK = {f"test_{name}.py": rank for rank, name in enumerate(FIRST)}
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # So it is where tests are started in the background of a shell. The processes that they start inherit the default.
+    # So it is where tests are started in the background of a shell. The processes that they start
+    # inherit the default.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):
-    parser.addoption("--cluster", action="store_true", help="run the tests on a Slurm cluster that they start, too")
-    parser.addoption("--fault-seed", type=int, help="the seed of the random faults; default: another one each time")
+    parser.addoption(
+        "--cluster",
+        action="store_true",
+        help="run the tests on a Slurm cluster that they start, too",
+    )
+    parser.addoption(
+        "--fault-seed",
+        type=int,
+        help="the seed of the random faults; default: another one each time",
+    )
 
 
 def pytest_collection_finish():
@@ -73,7 +107,9 @@ def elsewhere(tmp_path, monkeypatch):
 
 @pytest.fixture
 def said(capsys):
-    """The function from words of the command line to the exit status, standard output and standard error."""
+    """The function from words of the command line to the exit status, standard output and standard
+    error.
+    """
     from brownpipe.cli import main
 
     def run(*words):
@@ -83,14 +119,20 @@ def said(capsys):
         except SystemExit as left:
             status = left.code
         out, err = capsys.readouterr()
-        return status, out, re.sub("^brownpipe: (compiling|waiting) .*\n", "", err, flags=re.MULTILINE)
+        return (
+            status,
+            out,
+            re.sub("^brownpipe: (compiling|waiting) .*\n", "", err, flags=re.MULTILINE),
+        )
 
     return run
 
 
 @pytest.fixture
 def fewer_replicates(monkeypatch):
-    """A fifth of the replicates of the bootstrap: ends of an interval scatter more, and cover the truth as often."""
+    """A fifth of the replicates of the bootstrap: ends of an interval scatter more, and cover the
+    truth as often.
+    """
     from brownpipe.analysis import resampling
 
     monkeypatch.setattr(resampling, "REPLICATES", 399)
@@ -98,7 +140,9 @@ def fewer_replicates(monkeypatch):
 
 
 class Faults:
-    """Random faults: moments, bytes, inputs. A failing test shows its seed, and --fault-seed repeats it."""
+    """Random faults: moments, bytes, inputs. A failing test shows its seed, and --fault-seed
+    repeats it.
+    """
 
     def __init__(self, seed):
         self.seed = random.SystemRandom().randrange(2**32) if seed is None else seed

@@ -1,4 +1,6 @@
-"""Made-up ensembles with known statistics, as trajectory records: free diffusion instead of colliding disks."""
+"""Made-up ensembles with known statistics, as trajectory records: free diffusion instead of
+colliding disks.
+"""
 
 import numpy as np
 
@@ -10,7 +12,9 @@ from brownpipe.storage.trajectories import Trajectories, write_trajectories
 DIFFUSION = 0.25
 
 
-def make_scene(name="plain", particles=20, duration=1.0, boundary="reflecting", velocities=None, **more):
+def make_scene(
+    name="plain", particles=20, duration=1.0, boundary="reflecting", velocities=None, **more
+):
     """A scene of some disks in the note's box; 21 sample times a unit of time."""
     mapping = {
         "box": {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": boundary},
@@ -33,7 +37,9 @@ def walk(rng, times, runs, diffusion=DIFFUSION):
 
 
 def make_runs(scene, seeds, failed=(), diffusion=DIFFUSION):
-    """The batch `seeds` of a scene. A run depends on its seed alone; failed runs end very far away."""
+    """The batch `seeds` of a scene. A run depends on its seed alone; failed runs end very far
+    away.
+    """
     seeds = np.asarray(seeds)
     numbers = [np.random.default_rng([scene.particles, seed]) for seed in seeds]
     position = np.concatenate([walk(rng, scene.times, 1, diffusion) for rng in numbers], axis=1)
@@ -48,14 +54,26 @@ def make_runs(scene, seeds, failed=(), diffusion=DIFFUSION):
         "momentum_residual": np.array([abs(rng.normal(0, 3e-15)) for rng in numbers]),
         "failed": bad.astype(np.uint8),
     }
-    ensemble = Ensemble(seeds.astype(np.int64), scene.times, Track(position, None, None), observables, {}, {}, {}, {})
+    ensemble = Ensemble(
+        seeds.astype(np.int64),
+        scene.times,
+        Track(position, None, None),
+        observables,
+        {},
+        {},
+        {},
+        {},
+    )
     return Trajectories(scene, Engine("exact"), ensemble)
 
 
 def write(folder, trajectories):
     """The trajectory file of a batch; its path."""
     scene, seeds = trajectories.scene, trajectories.ensemble.seeds
-    path = folder / f"{scene.name}-{scene.particles}-{trajectories.engine.name}-{seeds[0]}-{seeds[-1]}.h5"
+    path = (
+        folder
+        / f"{scene.name}-{scene.particles}-{trajectories.engine.name}-{seeds[0]}-{seeds[-1]}.h5"
+    )
     write_trajectories(path, *trajectories[:3])
     return path
 

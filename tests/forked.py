@@ -1,10 +1,11 @@
-"""Snakemake, and the commands of its rules, in processes forked from one that has imported what they take.
+"""Snakemake, and the commands of its rules, in processes forked from one that has imported what
+they take.
 
-The imports take most of the CPU time of a dry run and of a short command. Beyond them a forked process shares nothing
-with another one: it has a folder, an environment, a module search path and arguments of its own, imports brownpipe
-itself, and begins and ends as `python -m snakemake` or the program `brownpipe` does. What Python reads only when it
-starts (PYTHONHASHSEED, TZ, the locale) is that of the tests; a process in which it is to be another one has to be
-started by `subprocess`.
+The imports take most of the CPU time of a dry run and of a short command. Beyond them a forked
+process shares nothing with another one: it has a folder, an environment, a module search path and
+arguments of its own, imports brownpipe itself, and begins and ends as `python -m snakemake` or the
+program `brownpipe` does. What Python reads only when it starts (PYTHONHASHSEED, TZ, the locale) is
+that of the tests; a process in which it is to be another one has to be started by `subprocess`.
 """
 
 import atexit
@@ -26,7 +27,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 IMPORTED = (
-    *("snakemake.cli", "snakemake.profiles", "snakemake.report.html_reporter", "snakemake.storage", "smart_open"),
+    *(
+        "snakemake.cli",
+        "snakemake.profiles",
+        "snakemake.report.html_reporter",
+        "snakemake.storage",
+        "smart_open",
+    ),
     *("numpy", "pandas", "h5py", "yaml", "requests", "platformdirs", "pygments", "jinja2"),
     *("numba", "scipy.special", "xarray", "matplotlib.figure", "PIL.PngImagePlugin"),
     *("matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg"),
@@ -51,7 +58,8 @@ class Done(NamedTuple):
 def ask(address, program, arguments, cwd, env, streams):
     """Have a program run in a forked process and wait for its end; return its exit status.
 
-    `streams` are three file descriptors, which become standard input, output and error of that process.
+    `streams` are three file descriptors, which become standard input, output and error of that
+    process.
     """
     request = {"program": program, "arguments": arguments, "cwd": cwd, "env": env}
     with socket.socket(socket.AF_UNIX) as server:
@@ -63,7 +71,9 @@ def ask(address, program, arguments, cwd, env, streams):
 
 
 def run_as(program, address, arguments):
-    """Run a program where this process is, with its environment and its streams, and end as the program does."""
+    """Run a program where this process is, with its environment and its streams, and end as the
+    program does.
+    """
     status = ask(address, program, arguments, os.getcwd(), dict(os.environ), [0, 1, 2])
     raise SystemExit(status if status >= 0 else 128 - status)
 
@@ -80,10 +90,16 @@ def snakemake(*arguments, cwd, env) -> Done:
 
 @cache
 def programs() -> str:
-    """Return the folder of the programs `snakemake` and `brownpipe`, which run in forked processes."""
+    """Return the folder of the programs `snakemake` and `brownpipe`, which run in forked
+    processes.
+    """
     folder = Path(_folder(), "bin")
     folder.mkdir()
-    known = {"python": sys.executable, "tests": str(Path(__file__).parent), "address": _folder() + "/server"}
+    known = {
+        "python": sys.executable,
+        "tests": str(Path(__file__).parent),
+        "address": _folder() + "/server",
+    }
     for name in ("snakemake", "brownpipe"):
         (folder / name).write_text(PROGRAM.format(name=name, **known))
         (folder / name).chmod(0o755)
@@ -105,13 +121,18 @@ def _folder():
 
 
 def _serve(address):
-    """Fork for every request. Return in forked processes alone: the name of the program to become."""
+    """Fork for every request. Return in forked processes alone: the name of the program to
+    become.
+    """
     for name in IMPORTED:
         importlib.import_module(name)
     gc.freeze()  # forked processes need not search what they inherit for garbage
     gc.set_threshold(50_000)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends forked processes, and the end of the tests this one
-    running = {}  # by the pipe whose other end a process holds until its own end: its number, who asked for it
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C ends forked processes, and the end of the tests this one
+    # by the pipe whose other end a process holds until its own end: its number, who asked for it
+    running = {}
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(address)
         server.listen()
@@ -135,7 +156,9 @@ def _serve(address):
 
 
 def _become(connection):
-    """Make a forked process what Python is when it starts a program; return the name of the program."""
+    """Make a forked process what Python is when it starts a program; return the name of the
+    program.
+    """
     with connection:
         _, streams, _, _ = socket.recv_fds(connection, 1, 3)
         program, arguments, cwd, env = json.loads(connection.makefile().read()).values()
@@ -156,8 +179,8 @@ def _become(connection):
 def _run(program):
     """Run a program from its beginning to its end.
 
-    There what was imported is left as it is: to take it apart would copy all memory shared with the server, which
-    takes 0.1 s.
+    There what was imported is left as it is: to take it apart would copy all memory shared with the
+    server, which takes 0.1 s.
     """
     try:
         runpy.run_module(program, run_name="__main__", alter_sys=sys.argv[0] == "-m")

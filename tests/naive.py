@@ -1,7 +1,9 @@
-"""The note's algorithm word for word, as slow and as plain as it gets: the twin that the exact engine is held to.
+"""The note's algorithm word for word, as slow and as plain as it gets: the twin that the exact
+engine is held to.
 
-All pairs, all walls; the smallest time is the next event. Everything moves there, the event happens, and again.
-In a periodic box a pair is looked at with its images, and a disk whose centre reaches a side goes on at the other.
+All pairs, all walls; the smallest time is the next event. Everything moves there, the event
+happens, and again. In a periodic box a pair is looked at with its images, and a disk whose centre
+reaches a side goes on at the other.
 """
 
 from itertools import product
@@ -17,9 +19,11 @@ def dot(u, v):
 
 
 def pair_time(r, v, sigma):
-    """Eqs. (1)-(3): when abs(r + v t) = sigma, for r = r_a - r_b, (2, ..., n), and v = v_a - v_b, (2, n); inf if never.
+    """Eqs. (1)-(3): when abs(r + v t) = sigma, for r = r_a - r_b, (2, ..., n), and v = v_a - v_b,
+    (2, n); inf if never.
 
-    One departure: eq. (1) gives a negative time to an approaching pair that round-off left overlapped. It is 0 here.
+    One departure: eq. (1) gives a negative time to an approaching pair that round-off left
+    overlapped. It is 0 here.
     """
     rv, vv, rr = dot(r, v), dot(v, v), dot(r, r)
     root = rv**2 - vv * (rr - sigma**2)
@@ -44,15 +48,25 @@ def collide(r, v_a, v_b, m_a, m_b):
 
 
 def run(state, box, duration, most=np.inf):
-    """Return (events, position, velocity) at the duration, or after so many events; positions inside the box.
+    """Return (events, position, velocity) at the duration, or after so many events; positions
+    inside the box.
 
     events: a list of (time, a, b, impulse given to a), b a disk or a wall.
     """
-    x, v, radius, mass = (np.array(each.T, dtype=float, order="C") for each in state)  # (2, N), (N,)
-    (low, high), size = np.array((box.x, box.y)).T[..., None], np.array((box.width, box.height))  # (2, 1)
+    x, v, radius, mass = (
+        np.array(each.T, dtype=float, order="C") for each in state
+    )  # (2, N), (N,)
+    (low, high), size = (
+        np.array((box.x, box.y)).T[..., None],
+        np.array((box.width, box.height)),
+    )  # (2, 1)
     a, b = np.triu_indices(len(radius), 1)
     sigma = radius[a] + radius[b]
-    images = [np.zeros(2)] if not box.periodic else [size * step for step in product((0, -1, 1), repeat=2)]
+    images = (
+        [np.zeros(2)]
+        if not box.periodic
+        else [size * step for step in product((0, -1, 1), repeat=2)]
+    )
     images = np.array(images).T[..., None].copy()  # (2, 1 or 9, 1)
     margin = 0.0 if box.periodic else radius
     now, events = 0.0, []
@@ -71,7 +85,9 @@ def run(state, box, duration, most=np.inf):
             image, pair = np.unravel_index(np.argmin(pairs), pairs.shape)
             i, k = a[pair], b[pair]
             before = v[:, i].copy()
-            v[:, i], v[:, k] = collide(x[:, i] - x[:, k] + images[:, image, 0], before, v[:, k], mass[i], mass[k])
+            v[:, i], v[:, k] = collide(
+                x[:, i] - x[:, k] + images[:, image, 0], before, v[:, k], mass[i], mass[k]
+            )
             events.append((now, i, k, mass[i] * (v[:, i] - before)))
             continue
         axis, i = np.unravel_index(np.argmin(walls), walls.shape)
@@ -81,5 +97,7 @@ def run(state, box, duration, most=np.inf):
             continue
         before = v[:, i].copy()
         v[axis, i] = -v[axis, i]  # eqs. (9)-(10)
-        events.append((now, i, (LEFT, RIGHT, BOTTOM, TOP)[2 * axis + upper], mass[i] * (v[:, i] - before)))
+        events.append(
+            (now, i, (LEFT, RIGHT, BOTTOM, TOP)[2 * axis + upper], mass[i] * (v[:, i] - before))
+        )
     return events, x.T, v.T

@@ -1,6 +1,8 @@
-"""Datasets with every variable that a figure can show, made up on top of one of real or made-up displacements.
+"""Datasets with every variable that a figure can show, made up on top of one of real or made-up
+displacements.
 
-The curves have the right shape and a noise that their intervals tell of; nothing else about them is physics.
+The curves have the right shape and a noise that their intervals tell of; nothing else about them is
+physics.
 """
 
 import numpy as np
@@ -17,22 +19,36 @@ RECORD = {"panel": ["scene"], "made_by": {}, "dataset": {"sha256": "0" * 64}}
 
 
 def render(dataset, folder, names=None, particles=None):
-    """Write the products of a dataset, of the figures only `names` if given, into a folder; return the paths."""
+    """Write the products of a dataset, of the figures only `names` if given, into a folder; return
+    the paths.
+    """
     options = {"figures": names, "particles": particles}
-    return write(dataset, folder, RECORD | {name: value for name, value in options.items() if value is not None})
+    return write(
+        dataset,
+        folder,
+        RECORD | {name: value for name, value in options.items() if value is not None},
+    )
 
 
 def with_measures(dataset):
     """The dataset with all variables of observables and thermodynamics added."""
     rng = np.random.default_rng(1)
-    added = _over_time(dataset, rng) | _distributions(dataset, rng) | _thermodynamics(dataset, rng) | _own(dataset, rng)
+    added = (
+        _over_time(dataset, rng)
+        | _distributions(dataset, rng)
+        | _thermodynamics(dataset, rng)
+        | _own(dataset, rng)
+    )
     return dataset.assign(added).assign_coords(species=list(SPECIES), species_pair=list(PAIRS))
 
 
 def at_times(dataset, times):
     """The dataset with the same distribution of displacements at several times."""
     names = [name for name in dataset.variables if "displacement_time" in dataset[name].dims]
-    each = [dataset[names].isel(displacement_time=[0]).assign_coords(displacement_time=[time]) for time in times]
+    each = [
+        dataset[names].isel(displacement_time=[0]).assign_coords(displacement_time=[time])
+        for time in times
+    ]
     return dataset.drop_vars(names).merge(xarray.concat(each, "displacement_time"))
 
 
@@ -40,7 +56,12 @@ def _estimate(name, dims, mean, error, rng):
     """A mean that is off by its standard error, and the interval that covers it."""
     mean = mean + rng.standard_normal(np.shape(mean)) * error
     error = np.broadcast_to(error, np.shape(mean))
-    parts = {"": mean, "_standard_error": error, "_low": mean - 1.96 * error, "_high": mean + 1.96 * error}
+    parts = {
+        "": mean,
+        "_standard_error": error,
+        "_low": mean - 1.96 * error,
+        "_high": mean + 1.96 * error,
+    }
     return {f"{name}{part}": (dims, values) for part, values in parts.items()}
 
 
@@ -55,7 +76,11 @@ def _over_time(dataset, rng):
     speed2 = dataset.initial_square_speed.values[..., None]
     vacf = speed2 * (0.97 * decay + late)
     integral = np.concatenate(
-        [np.zeros_like(vacf[..., :1]), np.cumsum((vacf[..., 1:] + vacf[..., :-1]) / 2 * np.diff(t), -1)], -1
+        [
+            np.zeros_like(vacf[..., :1]),
+            np.cumsum((vacf[..., 1:] + vacf[..., :-1]) / 2 * np.diff(t), -1),
+        ],
+        -1,
     )
     bath = 8 * np.exp(-3 * t)
     running = np.gradient(dataset.msd.values, t, axis=-1) / 4
@@ -63,15 +88,23 @@ def _over_time(dataset, rng):
     time = (*EACH, "time")
     each = _spread(dataset, (), 1.0)
     return {
-        **_estimate("msd_over_4t", time, dataset.msd_over_4t.values, 0.02 * dataset.msd_over_4t.values, rng),
+        **_estimate(
+            "msd_over_4t", time, dataset.msd_over_4t.values, 0.02 * dataset.msd_over_4t.values, rng
+        ),
         **_estimate("diffusion_running", time, running, 0.006, rng),
         **_estimate("velocity_autocorrelation", time, vacf, 0.012 * speed2, rng),
-        **_estimate("bath_velocity_autocorrelation", time, _spread(dataset, (len(t),), bath), 0.002, rng),
+        **_estimate(
+            "bath_velocity_autocorrelation", time, _spread(dataset, (len(t),), bath), 0.002, rng
+        ),
         **_estimate("green_kubo", time, integral / 2, 0.002 + 0.01 * np.sqrt(t), rng),
         **_estimate("vacf_initial_slope", EACH, -rate * speed2[..., 0], 0.5, rng),
         "vacf_initial_slope_expected": (EACH, -rate * speed2[..., 0]),
         **_estimate(
-            "species_energy", (*time, "species"), _spread(dataset, hot.shape, hot), np.array([0.03, 0.002]), rng
+            "species_energy",
+            (*time, "species"),
+            _spread(dataset, hot.shape, hot),
+            np.array([0.03, 0.002]),
+            rng,
         ),
         "enskog_diffusion": (EACH, 0.21 * each),
         "accessible_half_width": (EACH, 2.7 * each),
@@ -84,7 +117,10 @@ def _own(dataset, rng):
     found = _estimate("left_disks", time, _spread(dataset, left.shape, left), 0.1, rng)
     found |= _estimate("turned", EACH, _spread(dataset, (), 0.0), 0.2, rng)
     described = {"units": "1", "long_name": "as measured", "observable": "my_module:my_function"}
-    return {name: (*one, described if name in ("left_disks", "turned") else {}) for name, one in found.items()}
+    return {
+        name: (*one, described if name in ("left_disks", "turned") else {})
+        for name, one in found.items()
+    }
 
 
 def _distributions(dataset, rng):
@@ -100,14 +136,26 @@ def _distributions(dataset, rng):
     return {
         **_density("velocity", dataset, normal, rng),
         **_density("speed", dataset, maxwell, rng),
-        **_estimate("pair_distribution", (*pair, "distance"), _spread(dataset, g.shape, g), noise, rng),
+        **_estimate(
+            "pair_distribution", (*pair, "distance"), _spread(dataset, g.shape, g), noise, rng
+        ),
         **_estimate("contact_value", pair, _spread(dataset, (3,), contact), 0.02, rng),
         **_estimate("contact_value_rate", pair, _spread(dataset, (3,), contact), 0.006, rng),
         "contact_distance": (pair, _spread(dataset, (3,), CONTACT)),
         **_estimate(
-            "density_profile", (*species, "wall_distance"), _spread(dataset, profile.shape, profile), 0.02, rng
+            "density_profile",
+            (*species, "wall_distance"),
+            _spread(dataset, profile.shape, profile),
+            0.02,
+            rng,
         ),
-        **_estimate("contact_density", species, _spread(dataset, (2,), 1.8 * np.array([0.03, 4.0])), 0.02, rng),
+        **_estimate(
+            "contact_density",
+            species,
+            _spread(dataset, (2,), 1.8 * np.array([0.03, 4.0])),
+            0.02,
+            rng,
+        ),
         "wall_distance": ("wall_distance", z),
         "velocity_bin": ("velocity_bin", v),
         "speed_bin": ("speed_bin", u),
@@ -116,12 +164,18 @@ def _distributions(dataset, rng):
 
 
 def _density(dim, dataset, density, rng):
-    """A density of 3,000 tracers and of 400,000 disks of the bath, in bins of width 0.1; nothing is in the tails."""
+    """A density of 3,000 tracers and of 400,000 disks of the bath, in bins of width 0.1; nothing is
+    in the tails.
+    """
     counts = density * np.array([[3e3], [4e5]]) * 0.1
     mean = np.where(counts > 0.5, density, 0.0)
     error = mean / np.sqrt(np.maximum(counts, 0.5))
     return _estimate(
-        f"{dim}_density", (*EACH, "species", f"{dim}_bin"), _spread(dataset, error.shape, mean), error, rng
+        f"{dim}_density",
+        (*EACH, "species", f"{dim}_bin"),
+        _spread(dataset, error.shape, mean),
+        error,
+        rng,
     )
 
 

@@ -30,9 +30,15 @@ def test_squared_displacement_is_from_the_start_and_unwrapped():
     """Images two thousand million boxes away cost no digits."""
     position = np.array([[[1.0, 2.0], [0.0, 0.0]], [[4.0, 6.0], [0.0, -1.0]]])
     assert squared(moved(position, None, (1.0, 1.0))).T.tolist() == [[0.0, 25.0], [0.0, 1.0]]
-    position, image = np.array([[[0.9, 0.1]], [[0.1, 0.9]]]), np.array([[[7, 0]], [[8, -1]]], np.int32)
+    position, image = (
+        np.array([[[0.9, 0.1]], [[0.1, 0.9]]]),
+        np.array([[[7, 0]], [[8, -1]]], np.int32),
+    )
     assert squared(moved(position, image, (1.0, 1.0)))[1, 0] == pytest.approx(0.2**2 + 0.2**2)
-    position, image = np.array([[[0.25, 0.0]], [[0.5, 0.0]]]), np.full((2, 1, 2), 2_000_000_000, np.int32)
+    position, image = (
+        np.array([[[0.25, 0.0]], [[0.5, 0.0]]]),
+        np.full((2, 1, 2), 2_000_000_000, np.int32),
+    )
     assert squared(moved(position, image, (1.1, 1.1)))[1, 0] == 0.0625
 
 
@@ -53,7 +59,14 @@ def test_window_includes_both_ends_despite_round_off_and_else_is_nan():
 
 def test_rings_are_half_open_and_count_everybody():
     edges = 0.5 * np.arange(4)
-    assert distribution.ring_of(np.array([0.0, 0.49, 0.5, 1.4, 1.5, 9.0]), edges).tolist() == [0, 0, 1, 2, 3, 3]
+    assert distribution.ring_of(np.array([0.0, 0.49, 0.5, 1.4, 1.5, 9.0]), edges).tolist() == [
+        0,
+        0,
+        1,
+        2,
+        3,
+        3,
+    ]
 
 
 # --- the tracer's first steps
@@ -79,7 +92,9 @@ def test_initial_square_speed_of_a_hot_tracer_that_cools_is_not_known():
 def one_disk():
     disks = [{"position": [0.0, 0.0], "velocity": [3.0, 4.0], "radius": 0.1, "mass": 1.0}]
     box = {"x": [-9.0, 9.0], "y": [-8.0, 8.0], "boundary": "reflecting"}
-    return parse_scene({"box": box, "disks": disks, "duration": 1.0, "sample_interval": 0.05}, "one.yaml")
+    return parse_scene(
+        {"box": box, "disks": disks, "duration": 1.0, "sample_interval": 0.05}, "one.yaml"
+    )
 
 
 # --- the dataset
@@ -96,9 +111,11 @@ def dataset(files):
 
 
 def test_dataset_agrees_with_theory(dataset):
-    """The mean of 58 exponentials has a gamma law, whose tails beyond these bounds have 1e-6 together.
+    """The mean of 58 exponentials has a gamma law, whose tails beyond these bounds have 1e-6
+    together.
 
-    The slope, a quadratic form of normal numbers like r^2, is judged by the same bounds in its true standard errors.
+    The slope, a quadratic form of normal numbers like r^2, is judged by the same bounds in its true
+    standard errors.
     """
     from scipy.stats import gamma
 
@@ -108,21 +125,36 @@ def test_dataset_agrees_with_theory(dataset):
     assert ((low < off) & (off < high)).all()
     for k, window in enumerate(WINDOWS):
         weights, _ = displacement.line_weights(dataset.time.values, window)
-        covariance = 16 * DIFFUSION**2 * np.minimum.outer(*[dataset.time.values] * 2) ** 2  # of r^2(s) and r^2(t)
+        covariance = (
+            16 * DIFFUSION**2 * np.minimum.outer(*[dataset.time.values] * 2) ** 2
+        )  # of r^2(s) and r^2(t)
         error = np.sqrt(weights @ covariance @ weights / 58)
         off = (dataset.slope[..., k] - 4 * DIFFUSION) / error
         assert ((low < off) & (off < high)).all()
     assert np.allclose(dataset.diffusion_coefficient * 4, dataset.slope, rtol=1e-14)
     assert np.allclose(dataset.run_msd.mean("seed"), dataset.msd[..., -1])
-    assert np.allclose(dataset.run_diffusion_coefficient.mean("seed"), dataset.diffusion_coefficient[..., 0])
+    assert np.allclose(
+        dataset.run_diffusion_coefficient.mean("seed"), dataset.diffusion_coefficient[..., 0]
+    )
 
 
 def test_failed_runs_are_not_averaged_in(dataset, files, tmp_path):
-    """Failed runs end 1e6 away: one of them would show everywhere. They stay visible in the run health."""
-    assert (dataset.runs == 58).all() and (dataset.failed_runs == 2).all() and dataset.sizes["seed"] == 60
+    """Failed runs end 1e6 away: one of them would show everywhere. They stay visible in the run
+    health.
+    """
+    assert (
+        (dataset.runs == 58).all()
+        and (dataset.failed_runs == 2).all()
+        and dataset.sizes["seed"] == 60
+    )
     assert float(dataset.msd.max()) < 10
-    assert dataset.seed[(dataset.run_status == 1).any(("scene", "particles", "engine"))].values.tolist() == [7, 33]
-    assert np.isfinite(dataset.energy_drift).all() and np.isnan(dataset.run_msd.sel(seed=[7, 33])).all()
+    assert dataset.seed[
+        (dataset.run_status == 1).any(("scene", "particles", "engine"))
+    ].values.tolist() == [7, 33]
+    assert (
+        np.isfinite(dataset.energy_drift).all()
+        and np.isnan(dataset.run_msd.sel(seed=[7, 33])).all()
+    )
     kept = [seed for seed in range(60) if seed not in (7, 33)]
     alone = aggregate([write(tmp_path, make_runs(make_scene("hot", 10), kept))], **RINGS)
     mine = dataset.sel(scene="hot", particles=10, engine="exact")
@@ -150,7 +182,13 @@ def test_other_durations_and_seeds_leave_nan(tmp_path):
     assert tested.sel(scene="short").values.tolist() == [True, False]
     assert tested.sel(scene="long").values.tolist() == [False, True]
     assert dataset.energy_drift.sel(scene="long").count() == 20
-    assert dataset.seed[dataset.run_status.sel(scene="short") == 2].values.tolist() == [0, 1, 2, 3, 4]
+    assert dataset.seed[dataset.run_status.sel(scene="short") == 2].values.tolist() == [
+        0,
+        1,
+        2,
+        3,
+        4,
+    ]
 
 
 def test_one_run_of_one_disk(tmp_path):
@@ -168,16 +206,25 @@ def test_no_tracer_no_msd(tmp_path):
     bare = trajectories._replace(ensemble=trajectories.ensemble._replace(tracer=None))
     dataset = aggregate([write(tmp_path, bare)]).squeeze()
     assert np.isnan(dataset.msd).all() and dataset.runs == 12
-    for asked in ({"windows": ((0.1, 1.0),)}, {"dr": 0.1, "rings": 5}, {"displacement_times": [1.0]}):
+    for asked in (
+        {"windows": ((0.1, 1.0),)},
+        {"dr": 0.1, "rings": 5},
+        {"displacement_times": [1.0]},
+    ):
         with pytest.raises(AnalysisError, match="must go with runs that have displacements"):
             aggregate([bare], **asked)
     assert dataset.pair_collisions == pytest.approx(80, abs=SIGMAS * np.sqrt(80 / 12))
-    alone = {"failed": np.zeros(12, np.uint8), "friction_rate": np.ones(12)}  # as of the langevin engine
+    alone = {
+        "failed": np.zeros(12, np.uint8),
+        "friction_rate": np.ones(12),
+    }  # as of the langevin engine
     assert aggregate([bare._replace(ensemble=bare.ensemble._replace(observables=alone))]).runs == 12
 
 
 def test_times_that_differ_by_round_off_are_one(tmp_path):
-    """3 x 0.05 is not 0.15, the fifteenth multiple of 0.01 is; and 0.57 is a duration and a multiple of 0.01."""
+    """3 x 0.05 is not 0.15, the fifteenth multiple of 0.01 is; and 0.57 is a duration and a
+    multiple of 0.01.
+    """
     scenes = [make_scene(f"s{k}", duration=end, sample_interval=dt)
               for k, (end, dt) in enumerate([(1.0, 0.01), (1.0, 0.05), (0.57, 0.01)])]  # fmt: skip
     dataset = aggregate([write(tmp_path, make_runs(scene, range(12))) for scene in scenes])
@@ -196,9 +243,18 @@ SHORT, HOT = {"particles": 20, "duration": 2.0}, {"velocities": {"temperature": 
     ("made", "message"),
     [
         ([], "no trajectory files"),
-        ([(make_scene(), range(20)), (make_scene(), range(15, 30))], r"15-29.*seed 15 is already in .*0-19\.h5"),
-        ([(make_scene(), range(9)), (make_scene(**HOT), [9])], r"9-9\.h5: has another scene 'plain' than .*0-8\.h5"),
-        ([(make_scene(particles=10), [1]), (make_scene(**SHORT), [1])], "two different scenes are called 'plain'"),
+        (
+            [(make_scene(), range(20)), (make_scene(), range(15, 30))],
+            r"15-29.*seed 15 is already in .*0-19\.h5",
+        ),
+        (
+            [(make_scene(), range(9)), (make_scene(**HOT), [9])],
+            r"9-9\.h5: has another scene 'plain' than .*0-8\.h5",
+        ),
+        (
+            [(make_scene(particles=10), [1]), (make_scene(**SHORT), [1])],
+            "two different scenes are called 'plain'",
+        ),
         ([(one_disk(), [seed]) for seed in (3, 4)], "all its runs are the same; give one seed"),
     ],
 )
@@ -218,6 +274,9 @@ def test_runs_of_another_source_or_average_are_not_averaged():
 
 def test_windows_that_say_nothing(tmp_path):
     file, differ = write(tmp_path, make_runs(make_scene(), range(12))), r"\[0.1, 1\]: must differ"
-    for second, message in (((0.1000001, 1.0), differ), ((2.0, 3.0), r"fit window \[2, 3\]: must end by 1")):
+    for second, message in (
+        ((0.1000001, 1.0), differ),
+        ((2.0, 3.0), r"fit window \[2, 3\]: must end by 1"),
+    ):
         with pytest.raises(AnalysisError, match=message):
             aggregate([file], ((0.1, 1.0), second))

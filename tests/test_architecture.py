@@ -1,4 +1,5 @@
-"""Which layer of src/brownpipe may import which, and which source files are in the digests of what is made with them.
+"""Which layer of src/brownpipe may import which, and which source files are in the digests of what
+is made with them.
 
 It is read from every import statement at every depth.
 """
@@ -19,7 +20,12 @@ LAYERS = [  # each may import those before it
     *("inspection", "study", "interface", "verbs", "cli", "__main__"),
 ]
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
-HELPERS = ("provenance.py", "progress.py", "processes.py", "text.py")  # to keep machine code and say that it is made
+HELPERS = (
+    "provenance.py",
+    "progress.py",
+    "processes.py",
+    "text.py",
+)  # to keep machine code and say that it is made
 ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.insertion")
 
 
@@ -31,7 +37,9 @@ def own_imports(file):
         if isinstance(one, ast.Import):
             found += [alias.name for alias in one.names]
         elif isinstance(one, ast.ImportFrom):
-            assert one.level == 0, f"{file}: a relative import, which the digests of sources do not follow"
+            assert one.level == 0, (
+                f"{file}: a relative import, which the digests of sources do not follow"
+            )
             names = [f"{one.module}.{alias.name}" for alias in one.names]
             found += [name if name in MODULES else one.module for name in names]
     return [module for module in found if module.split(".")[0] == "brownpipe"]
@@ -46,7 +54,9 @@ MODULES = {name_of(file): file for file in FILES}
 
 
 def needed_by(*modules):
-    """The files of modules and of all that they import; the list of engines imports all engines, and is left out."""
+    """The files of modules and of all that they import; the list of engines imports all engines,
+    and is left out.
+    """
     files, waiting = {}, list(modules)
     while waiting:
         module = waiting.pop()
@@ -72,28 +82,48 @@ def test_no_import_climbs():
 
 def test_files_and_tables_are_known_from_storage_on():
     known = re.compile(r"^ *(?:import|from) (?:h5py|h5netcdf|xarray|pandas)\b", re.MULTILINE)
-    below = [name for name in MODULES if name != "brownpipe" and layer_of(name) in LAYERS[: LAYERS.index("storage")]]
-    assert len(below) > 40 and [name for name in below if known.search(MODULES[name].read_text())] == []
+    below = [
+        name
+        for name in MODULES
+        if name != "brownpipe" and layer_of(name) in LAYERS[: LAYERS.index("storage")]
+    ]
+    assert (
+        len(below) > 40
+        and [name for name in below if known.search(MODULES[name].read_text())] == []
+    )
 
 
 @pytest.mark.parametrize("module", ENTRY_POINTS)
 def test_kernels_know_arrays_alone(module):
-    """No scene, no file, no table: what is compiled into an entry point is kernels and the records they work on."""
+    """No scene, no file, no table: what is compiled into an entry point is kernels and the records
+    they work on.
+    """
     known = needed_by(f"brownpipe.{module}")
     assert all(name.startswith("engines/") or name in HELPERS for name in known), known
 
 
-# -- digests of sources -----------------------------------------------------------------------------------------------
+# -- digests of sources ----------------------------------------------------------------------------
 
-CASES = [*(("simulate", engine) for engine in DEFINITIONS), ("aggregate", None), ("tradeoff", None), ("figures", None)]
+CASES = [
+    *(("simulate", engine) for engine in DEFINITIONS),
+    ("aggregate", None),
+    ("tradeoff", None),
+    ("figures", None),
+]
 SILENT = (  # what a step imports and what decides no number and no byte of its output
     *("progress.py", "processes.py"),  # progress, processes and signals
     *("errors.py", "text.py", "provenance.py"),  # messages
-    *(f"engines/{engine}/__init__.py" for engine in DEFINITIONS),  # refusals; settings are arguments
+    *(
+        f"engines/{engine}/__init__.py" for engine in DEFINITIONS
+    ),  # refusals; settings are arguments
     "figures/catalogue.py",  # names that a study may have
 )
 MAKERS = {  # what makes and writes the results of a step
-    "simulate": ("brownpipe.engines.ensemble", "brownpipe.scene.variation", "brownpipe.storage.trajectories"),
+    "simulate": (
+        "brownpipe.engines.ensemble",
+        "brownpipe.scene.variation",
+        "brownpipe.storage.trajectories",
+    ),
     "aggregate": ("brownpipe.analysis", "brownpipe.storage.datasets"),
     "tradeoff": ("brownpipe.tradeoff", "brownpipe.storage.datasets"),
     "figures": ("brownpipe.report.products",),
@@ -106,10 +136,14 @@ def names(files):
 
 @pytest.mark.parametrize(("step", "engine"), CASES)
 def test_what_a_step_imports_is_in_the_digest_or_decides_nothing(step, engine):
-    """A layer that a step begins to import must be entered in the step or, with its reason, above."""
+    """A layer that a step begins to import must be entered in the step or, with its reason,
+    above.
+    """
     known = names(provenance.sources(step, engine))
     modules = [*MAKERS[step], *([DEFINITIONS[engine].simulation] if engine else [])]
-    assert [name for name in sorted(needed_by(*modules) - known) if not name.startswith(SILENT)] == []
+    assert [
+        name for name in sorted(needed_by(*modules) - known) if not name.startswith(SILENT)
+    ] == []
 
 
 def test_an_edit_is_another_source_but_line_ends_are_not(tmp_path, monkeypatch):
@@ -125,7 +159,12 @@ def test_an_edit_is_another_source_but_line_ends_are_not(tmp_path, monkeypatch):
         (tmp_path / name).write_bytes(b"A = 1\n")
         digests.append(digest())
     assert len({*digests}) == 4
-    for name, text in (("one.py", b"A = 1\r\n"), ("three.py", b""), ("layer/two.py~", b""), ("layer/inner/x.py", b"")):
+    for name, text in (
+        ("one.py", b"A = 1\r\n"),
+        ("three.py", b""),
+        ("layer/two.py~", b""),
+        ("layer/inner/x.py", b""),
+    ):
         (tmp_path / name).write_bytes(text)
         assert digest() == digests[-1]
 
@@ -133,6 +172,8 @@ def test_an_edit_is_another_source_but_line_ends_are_not(tmp_path, monkeypatch):
 def test_every_estimator_is_listed():
     """One that is not would never run."""
     files = {
-        file.stem for file in (provenance.PACKAGE / "analysis").glob("*.py") if "\ndef results(" in file.read_text()
+        file.stem
+        for file in (provenance.PACKAGE / "analysis").glob("*.py")
+        if "\ndef results(" in file.read_text()
     }
     assert files == {one.__name__.rpartition(".")[2] for one in ESTIMATORS}

@@ -1,4 +1,6 @@
-"""Every benchmark runs to its end: a quick pass of each. Hashes of runs change with the numbers and nothing else."""
+"""Every benchmark runs to its end: a quick pass of each. Hashes of runs change with the numbers and
+nothing else.
+"""
 
 import os
 import runpy
@@ -23,9 +25,11 @@ def docs():
 
 @pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)
 def test_a_quick_pass_reports_and_leaves_the_tables_of_docs_alone(path, monkeypatch, capfd):
-    """As `python benchmarks/bench_x.py --quick` does, in the process of the tests, which has imported what it takes.
+    """As `python benchmarks/bench_x.py --quick` does, in the process of the tests, which has
+    imported what it takes.
 
-    Plans time their engines for a tenth of the usual time. The commands of a whole study are forked processes.
+    Plans time their engines for a tenth of the usual time. The commands of a whole study are forked
+    processes.
     """
     before, run = docs(), subprocess.run
 

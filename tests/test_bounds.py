@@ -1,7 +1,9 @@
-"""No kernel that places or moves disks reads or writes outside its arrays, however elongated the box.
+"""No kernel that places or moves disks reads or writes outside its arrays, however elongated the
+box.
 
-Compiled kernels do not check indices. Here they run as plain Python (NUMBA_DISABLE_JIT) on arrays that refuse every
-index outside 0 <= i < n, negative ones too, which NumPy would take as counted from the end.
+Compiled kernels do not check indices. Here they run as plain Python (NUMBA_DISABLE_JIT) on arrays
+that refuse every index outside 0 <= i < n, negative ones too, which NumPy would take as counted
+from the end.
 """
 
 import os
@@ -69,7 +71,9 @@ def checked(record):
 
 
 def scenes():
-    """Boxes of every shape and boundary with few disks or many, equal, of two sizes, with a big one, and crowded."""
+    """Boxes of every shape and boundary with few disks or many, equal, of two sizes, with a big
+    one, and crowded.
+    """
     for aspect, boundary, n in product(ASPECTS, ("reflecting", "periodic"), COUNTS):
         crowd = 0.16 if aspect * SIDE**2 > n / 6 else 0.04
         yield scene(aspect, boundary, [(n, crowd, 1.0)])
@@ -80,10 +84,14 @@ def scenes():
 
 
 def scene(aspect, boundary, kinds, placement="random"):
-    """A scene of species from (count, radius, mass) each; of both axes, each is the longer one once."""
+    """A scene of species from (count, radius, mass) each; of both axes, each is the longer one
+    once.
+    """
     long, n = [0.0, SIDE * aspect], sum(count for count, _, _ in kinds)
     x, y = (long, [0.0, SIDE]) if n % 2 else ([0.0, SIDE], long)
-    species = [{"name": f"s{k}", "count": n, "radius": r, "mass": m} for k, (n, r, m) in enumerate(kinds)]
+    species = [
+        {"name": f"s{k}", "count": n, "radius": r, "mass": m} for k, (n, r, m) in enumerate(kinds)
+    ]
     duration = max(0.3, EVENTS / 50 / n)
     return parse_scene(
         {
@@ -107,13 +115,19 @@ def run_exact():
 def run_timestep():
     """Run every scene in steps, some so long that the neighbour lists are made at each of them."""
     _check(timestep, "prepare", "recorder")
-    for one, steps in zip(scenes(), cycle([12, 60, 12, 60, 12])):  # five against six COUNTS: each meets both
+    for one, steps in zip(
+        scenes(), cycle([12, 60, 12, 60, 12])
+    ):  # five against six COUNTS: each meets both
         step = min(one.duration / steps, 0.9 * largest_step(one))
-        assert not timestep.simulate(one, [1], {"all"}, time_step=step).observables["failed"][0], one.name
+        assert not timestep.simulate(one, [1], {"all"}, time_step=step).observables["failed"][0], (
+            one.name
+        )
 
 
 def _check(engine, *names):
-    """Let the arrays that an engine makes under these names be checked, and those that disks are placed in."""
+    """Let the arrays that an engine makes under these names be checked, and those that disks are
+    placed in.
+    """
     for name in names:
         made = getattr(engine, name)
         setattr(engine, name, lambda *given, made=made: checked(made(*given)))
@@ -124,9 +138,14 @@ def _check(engine, *names):
 @pytest.mark.slow
 def test_every_index_lies_within_its_array():
     folders = Path(__file__).parent, Path(exact.__file__).parents[3]
-    plain = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(map(str, folders))}
+    plain = os.environ | {
+        "NUMBA_DISABLE_JIT": "1",
+        "PYTHONPATH": os.pathsep.join(map(str, folders)),
+    }
     code = "import test_bounds; test_bounds.run_exact(); test_bounds.run_timestep()"
-    done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=plain, capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stderr[-2000:]
 
 

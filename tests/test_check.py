@@ -27,7 +27,10 @@ def test_scene():
     said = {line.split()[0]: line for line in lines[1:]}
     assert lines[0].endswith("harrison2020.yaml: a valid scene")
     assert said["box"] == "box         6 x 6, reflecting"
-    disks = "150: 1 tracer (radius 0.3, mass 1), 149 bath (radius 0.1, mass 0.4); packing fraction 0.1379"
+    disks = (
+        "150: 1 tracer (radius 0.3, mass 1), 149 bath (radius 0.1, mass 0.4); packing fraction "
+        "0.1379"
+    )
     assert disks in said["disks"]
     assert "t = 0 to 1, 101 samples" in said["run"]
     assert "563 between disks, 111 with walls per run" in said["collisions"]
@@ -35,25 +38,39 @@ def test_scene():
 
 
 def test_too_few_disks_for_the_box_are_said():
-    """The mean free path of equal disks is 1/(2 sqrt(2) n s) in a dilute gas, here of 4 disks in the note's box."""
+    """The mean free path of equal disks is 1/(2 sqrt(2) n s) in a dilute gas, here of 4 disks in
+    the note's box.
+    """
     scene = parse_scene(crowd(4, 0.1, 6.0, "reflecting"), "thin.yaml")
-    assert forecast.path_rate(scene) / (2 * forecast.pair_rate(scene)) == pytest.approx(12 / (2**1.5 * 0.2), rel=0.01)
+    assert forecast.path_rate(scene) / (2 * forecast.pair_rate(scene)) == pytest.approx(
+        12 / (2**1.5 * 0.2), rel=0.01
+    )
     remark = forecast.caution(scene)
-    assert remark.startswith("thin: 4 disks are too few for Brownian motion in this box: the mean free path, 21, is")
+    assert remark.startswith(
+        "thin: 4 disks are too few for Brownian motion in this box: the mean free path, 21, is"
+    )
     assert forecast.caution(read_scene(NOTE)) is None
 
 
 def test_study_of_several_engines(tmp_path):
-    engines = "[exact, {name: timestep, time_step: 1e-3}, {name: langevin, friction: enskog}]\nbatch: 30"
-    (tmp_path / "study.yaml").write_text(f"scenes: {NOTE}\nparticles: [50, 150]\nseeds: 60\nengines: {engines}\n")
+    engines = (
+        "[exact, {name: timestep, time_step: 1e-3}, {name: langevin, friction: enskog}]\nbatch: 30"
+    )
+    (tmp_path / "study.yaml").write_text(
+        f"scenes: {NOTE}\nparticles: [50, 150]\nseeds: 60\nengines: {engines}\n"
+    )
     lines = describe_scene_or_study(str(tmp_path / "study.yaml")).splitlines()
     labels = [line.split(":")[0].split()[-1] for line in lines if line.startswith("engine ")]
     assert labels == ["exact", "timestep-0.001", "langevin-enskog"]
     assert "gamma = 2.02 to 7.35" in "\n".join(lines)
     assert len(cautions(lines)) == 1
     (total,) = (line for line in lines if line.startswith("total "))
-    cpu, size = re.fullmatch(r"total     360 runs in 12 jobs: some (.+) s of CPU, (.+) kB of runs", total).groups()
-    assert 12 * forecast.START_UP < float(cpu) < 13 * forecast.START_UP  # the runs themselves take 0.2 s
+    cpu, size = re.fullmatch(
+        r"total     360 runs in 12 jobs: some (.+) s of CPU, (.+) kB of runs", total
+    ).groups()
+    assert (
+        12 * forecast.START_UP < float(cpu) < 13 * forecast.START_UP
+    )  # the runs themselves take 0.2 s
     assert float(size) == pytest.approx(0.36 * 101 * 16, rel=0.05)  # x and y at each sample time
 
 
@@ -73,19 +90,31 @@ HEAVY = {"name": "heavy", "count": 40, "radius": 0.2, "mass": 3.0}
     ],
 )
 def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
-    """Pairs within 8 %: Enskog's theory leaves out that walls take room from the disks (some 5 %), and 20 runs scatter
-    by 1 %. Walls within 6 %: with a fifth of the collisions they scatter by 2 %. In the last energies equalize."""
+    """Pairs within 8 %: Enskog's theory leaves out that walls take room from the disks (some 5 %),
+    and 20 runs scatter by 1 %. Walls within 6 %: with a fifth of the collisions they scatter by 2
+    %. In the last energies equalize."""
     box = SIZES | {"boundary": boundary}
-    mapping = {"box": box, "particles": 150, "disks": disks, "velocities": velocities, "duration": 1.0}
+    mapping = {
+        "box": box,
+        "particles": 150,
+        "disks": disks,
+        "velocities": velocities,
+        "duration": 1.0,
+    }
     scene = parse_scene(mapping, "some.yaml")
-    found, expected = exact.simulate(scene, range(20), frozenset({"none"})).observables, forecast.of_run(scene)
+    found, expected = (
+        exact.simulate(scene, range(20), frozenset({"none"})).observables,
+        forecast.of_run(scene),
+    )
     assert np.isclose(found["pair_collisions"].mean(), expected.pair_collisions, rtol=0.08)
     assert np.isclose(found["wall_collisions"].mean(), expected.wall_collisions, rtol=0.06)
 
 
 @pytest.mark.parametrize("phi", [0.75, 0.85])
 def test_expected_collisions_of_a_crystal_are_near_those_found(phi):
-    """Free volumes have them within 4 %; 8 runs of 144 disks on a lattice that fits the box scatter by 0.3 %."""
+    """Free volumes have them within 4 %; 8 runs of 144 disks on a lattice that fits the box scatter
+    by 0.3 %.
+    """
     distance = 0.2 * np.sqrt(np.pi / np.sqrt(12) / phi)
     box = {"x": [0, 12 * distance], "y": [0, 6 * np.sqrt(3) * distance], "boundary": "periodic"}
     crystal = crowd(144, 0.1, placement="lattice", equilibrate={"time": 0.3, "tracer": "free"})
@@ -95,28 +124,45 @@ def test_expected_collisions_of_a_crystal_are_near_those_found(phi):
 
 
 def test_listed_disks_are_as_fast_as_in_equilibrium_and_one_or_none_cost_nothing():
-    listed = enumerate([([3.0, 4.0], 1.0), ([0.0, 0.0], 1.0), ([0.0, 1.0], 4.0)])  # energies 12.5, 0 and 2
-    disks = [{"position": [k + 1, 2], "velocity": v, "radius": 0.1, "mass": mass} for k, (v, mass) in listed]
+    listed = enumerate(
+        [([3.0, 4.0], 1.0), ([0.0, 0.0], 1.0), ([0.0, 1.0], 4.0)]
+    )  # energies 12.5, 0 and 2
+    disks = [
+        {"position": [k + 1, 2], "velocity": v, "radius": 0.1, "mass": mass}
+        for k, (v, mass) in listed
+    ]
     scene = parse_scene({"box": SIZES, "disks": disks, "duration": 1}, "listed.yaml")
     assert forecast.speeds(scene) == pytest.approx(np.sqrt([14.5 / 3, 14.5 / 3 / 4]))
     assert forecast.of_run(scene := read_scene(NOTE, 1)).pair_collisions == 0.0
-    assert forecast.seconds_to_measure(scene, ["square_displacement"], "origins") > 1e-5 * len(scene.times)
-    assert forecast.of_run(parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")).wall_collisions == 0.0
+    assert forecast.seconds_to_measure(scene, ["square_displacement"], "origins") > 1e-5 * len(
+        scene.times
+    )
+    assert (
+        forecast.of_run(
+            parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")
+        ).wall_collisions
+        == 0.0
+    )
 
 
 def test_many_small_disks_share_the_cells_of_large_ones():
     disks = {"species": [HEAVY | {"count": 60}, BATH | {"count": 2000, "radius": 0.02}]}
     scene = parse_scene(crowd(0, disks=disks), "small.yaml")
     grid = exact.prepare_scene(scene, np.zeros(0)).workspace.grid  # 13 whole cells a side
-    assert forecast.disks_in_cells(scene) == pytest.approx(9 * 2060 / (grid.columns * grid.rows), rel=0.2)
+    assert forecast.disks_in_cells(scene) == pytest.approx(
+        9 * 2060 / (grid.columns * grid.rows), rel=0.2
+    )
 
 
-# -- what a simulation would refuse, or take days for ----------------------------------------------------------------
+# -- what a simulation would refuse, or take days for ----------------------------------------------
 
 
 def crowd(count, radius=0.5, side=10.0, boundary="periodic", placement="random", **more):
     """A scene of equal disks at random places."""
-    disks = {"species": [{"name": "a", "count": count, "radius": radius, "mass": 1.0}], "placement": placement}
+    disks = {
+        "species": [{"name": "a", "count": count, "radius": radius, "mass": 1.0}],
+        "placement": placement,
+    }
     box = {"x": [0.0, side], "y": [0.0, side], "boundary": boundary}
     velocities = {"temperature": 1.0, "zero_momentum": False}
     return {"box": box, "disks": disks, "velocities": velocities, "duration": 1.0} | more
@@ -148,7 +194,9 @@ def at_least(number, scene, seeds):
     return len([*islice((seed for seed in seeds if fails(scene, seed)), number)]) == number
 
 
-PLACED = {  # numbers of disks of which nearly all and nearly no runs are placed: measured with 15 to 60 other seeds
+# numbers of disks of which nearly all and nearly no runs are placed: measured with 15 to 60 other
+# seeds
+PLACED = {
     "few": (lambda count: crowd(count, side=4.0), 9, 14),
     "periodic": (crowd, 64, 74),
     "walls": (lambda count: crowd(count, boundary="reflecting"), 59, 70),
@@ -160,8 +208,9 @@ PLACED = {  # numbers of disks of which nearly all and nearly no runs are placed
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PLACED)
 def test_placement_is_foreseen_to_fail_where_it_does(name):
-    """Between the two numbers of disks, 10 to 20 % apart, the share that fails goes from below 4 % to above 90 %. With
-    ten seeds, more than two failures at 4 % have a probability of 0.6 %, fewer than seven at 90 % of 1.3 %."""
+    """Between the two numbers of disks, 10 to 20 % apart, the share that fails goes from below 4 %
+    to above 90 %. With ten seeds, more than two failures at 4 % have a probability of 0.6 %, fewer
+    than seven at 90 % of 1.3 %."""
     mapping, sparse, dense = PLACED[name]
     sparse, dense = (parse_scene(mapping(count), f"{name}.yaml") for count in (sparse, dense))
     assert crowding(sparse) < SOME_FAIL and not at_least(3, sparse, range(500, 510))
@@ -180,9 +229,15 @@ def cautions(lines):
 
 
 def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):
-    assert cautions(report(tmp_path, crowd(60))) == cautions(report(tmp_path, crowd(75, placement="lattice"))) == []
+    assert (
+        cautions(report(tmp_path, crowd(60)))
+        == cautions(report(tmp_path, crowd(75, placement="lattice")))
+        == []
+    )
     ((placed, cure),) = (caution.split("; ") for caution in cautions(report(tmp_path, crowd(75))))
-    assert placed == "scene, N = 75: random placement is expected to fail in every run (packing fraction 0.589)"
+    assert placed == (
+        "scene, N = 75: random placement is expected to fail in every run (packing fraction 0.589)"
+    )
     assert cure == "must be fewer or smaller disks, or `placement: auto` with `equilibrate`"
     (caution,) = cautions(report(tmp_path, crowd(66)))
     assert "expected to fail in some of the runs (packing fraction 0.518)" in caution
@@ -193,7 +248,10 @@ def test_remarks_are_on_the_engine_of_the_study(tmp_path):
     crowded = crowd(75)
     crowded["disks"]["tracer"] = {"radius": 0.5, "mass": 20.0}
     report(tmp_path, crowded, "crowd")
-    study, langevin = {"scenes": "crowd.yaml", "seeds": 10}, {"name": "langevin", "friction": "boltzmann"}
+    study, langevin = (
+        {"scenes": "crowd.yaml", "seeds": 10},
+        {"name": "langevin", "friction": "boltzmann"},
+    )
     assert cautions(report(tmp_path, study | {"engines": [langevin]}, "study")) == []
     (caution,) = cautions(report(tmp_path, study | {"engines": ["exact", langevin]}, "study"))
     assert caution.startswith("crowd, N = 76: random placement is expected to fail in every run")
@@ -210,14 +268,26 @@ def sampled(samples, particles=30, boundary="reflecting"):
 MEMORY = {  # scene, runs, record, observables
     "many runs": (sampled(5000), 500, "tracer", ()),
     "all disks in an observable": (sampled(1000, 1500), 3, "none", ("species_energy",)),
-    "many disks": (sampled(1, 300_000, "periodic") | {"disks": crowd(300_000, 0.02)["disks"]}, 1, "tracer", ()),
-    "collisions": (crowd(1000, side=40.0, placement="lattice", duration=300.0), 1, "tracer,events", ()),
+    "many disks": (
+        sampled(1, 300_000, "periodic") | {"disks": crowd(300_000, 0.02)["disks"]},
+        1,
+        "tracer",
+        (),
+    ),
+    "collisions": (
+        crowd(1000, side=40.0, placement="lattice", duration=300.0),
+        1,
+        "tracer,events",
+        (),
+    ),
 }
 
 
 @pytest.fixture(scope="module")
 def least(tmp_path_factory):
-    """Peak memory of a process with a short run: 37 to 178 MB of it are LLVM's file, as the system has it in memory."""
+    """Peak memory of a process with a short run: 37 to 178 MB of it are LLVM's file, as the system
+    has it in memory.
+    """
     return peak(tmp_path_factory.mktemp("least"), ["simulate", str(NOTE), "--output", "one.h5"])
 
 
@@ -227,7 +297,16 @@ def test_expected_memory_is_near_that_of_the_process(tmp_path, name, least):
     """Peak memory above that of a process with a short run: within a factor of 1.5."""
     mapping, runs, record, names = MEMORY[name]
     (tmp_path / "scene.yaml").write_text(json.dumps(mapping))
-    command = ["simulate", "scene.yaml", "--seeds", f"0-{runs - 1}", "--record", record, "--output", "runs.h5"]
+    command = [
+        "simulate",
+        "scene.yaml",
+        "--seeds",
+        f"0-{runs - 1}",
+        "--record",
+        record,
+        "--output",
+        "runs.h5",
+    ]
     command += ["--observables", ",".join(names)] if names else []
     above = peak(tmp_path, command) - least
     cost = forecast.of_run(read_scene(tmp_path / "scene.yaml"), set(record.split(",")), names)
@@ -241,7 +320,10 @@ def peak(folder, command):
     """Peak memory [bytes] of a process of the command line; a first one compiles the kernels."""
     # VmHWM is of this program alone; ru_maxrss begins with the memory of the process that forked it
     code = "import sys; from brownpipe import cli; status = cli.main(sys.argv[1:]);"
-    code += "print(*(line.split()[1] for line in open('/proc/self/status') if 'VmHWM' in line)); sys.exit(status)"
+    code += (
+        "print(*(line.split()[1] for line in open('/proc/self/status') if 'VmHWM' in line)); "
+        "sys.exit(status)"
+    )
     for _ in range(2):
         words = [sys.executable, "-c", code, *command]
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)

@@ -1,4 +1,6 @@
-"""Checkpoints: a run that is stopped and goes on, wherever and however often, is the same to the byte."""
+"""Checkpoints: a run that is stopped and goes on, wherever and however often, is the same to the
+byte.
+"""
 
 import os
 import re
@@ -36,7 +38,10 @@ def around_tracer(boundary, duration, **more):
 
 CASES = {  # some blocks each, and samples that do not fall on their ends
     "walls": (make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer"}),
-    "walls-everything": (make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=4.0), {"tracer", "all", "events"}),
+    "walls-everything": (
+        make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=4.0),
+        {"tracer", "all", "events"},
+    ),
     "periodic": (make(P, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer", "events"}),
     "periodic-mixture": (
         make(P, (4, 3), [(12, 0.1, 1), (12, 0.14, 0.3), (8, 0.2, 4)], 30.0, sample_interval=1.0),
@@ -44,18 +49,33 @@ CASES = {  # some blocks each, and samples that do not fall on their ends
     ),
     "crowded": (make(W, (3, 2), [(60, 0.14, 1)], 10.0, placement="lattice"), {"tracer", "events"}),
     "crowded-mixture": (
-        make(P, (2.5, 2), [(15, 0.2, 1), (14, 0.165, 0.3)], 10.0, placement="lattice", sample_interval=1.0),
+        make(
+            P,
+            (2.5, 2),
+            [(15, 0.2, 1), (14, 0.165, 0.3)],
+            10.0,
+            placement="lattice",
+            sample_interval=1.0,
+        ),
         {"tracer", "all"},
     ),
     "pinned": (
-        around_tracer(W, 400.0, sample_interval=7.0, equilibrate={"time": 300.0, "tracer": "pinned"}),
+        around_tracer(
+            W, 400.0, sample_interval=7.0, equilibrate={"time": 300.0, "tracer": "pinned"}
+        ),
         {"tracer"},
     ),
     "swarm": (swarm(15.0), {"tracer", "all"}),  # with more room in its cells than usual
 }
 
 
-OTHERS = ["periodic", "crowded", "crowded-mixture", "pinned", "swarm"]  # than those killed at every block below
+OTHERS = [
+    "periodic",
+    "crowded",
+    "crowded-mixture",
+    "pinned",
+    "swarm",
+]  # than those killed at every block below
 
 
 class KilledError(Exception):
@@ -69,13 +89,22 @@ def file_of(folder, scene, ensemble):
 
 
 def bits_of(ensemble):
-    """All that a trajectory file has of an ensemble: each array with its name, type, shape and bytes."""
-    groups = {"": {"seeds": ensemble.seeds, "times": ensemble.times}, "observables": ensemble.observables}
+    """All that a trajectory file has of an ensemble: each array with its name, type, shape and
+    bytes.
+    """
+    groups = {
+        "": {"seeds": ensemble.seeds, "times": ensemble.times},
+        "observables": ensemble.observables,
+    }
     groups |= {"tracer": {} if ensemble.tracer is None else ensemble.tracer._asdict()}
     for kind in ("whole", "events"):
-        groups |= {(kind, seed): record._asdict() for seed, record in getattr(ensemble, kind).items()}
+        groups |= {
+            (kind, seed): record._asdict() for seed, record in getattr(ensemble, kind).items()
+        }
     named = {(key, name): values for key, group in groups.items() for name, values in group.items()}
-    return {name: None if v is None else (v.dtype, v.shape, v.tobytes()) for name, v in named.items()}
+    return {
+        name: None if v is None else (v.dtype, v.shape, v.tobytes()) for name, v in named.items()
+    }
 
 
 def filed(folder, arrays):
@@ -96,10 +125,14 @@ def from_checkpoint(arrays):
 
 
 def stopped_once(scene, record, kept, stops):
-    """Run until the first checkpoint and no further; return that, or the ensemble if there was none."""
+    """Run until the first checkpoint and no further; return that, or the ensemble if there was
+    none.
+    """
 
     def keep(arrays):
-        found.append({name: value[()].copy() for name, value in arrays.items()})  # numbers as numbers, like a file
+        found.append(
+            {name: value[()].copy() for name, value in arrays.items()}
+        )  # numbers as numbers, like a file
         raise KilledError
 
     found = []
@@ -109,10 +142,12 @@ def stopped_once(scene, record, kept, stops):
         return found[0], None
 
 
-# -- the same to the byte -------------------------------------------------------------------------------------------
+# -- the same to the byte --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["walls-everything", *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)])
+@pytest.mark.parametrize(
+    "name", ["walls-everything", *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)]
+)
 def test_from_every_block_to_the_same_bytes(name, tmp_path):
     scene, record = CASES[name]
     usual = simulate(scene, SEEDS, record)
@@ -123,7 +158,10 @@ def test_from_every_block_to_the_same_bytes(name, tmp_path):
     assert file_of(tmp_path, scene, stored) == file_of(tmp_path, scene, usual)
     assert bits_of(stored) == expected
     assert sum("run.motion" in arrays for arrays in kept) >= 2 * len(SEEDS)  # at block ends
-    assert [len(arrays["runs.seeds"]) for arrays in kept if "run.motion" not in arrays] == [1, 2]  # and between runs
+    assert [len(arrays["runs.seeds"]) for arrays in kept if "run.motion" not in arrays] == [
+        1,
+        2,
+    ]  # and between runs
     if scene.equilibrate.time:
         assert {bool(arrays.get("run.equilibrating")) for arrays in kept} == {True, False}
     for arrays in kept:
@@ -137,7 +175,11 @@ def test_killed_again_and_again(name, stops, monkeypatch):
     scene, record = CASES[name]
     if stops == 3:
         to_last = exact_run._to_last_sample
-        monkeypatch.setattr(exact_run, "_to_last_sample", lambda p, w, *of: to_last(p, w, *of) and p.workspace is not w)
+        monkeypatch.setattr(
+            exact_run,
+            "_to_last_sample",
+            lambda p, w, *of: to_last(p, w, *of) and p.workspace is not w,
+        )
     expected = bits_of(simulate(scene, SEEDS, record))
     kept, done, deaths = None, None, -1
     while done is None:
@@ -151,18 +193,28 @@ def test_killed_again_and_again(name, stops, monkeypatch):
 @pytest.mark.parametrize(("record", "average"), [("none", "origins"), ("tracer", "runs")])
 def test_what_is_measured_in_the_runs(record, average, tmp_path):
     """From every block and from between the runs; where nothing else is kept of them, too."""
-    more = {"sample_interval": 4.0, "equilibrate": {"time": 20.0, "tracer": "free"}, "velocities": {"temperature": 1.0}}
-    scene, measured = around_tracer(P, 100.0, **more), {"observables": tuple(OBSERVABLES), "average": average}
+    more = {
+        "sample_interval": 4.0,
+        "equilibrate": {"time": 20.0, "tracer": "free"},
+        "velocities": {"temperature": 1.0},
+    }
+    scene, measured = (
+        around_tracer(P, 100.0, **more),
+        {"observables": tuple(OBSERVABLES), "average": average},
+    )
     expected = bits_of(simulate(scene, SEEDS, {record}, **measured))
     kept = []
     checkpoints = Checkpoints(lambda: True, lambda arrays: kept.append(filed(tmp_path, arrays)))
     assert bits_of(simulate(scene, SEEDS, {record}, checkpoints, **measured)) == expected
     assert {len(arrays["runs.seeds"]) for arrays in kept} == {0, 1, 2}
     for arrays in kept:
-        assert bits_of(simulate(scene, SEEDS, {record}, from_checkpoint(arrays), **measured)) == expected
+        assert (
+            bits_of(simulate(scene, SEEDS, {record}, from_checkpoint(arrays), **measured))
+            == expected
+        )
 
 
-# -- from the command line ------------------------------------------------------------------------------------------
+# -- from the command line -------------------------------------------------------------------------
 
 SCENE = """
 box: {x: [0.0, 3.0], y: [0.0, 3.0], boundary: reflecting}
@@ -172,7 +224,16 @@ velocities: {temperature: 1.0}
 equilibrate: 1.0
 duration: DURATION
 """
-ASKED = ["--seeds", "3-5", "--record", "tracer,events", "--observables", "square_displacement", "--output", "x.h5"]
+ASKED = [
+    "--seeds",
+    "3-5",
+    "--record",
+    "tracer,events",
+    "--observables",
+    "square_displacement",
+    "--output",
+    "x.h5",
+]
 KEPT = Path("x.h5.checkpoint")
 
 
@@ -207,7 +268,9 @@ def kept(of_early_end):
 
 @pytest.mark.slow
 def test_the_interval_changes_nothing_and_nothing_is_left(kept, said):
-    Path("x.h5.checkpoint.brownpipe.part").write_bytes(b"of a process that was killed while it wrote")
+    Path("x.h5.checkpoint.brownpipe.part").write_bytes(
+        b"of a process that was killed while it wrote"
+    )
     assert said("simulate", "some.yaml", *ASKED, "--checkpoint-every", "1e6")[::2] == (DONE, "")
     first = Path("x.h5").read_bytes()
     assert sorted(os.listdir()) == ["some.yaml", "x.h5"]
@@ -224,7 +287,9 @@ def test_without_the_option_a_checkpoint_is_left_alone(kept, said):
 
 @pytest.mark.slow
 def test_killed_at_any_moment():
-    """In the middle of a run, or, as a checkpoint is due at every block, most likely while one is written."""
+    """In the middle of a run, or, as a checkpoint is due at every block, most likely while one is
+    written.
+    """
     Path("some.yaml").write_text(SCENE.replace("DURATION", "6e3"))
     argv = ["simulate", "some.yaml", "--seeds", "3-4", "--output", "x.h5", "--checkpoint-every"]
     for seconds, delay in (("1e-9", 0.0), ("0.1", 0.05), ("1e-9", 0.0371)):
@@ -244,7 +309,7 @@ def test_killed_at_any_moment():
     assert Path("x.h5").read_bytes() == interrupted
 
 
-# -- what is refused ------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -264,16 +329,22 @@ def test_a_checkpoint_of_another_run(option, value, message, kept, said, monkeyp
     if option == "scene":
         Path("some.yaml").write_text(SCENE.replace("DURATION", value))
     elif option in ("source", "numba"):
-        made_with, kinds = provenance.made_with("simulate", "exact"), {"source": "digest", "numba": "version"}
+        made_with, kinds = (
+            provenance.made_with("simulate", "exact"),
+            {"source": "digest", "numba": "version"},
+        )
         monkeypatch.setattr(
-            "brownpipe.verbs.simulate.made_with", lambda *_: made_with | {f"{option}_{kinds[option]}": value}
+            "brownpipe.verbs.simulate.made_with",
+            lambda *_: made_with | {f"{option}_{kinds[option]}": value},
         )
     else:
         asked += [option, value]
     status, err = said("simulate", "some.yaml", *asked)[::2]
     assert status == WRONG_REQUEST
     assert err.startswith(f"brownpipe: x.h5.checkpoint: is of a run with {message}")
-    assert err.endswith("; repeat that command, delete this file to begin anew, or choose another --output\n")
+    assert err.endswith(
+        "; repeat that command, delete this file to begin anew, or choose another --output\n"
+    )
     assert err.count("\n") == 1
     assert KEPT.read_bytes() == kept
     assert not Path("x.h5").exists()
@@ -290,5 +361,7 @@ def test_a_damaged_checkpoint(kept, said):
         KEPT.write_bytes(contents)
         status, err = said("simulate", "some.yaml", *ASKED, "--checkpoint-every", "60")[::2]
         assert status == FAILED
-        assert re.fullmatch(r"brownpipe: x\.h5\.checkpoint: [^\n]* delete it and run [^\n]* again\n", err)
+        assert re.fullmatch(
+            r"brownpipe: x\.h5\.checkpoint: [^\n]* delete it and run [^\n]* again\n", err
+        )
         assert not Path("x.h5").exists()

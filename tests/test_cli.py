@@ -25,7 +25,10 @@ SCENE = str(SCENES / "harrison2020.yaml")
 STUDY, COMPARED = str(SCENES.parent / "small.yaml"), str(SCENES.parent / "tradeoff.yaml")
 STEP_ONLY = 'engines=[{"name": "timestep", "time_step": 0.01}]'
 PAIR = str(Path(__file__).parent / "scenes" / "pair_head_on.yaml")
-STEP, LANGEVIN = ["--engine", "timestep", "--time-step", "0.01"], ["--engine", "langevin", "--friction"]
+STEP, LANGEVIN = (
+    ["--engine", "timestep", "--time-step", "0.01"],
+    ["--engine", "langevin", "--friction"],
+)
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
@@ -33,7 +36,10 @@ pytestmark = pytest.mark.usefixtures("elsewhere")
 def runs(tmp_path_factory):
     """A trajectory file of three short runs."""
     path = tmp_path_factory.mktemp("runs") / "runs.h5"
-    assert main(["simulate", SCENE, "--particles", "10", "--seeds", "0-2", "--output", str(path)]) == DONE
+    assert (
+        main(["simulate", SCENE, "--particles", "10", "--seeds", "0-2", "--output", str(path)])
+        == DONE
+    )
     return path
 
 
@@ -44,19 +50,29 @@ def dataset(runs):
     return path
 
 
-# -- what it does ---------------------------------------------------------------------------------------------------
+# -- what it does ----------------------------------------------------------------------------------
 
 
 def test_simulate_writes_what_was_asked_for_and_one_seed_again_to_the_bit(runs, said):
     before = read_trajectories(runs)
     assert (before.scene.particles, before.engine.name) == (10, "exact")
-    assert before.ensemble.seeds.tolist() == [0, 1, 2] and before.ensemble.tracer.position.shape == (101, 3, 2)
-    status, out, err = said("simulate", SCENE, "--particles", 10, "--seeds", 2, "--record", "all,events")
-    assert (status, err) == (DONE, "") and re.fullmatch(r"harrison2020\.h5: 1 run, .* of CPU\n", out)
+    assert before.ensemble.seeds.tolist() == [
+        0,
+        1,
+        2,
+    ] and before.ensemble.tracer.position.shape == (101, 3, 2)
+    status, out, err = said(
+        "simulate", SCENE, "--particles", 10, "--seeds", 2, "--record", "all,events"
+    )
+    assert (status, err) == (DONE, "") and re.fullmatch(
+        r"harrison2020\.h5: 1 run, .* of CPU\n", out
+    )
     again = read_trajectories("harrison2020.h5").ensemble
     assert again.tracer.position[:, 0].tobytes() == before.ensemble.tracer.position[:, 2].tobytes()
     assert again.whole[2].position[:, 0].tobytes() == again.tracer.position[:, 0].tobytes()
-    assert len(again.events[2].time) == sum(again.observables[f"{kind}_collisions"][0] for kind in ("pair", "wall"))
+    assert len(again.events[2].time) == sum(
+        again.observables[f"{kind}_collisions"][0] for kind in ("pair", "wall")
+    )
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -84,10 +100,13 @@ def test_nobody_reads_on():
     assert (done.returncode, done.stderr) == (FAILED, "")
 
 
-# -- what it refuses ------------------------------------------------------------------------------------------------
+# -- what it refuses -------------------------------------------------------------------------------
 
 RUN_IT = f"{STUDY}: is a study, not a scene; run it with brownpipe run {STUDY}"
-SIMULATE_IT = f"{SCENE}: is a scene, not a study; run it with brownpipe simulate {SCENE}, or list it in a study"
+SIMULATE_IT = (
+    f"{SCENE}: is a scene, not a study; run it with brownpipe simulate {SCENE}, or list it in a "
+    "study"
+)
 NO_RESULTS = "is damaged, cut short or edited, or no file of brownpipe"
 COMMAS = "several values of an option are joined by commas"
 
@@ -98,61 +117,142 @@ COMMAS = "several values of an option are joined by commas"
         # arguments
         ([], "required: VERB"),
         (["simulat", SCENE], "invalid choice: 'simulat'; did you mean simulate? (choose from "),
-        (["simulate", SCENE, "--particles", "many"], "--particles: must be a valid integer, not 'many'"),
-        (["simulate", SCENE, "--particles", "5000"], "disks: 5000 disks cover 4.37 times the area of the box"),
-        (["simulate", SCENE, "--seeds", "9-3"], "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending"),
-        (["simulate", PAIR, "--seeds", "0-49"], "seeds: must be one seed, as the disks of pair_head_on are listed"),
-        (["simulate", SCENE, "--record", "everything"], "--record everything: must be one or several of tracer, all"),
-        (["simulate", SCENE, "--engine", "timestp"], "--engine: must be 'exact', 'timestep' or 'langevin', not"),
-        (["simulate", SCENE, "--engine", "timestep"], "--time-step: missing; must be given with --engine timestep"),
-        (["simulate", SCENE, "--time-step", "1e-3"], "--time-step 0.001: the exact engine has no such setting"),
-        (["simulate", SCENE, *STEP, "--collisions", "x"], "--collisions: must be 'at_contact' or 'late', not 'x'"),
-        (["simulate", SCENE, *STEP, "--checkpoint-every", "9"], "--checkpoint-every: must go with exact"),
-        (["simulate", SCENE, *LANGEVIN, "enskog", "--record", "all,events"], "--record all,events: the langevin"),
-        (["simulate", SCENE, "--sedes", "3"], "unrecognized arguments: --sedes 3; did you mean --seeds?"),
-        (["simulate", SCENE, "--dt", "3"], "unrecognized arguments: --dt 3 (see brownpipe simulate --h"),
+        (
+            ["simulate", SCENE, "--particles", "many"],
+            "--particles: must be a valid integer, not 'many'",
+        ),
+        (
+            ["simulate", SCENE, "--particles", "5000"],
+            "disks: 5000 disks cover 4.37 times the area of the box",
+        ),
+        (
+            ["simulate", SCENE, "--seeds", "9-3"],
+            "seeds: must be seeds like 17, 0-2399 or 3,5,9, ascending",
+        ),
+        (
+            ["simulate", PAIR, "--seeds", "0-49"],
+            "seeds: must be one seed, as the disks of pair_head_on are listed",
+        ),
+        (
+            ["simulate", SCENE, "--record", "everything"],
+            "--record everything: must be one or several of tracer, all",
+        ),
+        (
+            ["simulate", SCENE, "--engine", "timestp"],
+            "--engine: must be 'exact', 'timestep' or 'langevin', not",
+        ),
+        (
+            ["simulate", SCENE, "--engine", "timestep"],
+            "--time-step: missing; must be given with --engine timestep",
+        ),
+        (
+            ["simulate", SCENE, "--time-step", "1e-3"],
+            "--time-step 0.001: the exact engine has no such setting",
+        ),
+        (
+            ["simulate", SCENE, *STEP, "--collisions", "x"],
+            "--collisions: must be 'at_contact' or 'late', not 'x'",
+        ),
+        (
+            ["simulate", SCENE, *STEP, "--checkpoint-every", "9"],
+            "--checkpoint-every: must go with exact",
+        ),
+        (
+            ["simulate", SCENE, *LANGEVIN, "enskog", "--record", "all,events"],
+            "--record all,events: the langevin",
+        ),
+        (
+            ["simulate", SCENE, "--sedes", "3"],
+            "unrecognized arguments: --sedes 3; did you mean --seeds?",
+        ),
+        (
+            ["simulate", SCENE, "--dt", "3"],
+            "unrecognized arguments: --dt 3 (see brownpipe simulate --h",
+        ),
         (["simulate", SCENE, "--seeds", "0-9", "17"], COMMAS),
-        (["aggregate", "x.h5", "--output", "a.nc", "--fit-windows", "1:0"], "--fit-windows: must be [t0, t1] with t0"),
-        (["aggregate", "x.h5", "--output", "a.nc", "--study", STUDY], "files: must not be given with --study"),
+        (
+            ["aggregate", "x.h5", "--output", "a.nc", "--fit-windows", "1:0"],
+            "--fit-windows: must be [t0, t1] with t0",
+        ),
+        (
+            ["aggregate", "x.h5", "--output", "a.nc", "--study", STUDY],
+            "files: must not be given with --study",
+        ),
         (["figures", "a.nc", "--output", "f", "--figures", "msds"], "--figures: "),
-        (["plan", STUDY, "--tolerance", "2%", "--write", "my study.yaml"], "--write: must be a name: letters, digits,"),
+        (
+            ["plan", STUDY, "--tolerance", "2%", "--write", "my study.yaml"],
+            "--write: must be a name: letters, digits,",
+        ),
         # files of another kind
         (["simulate", "absent.yaml"], "absent.yaml: cannot be read: No such file or directory"),
         (["simulate", STUDY], RUN_IT),
         (["tradeoff", SCENE], SIMULATE_IT),
-        (["tradeoff", COMPARED], f"{COMPARED}: has no results yet; run it first: brownpipe run {COMPARED}"),
+        (
+            ["tradeoff", COMPARED],
+            f"{COMPARED}: has no results yet; run it first: brownpipe run {COMPARED}",
+        ),
         (["aggregate", SCENE, "--output", "a.nc"], NO_RESULTS),
         (["aggregate", "DATASET", "--output", "a.nc"], "not a trajectory file"),
         (["figures", "RUNS", "--output", "f"], "not a dataset"),
         (["simulate", "RUNS"], "it is an HDF5 file: brownpipe inspect "),
         # what is in them
         (["aggregate", "RUNS", "RUNS", "--output", "a.nc"], "seed 0 is already in"),
-        (["figures", "DATASET", "--output", "f", "--figures", "scan"], "scan: cannot be drawn from this dataset"),
-        (["figures", "DATASET", "--output", "f", "--particles", "150"], "150"),
-        (["figures", "DATASET", "--output", "f", "--panel", "mass"], "panel: must be of scene, particles, engine"),
-        *(
-            (["tradeoff", study, "--config", key], "has no trade-off; must have record: tracer, two seeds or more, the")
-            for study, key in ((STUDY, "seeds=9"), *((COMPARED, key) for key in ("record=none", "seeds=1", STEP_ONLY)))
+        (
+            ["figures", "DATASET", "--output", "f", "--figures", "scan"],
+            "scan: cannot be drawn from this dataset",
         ),
-        (["tradeoff", COMPARED, "--fit-window", "5:60"], "fit window [5, 60]: must end by 25, when the longest run"),
+        (["figures", "DATASET", "--output", "f", "--particles", "150"], "150"),
+        (
+            ["figures", "DATASET", "--output", "f", "--panel", "mass"],
+            "panel: must be of scene, particles, engine",
+        ),
+        *(
+            (
+                ["tradeoff", study, "--config", key],
+                "has no trade-off; must have record: tracer, two seeds or more, the",
+            )
+            for study, key in (
+                (STUDY, "seeds=9"),
+                *((COMPARED, key) for key in ("record=none", "seeds=1", STEP_ONLY)),
+            )
+        ),
+        (
+            ["tradeoff", COMPARED, "--fit-window", "5:60"],
+            "fit window [5, 60]: must end by 25, when the longest run",
+        ),
         # outputs of another kind
-        (["simulate", SCENE, "--output", "new/x.csv"], "new/x.csv: the output must end in .h5 or .hdf5, not '.csv'"),
+        (
+            ["simulate", SCENE, "--output", "new/x.csv"],
+            "new/x.csv: the output must end in .h5 or .hdf5, not '.csv'",
+        ),
         (["aggregate", "RUNS", "--output", "x.h5"], "x.h5: the output must end in .nc, not '.h5'"),
-        (["movie", "RUNS", "--output", "x"], "x: the output must end in .gif, .png or .html, not ''"),
+        (
+            ["movie", "RUNS", "--output", "x"],
+            "x: the output must end in .gif, .png or .html, not ''",
+        ),
         (["figures", "x.nc", "--output", "msd.png"], "msd.png: the output must be a folder"),
     ],
 )
-def test_wrong_requests_are_refused_in_one_line_and_nothing_is_written(argv, message, said, runs, dataset, tmp_path):
+def test_wrong_requests_are_refused_in_one_line_and_nothing_is_written(
+    argv, message, said, runs, dataset, tmp_path
+):
     status, out, err = said(*({"RUNS": runs, "DATASET": dataset}.get(word, word) for word in argv))
     assert (status, out) == (WRONG_REQUEST, "")
-    assert err.startswith("brownpipe") and message in err and "delete" not in err and err.count("\n") == 1
+    assert (
+        err.startswith("brownpipe")
+        and message in err
+        and "delete" not in err
+        and err.count("\n") == 1
+    )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_no_character_that_a_terminal_obeys_is_shown(said):
     """Of keys, values and names of files."""
     everything = "".join(map(chr, [*range(0x10000), 0x1D173, 0xE0001, 0xE0100, 0x10FFFF]))
-    assert printable(everything).isprintable() and not set(printable(everything)) & set("\x1b\x9b\x00\xad\ud800\u202e")
+    assert printable(everything).isprintable() and not set(printable(everything)) & set(
+        "\x1b\x9b\x00\xad\ud800\u202e"
+    )
     for text in ('"\x1b[2J\\r": 1', 'box: "\x1b[2J\u202e"', "\x1b[2J: ]"):
         Path("\x1b[2J\r.yaml").write_text(text)
         _, out, err = said("check", "\x1b[2J\r.yaml")
@@ -196,7 +296,7 @@ def test_inputs_folders_and_files_of_others_are_not_replaced(runs, said):
     assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
 
 
-# -- what fails -----------------------------------------------------------------------------------------------------
+# -- what fails ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("output", ["file/x.h5", "/proc/new/x.h5"])
@@ -206,9 +306,12 @@ def test_a_place_that_cannot_be_written_to(output, said):
     assert status == FAILED and f"{output}: its folder cannot be made" in err
 
 
-@pytest.mark.parametrize("verb", [["aggregate", "x.h5", "--output", "a.nc"], ["figures", "x.h5", "--output", "f"]])
 @pytest.mark.parametrize(
-    ("content", "expected"), [(None, WRONG_REQUEST), (b"", FAILED), (b"not HDF5", WRONG_REQUEST), ("flipped", FAILED)]
+    "verb", [["aggregate", "x.h5", "--output", "a.nc"], ["figures", "x.h5", "--output", "f"]]
+)
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [(None, WRONG_REQUEST), (b"", FAILED), (b"not HDF5", WRONG_REQUEST), ("flipped", FAILED)],
 )
 def test_files_that_are_none_or_damaged(verb, content, expected, said, runs):
     if content == "flipped":
@@ -232,9 +335,17 @@ def raises(error):
 @pytest.mark.parametrize(
     ("error", "status", "message"),
     [
-        (RunError("seed 3: no progress in time"), FAILED, "brownpipe: seed 3: no progress in time\n"),
+        (
+            RunError("seed 3: no progress in time"),
+            FAILED,
+            "brownpipe: seed 3: no progress in time\n",
+        ),
         (MemoryError(), FAILED, "brownpipe: out of memory\n"),
-        (OSError(errno.EIO, "Input/output error"), FAILED, "brownpipe: [Errno 5] Input/output error\n"),
+        (
+            OSError(errno.EIO, "Input/output error"),
+            FAILED,
+            "brownpipe: [Errno 5] Input/output error\n",
+        ),
         (KeyboardInterrupt(), 130, "brownpipe: interrupted\n"),
     ],
 )
@@ -253,7 +364,9 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
 @pytest.mark.parametrize(("failed", "status"), [([1, 0, 1], DONE), ([1, 1, 1], FAILED)])
 def test_runs_that_fail_their_health_check(runs, failed, status, said, monkeypatch):
     ensemble = read_trajectories(runs).ensemble
-    marked = ensemble._replace(observables=ensemble.observables | {"failed": np.array(failed, np.uint8)})
+    marked = ensemble._replace(
+        observables=ensemble.observables | {"failed": np.array(failed, np.uint8)}
+    )
     monkeypatch.setattr(exact, "simulate", lambda *_, **__: marked)
     found, _, err = said("simulate", SCENE, "--particles", 10, "--seeds", "0-2", "--output", "x.h5")
     assert found == status
@@ -261,7 +374,7 @@ def test_runs_that_fail_their_health_check(runs, failed, status, said, monkeypat
     assert read_trajectories("x.h5").ensemble.observables["failed"].tolist() == failed
 
 
-# -- what it costs to start -----------------------------------------------------------------------------------------
+# -- what it costs to start ------------------------------------------------------------------------
 
 COMMANDS = "from brownpipe.cli import main; assert [*map(main, {})] == {}"
 TEN = ["simulate", SCENE, "--particles", "10", "--output", "x.h5"]
@@ -273,8 +386,14 @@ READERS = [["inspect", "RUNS"], ["aggregate", "RUNS", "--output", "a.nc"]]
 @pytest.mark.parametrize(
     ("code", "absent"),
     [
-        ("from brownpipe import cli; cli.build_parser([])", {"numba", "xarray", "scipy", "matplotlib", "pandas"}),
-        ("import brownpipe.study, brownpipe.provenance", {"numba", "h5py", "scipy", "xarray", "matplotlib"}),
+        (
+            "from brownpipe import cli; cli.build_parser([])",
+            {"numba", "xarray", "scipy", "matplotlib", "pandas"},
+        ),
+        (
+            "import brownpipe.study, brownpipe.provenance",
+            {"numba", "h5py", "scipy", "xarray", "matplotlib"},
+        ),
         (COMMANDS.format(ALL_ENGINES, [0, 0, 0]), {"xarray", "matplotlib", "scipy.stats"}),
         (COMMANDS.format(READERS, [0, 0]), {"numba"}),
     ],

@@ -1,7 +1,9 @@
-"""A study on a Slurm cluster of one node, by the profile `slurm`: make cluster-test, or pytest with --cluster.
+"""A study on a Slurm cluster of one node, by the profile `slurm`: make cluster-test, or pytest with
+--cluster.
 
-The cluster is this machine. It is up in some seconds, has no accounting database, and is thrown away. It needs Debian's
-packages slurm-wlm and munge, and root: Slurm's commands look for their configuration in one place.
+The cluster is this machine. It is up in some seconds, has no accounting database, and is thrown
+away. It needs Debian's packages slurm-wlm and munge, and root: Slurm's commands look for their
+configuration in one place.
 """
 
 import fcntl
@@ -20,19 +22,35 @@ import pytest
 
 pytestmark = pytest.mark.cluster
 STUDY = Path(__file__).parent.parent / "config" / "small.yaml"
-POLLED = ["--", "--slurm-init-seconds-before-status-checks", "1"]  # seconds between two looks at the queue, not 20
+POLLED = [
+    "--",
+    "--slurm-init-seconds-before-status-checks",
+    "1",
+]  # seconds between two looks at the queue, not 20
 LONGEST = 300  # seconds for a study that takes 50 on two idle cores
 CONFIGURATION = Path("/etc/slurm/slurm.conf")  # where Slurm's commands look for it
 OURS = "# A cluster for tests of brownpipe: while none of them runs, this file can be removed.\n"
-PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "squeue", "scontrol", "scancel", "sinfo", "srun", "setpriv")
+PROGRAMS = (
+    "munged",
+    "slurmctld",
+    "slurmd",
+    "sbatch",
+    "squeue",
+    "scontrol",
+    "scancel",
+    "sinfo",
+    "srun",
+    "setpriv",
+)
 SEARCHED = f"{os.environ['PATH']}:/usr/sbin:/sbin"  # folders of programs
 PATIENCE = 60  # seconds for what takes one on an idle machine
 MEMORY = 4000  # MB of the node; jobs that ask for less run at the same time
 
-# `MinJobAge`: seconds for which `squeue --states=all` shows a job that has ended. `linuxproc` follows processes by
-# their parents, without control groups, which a container may lack. `cred_expire`: seconds until a job that was put
-# back into the queue is started again, by default 120. `EnforcePartLimits`: a job that could never start is refused.
-# `OverMemoryKill`: a job that has more memory than it asked for is killed; this is looked at every second.
+# `MinJobAge`: seconds for which `squeue --states=all` shows a job that has ended. `linuxproc`
+# follows processes by their parents, without control groups, which a container may lack.
+# `cred_expire`: seconds until a job that was put back into the queue is started again, by default
+# 120. `EnforcePartLimits`: a job that could never start is refused. `OverMemoryKill`: a job that
+# has more memory than it asked for is killed; this is looked at every second.
 TEXT = """\
 ClusterName=brownpipe
 SlurmctldHost={host}
@@ -86,9 +104,11 @@ def found(program):
 
 @contextmanager
 def slurm_cluster(folder):
-    """A running cluster with its state and logs in a folder; at the end its jobs and processes are ended.
+    """A running cluster with its state and logs in a folder; at the end its jobs and processes are
+    ended.
 
-    Raises BlockingIOError if another process has one here: the configuration is locked as long as it is used.
+    Raises BlockingIOError if another process has one here: the configuration is locked as long as
+    it is used.
     """
     for name in ("state", "spool"):
         (folder / name).mkdir()
@@ -111,7 +131,14 @@ def write_configuration(configuration, folder):
     """Write the configuration of a cluster whose files are in a folder to an open file."""
     host, cpus = socket.gethostname().partition(".")[0], os.cpu_count()
     controller, node = free_ports(2)
-    values = {"host": host, "cpus": cpus, "memory": MEMORY, "controller": controller, "node": node, "folder": folder}
+    values = {
+        "host": host,
+        "cpus": cpus,
+        "memory": MEMORY,
+        "controller": controller,
+        "node": node,
+        "folder": folder,
+    }
     configuration.truncate(0)
     configuration.write(OURS + TEXT.format(**values))
     configuration.flush()
@@ -123,7 +150,9 @@ def start_daemons(folder, daemons):
     key.write_bytes(os.urandom(128))
     key.chmod(0o400)
     private = [f"--{name}-file={folder}/munge.{name}" for name in ("key", "pid", "seed", "log")]
-    daemons.append(start(["munged", "--foreground", "--force", f"--socket={sock}", *private], folder))
+    daemons.append(
+        start(["munged", "--foreground", "--force", f"--socket={sock}", *private], folder)
+    )
     wait_until(sock.exists, daemons)
     daemons.append(start(["slurmctld", "-D"], folder))
     daemons.append(start(["slurmd", "-D"], folder))
@@ -157,7 +186,9 @@ def start(command, folder):
     environment = os.environ | {"PATH": SEARCHED}
     with open(folder / f"{command[0]}.log", "wb") as log:
         words = ["setpriv", "--pdeathsig", "TERM", *command]
-        return subprocess.Popen(words, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        return subprocess.Popen(
+            words, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+        )
 
 
 def cancel_all():
@@ -169,21 +200,27 @@ def cancel_all():
 
 def jobs(states):
     """The numbers of the jobs in one of these states, oldest first."""
-    return sorted(map(int, printed("squeue", "--noheader", "--format=%i", f"--states={states}").split()))
+    return sorted(
+        map(int, printed("squeue", "--noheader", "--format=%i", f"--states={states}").split())
+    )
 
 
 def wait_until(holds, daemons=(), patience=PATIENCE):
     """Wait until a condition holds, for as long as the daemons run."""
     end = time.monotonic() + patience
     while not holds():
-        assert all(daemon.poll() is None for daemon in daemons), f"{[daemon.args for daemon in daemons]} ended"
+        assert all(daemon.poll() is None for daemon in daemons), (
+            f"{[daemon.args for daemon in daemons]} ended"
+        )
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.1)
 
 
 def printed(*command):
     """What a command of Slurm prints."""
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False).stdout
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=PATIENCE, check=False
+    ).stdout
 
 
 # -- the study ---
@@ -194,18 +231,28 @@ def study(folder, *further):
     folder.mkdir()
     command = [sys.executable, "-m", "brownpipe", "run", str(STUDY), *further]
     with open(folder / "screen", "w") as screen:
-        return subprocess.Popen(command, cwd=folder, stdout=screen, stderr=screen, start_new_session=True)
+        return subprocess.Popen(
+            command, cwd=folder, stdout=screen, stderr=screen, start_new_session=True
+        )
 
 
 def digests(folder):
     """The SHA-256 of all results by their path, without logs."""
     results = folder / "results"
-    files = {path.relative_to(results): path for path in results.rglob("*") if path.is_file() and path.suffix != ".log"}
-    return {str(name): hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
+    files = {
+        path.relative_to(results): path
+        for path in results.rglob("*")
+        if path.is_file() and path.suffix != ".log"
+    }
+    return {
+        str(name): hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()
+    }
 
 
 def hit(running, effect, *command):
-    """Give running jobs, the last first, to a command of Slurm until one of them shows the effect: some end before."""
+    """Give running jobs, the last first, to a command of Slurm until one of them shows the effect:
+    some end before.
+    """
 
     def works():
         for job in map(str, reversed(jobs("RUNNING"))):
@@ -231,12 +278,16 @@ def cluster(tmp_path_factory):
         yield
 
 
-def test_a_study_has_the_same_bytes_as_on_one_machine_though_jobs_were_killed_and_requeued(tmp_path):
+def test_a_study_has_the_same_bytes_as_on_one_machine_though_jobs_were_killed_and_requeued(
+    tmp_path,
+):
     """In a folder whose name a shell would take apart."""
     folder = tmp_path / "a $HOME of studies"
     running = study(folder, "--profile", "slurm", *POLLED)
     try:
-        wait_until(lambda: len(jobs("RUNNING")) > 1, [running], LONGEST)  # one job compiles the kernels
+        wait_until(
+            lambda: len(jobs("RUNNING")) > 1, [running], LONGEST
+        )  # one job compiles the kernels
         hit(running, "JobState=CANCELLED", "scancel", "--signal=KILL", "--full")
         hit(running, "Restarts=1", "scontrol", "requeue")
         status = running.wait(LONGEST)

@@ -1,4 +1,6 @@
-"""Equations (1)-(10) as kernels: against 50 digits, against the note's own formulas, and where these lose digits."""
+"""Equations (1)-(10) as kernels: against 50 digits, against the note's own formulas, and where
+these lose digits.
+"""
 
 import math
 from decimal import Decimal, getcontext
@@ -23,7 +25,9 @@ def exact_time(x, y, u, v, sigma):
 
 
 def aimed(rng, distance, impact, sigma, speed=1.0):
-    """A pair at a distance, of which one flies past the other's centre at `impact`, in a random direction."""
+    """A pair at a distance, of which one flies past the other's centre at `impact`, in a random
+    direction.
+    """
     angle = rng.uniform(0, 2 * np.pi)
     cos, sin = math.cos(angle), math.sin(angle)
     along = math.sqrt(distance**2 - impact**2)
@@ -37,7 +41,9 @@ def pair_time(x, y, u, v, sigma):
 
 
 def test_pair_time_is_eq_1_to_round_off():
-    """The relative error of t is 1e-16 times distance / sqrt(sigma^2 - impact^2), for all but the last gap."""
+    """The relative error of t is 1e-16 times distance / sqrt(sigma^2 - impact^2), for all but the
+    last gap.
+    """
     rng = np.random.default_rng(0)
     for _ in range(2000):
         sigma, distance = rng.uniform(0.1, 2), 10 ** rng.uniform(0.01, 2)
@@ -51,10 +57,11 @@ def test_pair_time_is_eq_1_to_round_off():
 
 @pytest.mark.parametrize("distance", [1.5, 10.0, 1000.0])
 def test_no_grazing_hit_is_missed_and_no_miss_is_hit(distance):
-    """Impact parameter sigma (1 -+ 1e-12), and the time still right to 1e-4 of the time spent inside sigma.
+    """Impact parameter sigma (1 -+ 1e-12), and the time still right to 1e-4 of the time spent
+    inside sigma.
 
-    The cross product is off by 1e-16 distance/sigma, 1e-13 at the most. b^2 - a c from eq. (1) is off by 1e-10 at a
-    distance of 1000 sigma and misses half of them.
+    The cross product is off by 1e-16 distance/sigma, 1e-13 at the most. b^2 - a c from eq. (1) is
+    off by 1e-10 at a distance of 1000 sigma and misses half of them.
     """
     rng = np.random.default_rng(2)
     missed = 0
@@ -84,17 +91,26 @@ def test_wall_time():
 
 
 def test_a_disk_meets_the_wall_that_it_moves_to():
-    """Eq. (4) for a disk of radius 0.5 at the time 10 in a box from 0 to 4: walls stop its centre at 0.5 and 3.5."""
+    """Eq. (4) for a disk of radius 0.5 at the time 10 in a box from 0 to 4: walls stop its centre
+    at 0.5 and 3.5.
+    """
     walls, period = (0.0, 4.0, 0.5), np.zeros((9, 2))
     assert leave_time(None, 1.5, 0.5, 10.0, 4.0, *walls) == (14.0, True)
     assert leave_time(None, 1.5, -0.5, 10.0, 0.0, *walls) == (12.0, True)
-    assert leave_time(None, 1.5, 0.5, 10.0, 2.0, *walls) == (11.0, False)  # the edge of its cell comes first
+    assert leave_time(None, 1.5, 0.5, 10.0, 2.0, *walls) == (
+        11.0,
+        False,
+    )  # the edge of its cell comes first
     assert leave_time(period, 1.5, 0.5, 10.0, 4.0, *walls) == (15.0, False)  # no walls
     assert leave_time(None, 1.5, 0.0, 10.0, 0.0, *walls) == (math.inf, False)
     assert leave_time(None, 3.5, 0.5, 10.0, 4.0, *walls) == (10.0, True)
-    time, wall = leave_time(None, 3.5 + 1e-15, 0.5, 10.0, 4.0, *walls)  # pressed into the wall by round-off: now
+    time, wall = leave_time(
+        None, 3.5 + 1e-15, 0.5, 10.0, 4.0, *walls
+    )  # pressed into the wall by round-off: now
     assert 10.0 - 4e-15 < time <= 10.0 and wall
-    time, wall = leave_time(None, 0.5 - 1e-15, 0.5, 10.0, 4.0, *walls)  # behind it the wall that it came from
+    time, wall = leave_time(
+        None, 0.5 - 1e-15, 0.5, 10.0, 4.0, *walls
+    )  # behind it the wall that it came from
     assert time == pytest.approx(16.0, rel=2 * EPSILON) and wall
 
 
@@ -115,7 +131,8 @@ def test_a_collision_is_that_of_eqs_5_to_8():
         np.testing.assert_allclose(after(*r, a, b, mass_a, mass_b), expected, rtol=0, atol=2e-14)
 
 
-UNITS = 2**400  # in 1; floats are integers in these units, and Python is faster with integers than with fractions
+# In 1; floats are integers in these units, and Python is faster with integers than with fractions.
+UNITS = 2**400
 
 
 def in_units(number):
@@ -126,27 +143,40 @@ def in_units(number):
 
 
 def total(masses, velocities, power):
-    """Exact sum of m v, or of m v^2, per component, in UNITS to the power of the number of factors."""
-    m, v = [in_units(mass) for mass in masses], [[in_units(c) for c in velocity] for velocity in velocities]
+    """Exact sum of m v, or of m v^2, per component, in UNITS to the power of the number of
+    factors.
+    """
+    m, v = (
+        [in_units(mass) for mass in masses],
+        [[in_units(c) for c in velocity] for velocity in velocities],
+    )
     return [sum(a * b[i] ** power for a, b in zip(m, v, strict=True)) for i in (0, 1)]
 
 
 @pytest.mark.parametrize("ratio", [1.0, 2.0, 7.3, 1e3, 1e12])
 @pytest.mark.parametrize("heavy_first", [True, False])
 def test_a_collision_conserves_momentum_and_energy(ratio, heavy_first):
-    """To a few units of round-off, exactly, and without a bias that would add up over many collisions.
+    """To a few units of round-off, exactly, and without a bias that would add up over many
+    collisions.
 
-    The mean over 4,000 collisions has a standard error of 0.014 units; bound: 4.5 of them, false alarm 1 in 150,000.
-    Shares that do not add up to 2 in the last bit have means of 0.1 to 0.28 units.
+    The mean over 4,000 collisions has a standard error of 0.014 units; bound: 4.5 of them, false
+    alarm 1 in 150,000. Shares that do not add up to 2 in the last bit have means of 0.1 to 0.28
+    units.
     """
     rng = np.random.default_rng(5)
     masses = (ratio, 1.0) if heavy_first else (1.0, ratio)
     energies = []
     for _ in range(4000):
         x, y, *v = rng.standard_normal(6).tolist()
-        before = [[component / math.sqrt(m) for component in v[i : i + 2]] for i, m in zip((0, 2), masses, strict=True)]
+        before = [
+            [component / math.sqrt(m) for component in v[i : i + 2]]
+            for i, m in zip((0, 2), masses, strict=True)
+        ]
         result = after(x, y, *before, *masses)
-        lost = [abs(p - q) / UNITS**2 for p, q in zip(total(masses, before, 1), total(masses, result, 1), strict=True)]
+        lost = [
+            abs(p - q) / UNITS**2
+            for p, q in zip(total(masses, before, 1), total(masses, result, 1), strict=True)
+        ]
         assert max(lost) < 4 * EPSILON * math.sqrt(ratio) * max(map(abs, v))
         energy, energy_after = (sum(total(masses, each, 2)) for each in (before, result))
         energies.append((energy_after - energy) / energy / EPSILON)
@@ -161,4 +191,6 @@ def test_shares_at_the_limits():
     assert shares(1.0, math.inf) == (2.0, 0.0, 0.0, 0.0, 2.0)
     whole, part, _, share, impulse = shares(1.0, 1e12)
     assert (whole, part) == (2.0, -share)
-    assert (share, impulse) == pytest.approx((2e-12, 2.0), rel=1e-11, abs=0)  # impulse: twice the reduced mass
+    assert (share, impulse) == pytest.approx(
+        (2e-12, 2.0), rel=1e-11, abs=0
+    )  # impulse: twice the reduced mass

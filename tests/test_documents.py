@@ -1,4 +1,6 @@
-"""What the documents show works: commands, snippets, examples with all keys; links and files exist."""
+"""What the documents show works: commands, snippets, examples with all keys; links and files
+exist.
+"""
 
 import inspect
 import json
@@ -23,7 +25,11 @@ from brownpipe.scene.reading import read_yaml
 from brownpipe.study import Study, read_study
 
 ROOT = Path(__file__).parent.parent
-NAMES = ("README.md", "CONTRIBUTING.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md"))))
+NAMES = (
+    "README.md",
+    "CONTRIBUTING.md",
+    *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md"))),
+)
 PAGES = {name: (ROOT / name).read_text() for name in NAMES}
 README, GUIDE, CLUSTER = (PAGES[name] for name in ("README.md", "docs/guide.md", "docs/cluster.md"))
 CONFIGURATION = (ROOT / "config" / "README.md").read_text()
@@ -34,13 +40,18 @@ def blocks(language, page):
     return re.findall(rf"^```{language}\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
 
 
-# -- commands and snippets of README and guide ----------------------------------------------------------------------
+# -- commands and snippets of README and guide -----------------------------------------------------
 
 
 def commands(program, page):
-    """Lines that begin with a program, in blocks of either kind and in the text; without their comments."""
+    """Lines that begin with a program, in blocks of either kind and in the text; without their
+    comments.
+    """
     lines = re.findall(rf"^(?:    )?({program} .*)$|`({program} [^`]*)`", page, re.MULTILINE)
-    return [shlex.split((block or inline).partition("&&")[0], comments=True)[1:] for block, inline in lines]
+    return [
+        shlex.split((block or inline).partition("&&")[0], comments=True)[1:]
+        for block, inline in lines
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +66,17 @@ def folder(tmp_path_factory):
         shown = "".join(block for page in (README, GUIDE, CLUSTER) for block in blocks("sh", page))
         words_of = commands("brownpipe", shown.replace("0-199", "0-19"))
         for words in dict.fromkeys(map(tuple, words_of)):  # some stand on both pages
-            fewer = ["--frames", "5"] if words[-1].endswith(".gif") else ["--figures", "msd"] * (words[0] == "figures")
-            assert words[0] == "run" or main([*words, *fewer]) == DONE  # tests/test_wheel.py runs a new study
-        assert main(["aggregate", "seed17.h5", "--fit-windows", "0.1:1", "--output", DATASET]) == DONE
+            fewer = (
+                ["--frames", "5"]
+                if words[-1].endswith(".gif")
+                else ["--figures", "msd"] * (words[0] == "figures")
+            )
+            assert (
+                words[0] == "run" or main([*words, *fewer]) == DONE
+            )  # tests/test_wheel.py runs a new study
+        assert (
+            main(["aggregate", "seed17.h5", "--fit-windows", "0.1:1", "--output", DATASET]) == DONE
+        )
     return folder
 
 
@@ -66,10 +85,14 @@ def test_the_scene_of_ones_own_comes_to_its_figures(folder):
     assert {"msd.png", "summary.txt"} <= {path.name for path in (folder / "my_figures").iterdir()}
 
 
-OF_OURS = [page for name, page in PAGES.items() if name != "docs/other_programs.md"]  # which have a make of their own
+OF_OURS = [
+    page for name, page in PAGES.items() if name != "docs/other_programs.md"
+]  # which have a make of their own
 
 
-@pytest.mark.parametrize("words", [words for page in OF_OURS for words in commands("make", page)], ids=" ".join)
+@pytest.mark.parametrize(
+    "words", [words for page in OF_OURS for words in commands("make", page)], ids=" ".join
+)
 def test_make_knows_its_targets(words):
     done = subprocess.run(["make", "--dry-run", *words], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -86,7 +109,9 @@ def test_snakemake_knows_what_to_do(words, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", blocks("python", README + GUIDE), ids=lambda code: code.partition("\n")[0])
+@pytest.mark.parametrize(
+    "code", blocks("python", README + GUIDE), ids=lambda code: code.partition("\n")[0]
+)
 def test_snippets_run(code, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     exec(compile(code, "snippet", "exec"), {})
@@ -94,7 +119,7 @@ def test_snippets_run(code, folder, monkeypatch, capsys):
     assert err == "" and (out or "print" not in code)
 
 
-# -- keys -----------------------------------------------------------------------------------------------------------
+# -- keys ------------------------------------------------------------------------------------------
 
 KINDS = {"scene": Scene.model_json_schema(), "study": Study.model_json_schema()}
 PARTS = KINDS["scene"]["$defs"] | KINDS["study"]["$defs"]
@@ -103,7 +128,16 @@ ACCEPTED = {
     "scene": [file for file in SCENES if not file.stem.startswith(("refuse_", "expected"))],
     "study": [*(ROOT / "config").glob("*.yaml")],
 }
-OF_THE_NOTE = {"scenes", "particles", "shown_particles", "seeds", "title", "note", "panel", "figures"}
+OF_THE_NOTE = {
+    "scenes",
+    "particles",
+    "shown_particles",
+    "seeds",
+    "title",
+    "note",
+    "panel",
+    "figures",
+}
 OF_THE_NOTE |= {"fit_windows", "displacement_times", "rings"}
 
 
@@ -132,13 +166,19 @@ def keys_of(schema, path=""):
 
 def examples(kind):
     """The blocks of YAML in the section of a kind of file; the first has every key."""
-    return blocks("yaml", CONFIGURATION.partition(f"\n## {kind.capitalize()}\n")[2].partition("\n## ")[0])
+    return blocks(
+        "yaml", CONFIGURATION.partition(f"\n## {kind.capitalize()}\n")[2].partition("\n## ")[0]
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_example_has_every_key(kind):
     """Explicit disks and engines have examples of their own."""
-    keys = [key for key in keys_of(KINDS[kind]) if not key.startswith(("disks[]", "engines.", "engines[]"))]
+    keys = [
+        key
+        for key in keys_of(KINDS[kind])
+        if not key.startswith(("disks[]", "engines.", "engines[]"))
+    ]
     assert len(keys) > 15
     last = {key.rpartition(".")[2] for key in keys}
     assert [key for key in last if not re.search(rf"\b{key}:", examples(kind)[0])] == []
@@ -161,7 +201,7 @@ def test_the_table_of_observables_has_all():
     assert re.findall(r"^\| `(\w+)` \| ", table, re.MULTILINE) == list(OBSERVABLES)
 
 
-# -- links and names ------------------------------------------------------------------------------------------------
+# -- links and names -------------------------------------------------------------------------------
 
 
 def headings(page):
@@ -173,21 +213,39 @@ def headings(page):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_pictures_and_files_named_on_a_page_are_there(page):
-    """Files by their path from any folder on; NAME, SCENE and the like stand for names of one's own."""
+    """Files by their path from any folder on; NAME, SCENE and the like stand for names of one's
+    own.
+    """
     links = re.findall(r"\]\(([^)#: ]*)(?:#([^)]*))?\)", PAGES[page])
     files = [file for file, _ in links] + re.findall(r"<img src=\"([^\"]*)\"", PAGES[page])
     assert [file for file in files if not ((ROOT / page).parent / file).exists()] == []
     for file, anchor in links:
         target = (ROOT / page).parent / file if file else ROOT / page
         assert not anchor or anchor in headings(target.read_text()), f"{file}#{anchor}"
-    folders = (ROOT / name for name in ("src", "workflow", "config", "tests", "benchmarks", "docs", "validation"))
-    paths = [f"/{path.relative_to(ROOT)}" for folder in folders for path in folder.rglob("*") if path.is_file()]
+    folders = (
+        ROOT / name
+        for name in ("src", "workflow", "config", "tests", "benchmarks", "docs", "validation")
+    )
+    paths = [
+        f"/{path.relative_to(ROOT)}"
+        for folder in folders
+        for path in folder.rglob("*")
+        if path.is_file()
+    ]
     named = re.findall(r"`([\w./]+\.(?:py|smk|yaml|md))`", PAGES[page])
-    assert [name for name in named if not any(path.endswith(f"/{name}") for path in paths) and name.islower()] == []
+    assert [
+        name
+        for name in named
+        if not any(path.endswith(f"/{name}") for path in paths) and name.islower()
+    ] == []
 
 
 def test_functions_named_on_the_page_of_equations_exist():
-    names = set(re.findall(r"`((?:analysis|engines|observables|scene|theory)\.[\w.]+)`", PAGES["docs/theory.md"]))
+    names = set(
+        re.findall(
+            r"`((?:analysis|engines|observables|scene|theory)\.[\w.]+)`", PAGES["docs/theory.md"]
+        )
+    )
     found = {name: pkgutil.resolve_name(f"brownpipe.{name}") for name in names}
     assert found and all(callable(one) and not inspect.isclass(one) for one in found.values())
 

@@ -1,4 +1,6 @@
-"""Runs of a scene that claims equilibrium are tested for drifts: those that drift are named, and nobody else."""
+"""Runs of a scene that claims equilibrium are tested for drifts: those that drift are named, and
+nobody else.
+"""
 
 from pathlib import Path
 
@@ -21,7 +23,10 @@ SCENES = Path(__file__).parent.parent / "config" / "scenes"
 EXACT = requested("exact", {})
 LATTICE = {
     "box": {"x": [0, 21.44], "y": [0, 21.44], "boundary": "periodic"},
-    "disks": {"species": [{"name": "disk", "count": 400, "radius": 0.5, "mass": 1.0}], "placement": "lattice"},
+    "disks": {
+        "species": [{"name": "disk", "count": 400, "radius": 0.5, "mass": 1.0}],
+        "placement": "lattice",
+    },
     "velocities": {"temperature": 1.0, "zero_momentum": True},
     "equilibrate": {"time": 0.5, "tracer": "free"},
     "duration": 10.0,
@@ -49,7 +54,9 @@ def runs_of(mapping, seeds, engine=EXACT, **more):
 
 @pytest.mark.slow
 def test_dense_disks_from_a_lattice_are_named_and_marked():
-    """Packing fraction 0.683; after 0.5 the pressure still rises by 6 % within the runs: some 10 standard errors."""
+    """Packing fraction 0.683; after 0.5 the pressure still rises by 6 % within the runs: some 10
+    standard errors.
+    """
     found = runs_of(LATTICE, range(17))
     for name, values in found.ensemble.observables.items():
         values[16] = name == "failed" or 1000 * values[16]  # is left out
@@ -61,7 +68,9 @@ def test_dense_disks_from_a_lattice_are_named_and_marked():
     assert words in summary(dataset)
     assert words in reports.table_of_results(dataset)
     assert title_of(case) == "scene, N = 400, not equilibrated"
-    assert [column[1][-2:] for column in answer(dataset).columns if column[0] in ("D", "MSD(t = 10)")] == [" *", " *"]
+    assert [
+        column[1][-2:] for column in answer(dataset).columns if column[0] in ("D", "MSD(t = 10)")
+    ] == [" *", " *"]
     (said,) = reports.equilibrium(found)
     assert said.partition("the pressure")[2] == words.partition("the pressure")[2]
 
@@ -73,7 +82,11 @@ def test_a_fluid_that_settled_is_not_accused(monkeypatch):
     assert answer(dataset).drifting == []
     assert "all 4 tests (Holm)" in summary(dataset)
     assert "equilibrium  no drift found (family-wise level 1%)" in reports.equilibrium(found)
-    monkeypatch.setattr(reports, "drift_of", lambda _: drift.Drift(["a", "b"], *np.ones((2, 2)), np.array([0.008, 1])))
+    monkeypatch.setattr(
+        reports,
+        "drift_of",
+        lambda _: drift.Drift(["a", "b"], *np.ones((2, 2)), np.array([0.008, 1])),
+    )
     assert "equilibrium  no drift found (family-wise level 1%)" in reports.equilibrium(found)
 
 
@@ -93,24 +106,44 @@ def test_who_claims_equilibrium():
 
 
 def test_few_runs_or_samples_do_not_tell():
-    for found in (runs_of(MIXTURE, range(7)), runs_of(MIXTURE | {"sample_interval": 0.9}, range(10))):
+    for found in (
+        runs_of(MIXTURE, range(7)),
+        runs_of(MIXTURE | {"sample_interval": 0.9}, range(10)),
+    ):
         (words,) = answer(aggregate([found])).drifting
         assert words == f"scene, N = 33: {drift.TOO_FEW}"
         assert f"equilibrium  {drift.TOO_FEW}" in reports.equilibrium(found)
 
 
 def test_quarters_add_up_to_the_run():
-    disks = {"species": MIXTURE["disks"]["species"][::-1]}  # small ones first; the engine has big ones first
-    scene = MIXTURE | {"equilibrate": {"time": 0.5, "tracer": "free"}, "disks": disks, "velocities": {"temperature": 5}}
-    runs = runs_of(scene | {"sample_interval": 0.3}, range(3), observables=("species_energy", "orientational_order"))
-    of, times, at = runs.ensemble.observables, runs.ensemble.times, ends_of_quarters(runs.ensemble.times)
+    disks = {
+        "species": MIXTURE["disks"]["species"][::-1]
+    }  # small ones first; the engine has big ones first
+    scene = MIXTURE | {
+        "equilibrate": {"time": 0.5, "tracer": "free"},
+        "disks": disks,
+        "velocities": {"temperature": 5},
+    }
+    runs = runs_of(
+        scene | {"sample_interval": 0.3},
+        range(3),
+        observables=("species_energy", "orientational_order"),
+    )
+    of, times, at = (
+        runs.ensemble.observables,
+        runs.ensemble.times,
+        ends_of_quarters(runs.ensemble.times),
+    )
     lengths, quarters = np.diff(times[at]), drift.quarters_of(runs.scene, times, of)
     virials = 2.0 + of["virial"] / (2 * of["kinetic_energy"])
     for name, total in (("collision rate", of["pair_collisions"]), ("pressure", virials)):
         np.testing.assert_allclose((quarters[name] * lengths).sum(axis=1), total, rtol=1e-12)
     for k, name in enumerate(("small", "big")):
         assert np.array_equal(quarters[f"kinetic energy of {name}"], of["quarter_energy"][:, :, k])
-    found, change = drift.drift_of(quarters), quarters["pressure"][:, 3] - quarters["pressure"][:, 0]
+    found, change = (
+        drift.drift_of(quarters),
+        quarters["pressure"][:, 3] - quarters["pressure"][:, 0],
+    )
     of_pressure = np.array([found.change[0], found.error[0]]) * quarters["pressure"].mean()
     assert of_pressure == pytest.approx([change.mean(), change.std(ddof=1) / np.sqrt(3)])
     assert (of["quarter_collisions"] > 0).all() and np.ptp(lengths) > 0.2
@@ -130,7 +163,9 @@ def test_quarters_add_up_to_the_run():
     ],
 )
 def test_scenes_that_do_not_equilibrate_and_approximate_engines_are_not_tested(name, engine):
-    """Time steps have an equilibrium of their own, to which runs drift from the exact one, however long that took."""
+    """Time steps have an equilibrium of their own, to which runs drift from the exact one, however
+    long that took.
+    """
     found = runs_of(read_scene(SCENES / f"{name}.yaml").replace(duration=0.5), range(8), engine)
     assert not [array for array in found.ensemble.observables if array.startswith("quarter_")]
     dataset = aggregate([found])
@@ -150,11 +185,16 @@ def test_quarters_end_at_the_samples_next_to_them():
 
 @pytest.mark.parametrize("draw", ["normal", "exponential", "poisson"])
 def test_the_level_is_nominal_for_stationary_numbers(draw):
-    """4,000 families of three quantities; false alarm: 1e-4. Rare counts are discrete: fewer are rejected."""
+    """4,000 families of three quantities; false alarm: 1e-4. Rare counts are discrete: fewer are
+    rejected.
+    """
     rng = np.random.default_rng(1)
     families = 4000
     values = getattr(rng, draw)(size=(families, 3, 10, 4)) + 2.0
-    alarms = sum((holm(drift.drift_of(dict(zip("abc", one, strict=True))).p) < drift.LEVEL).any() for one in values)
+    alarms = sum(
+        (holm(drift.drift_of(dict(zip("abc", one, strict=True))).p) < drift.LEVEL).any()
+        for one in values
+    )
     sigma = np.sqrt(families * drift.LEVEL)
     assert alarms < families * drift.LEVEL + 3.7 * sigma
     if draw == "normal":
@@ -164,7 +204,9 @@ def test_the_level_is_nominal_for_stationary_numbers(draw):
 def test_the_power_stated_is_that_of_the_test():
     """A drift of the size that is said to be found with 90 %; 1,000 families, false alarm: 1e-4."""
     rng = np.random.default_rng(2)
-    size = drift.found_with_power(np.array([np.sqrt(2 / 40)]), 40, 3) * np.array([-0.5, 0.0, 0.0, 0.5])
+    size = drift.found_with_power(np.array([np.sqrt(2 / 40)]), 40, 3) * np.array(
+        [-0.5, 0.0, 0.0, 0.5]
+    )
     found = 0
     for _ in range(1000):
         quarters = rng.normal(size=(3, 40, 4)) + 1.0
@@ -176,10 +218,15 @@ def test_the_power_stated_is_that_of_the_test():
 def test_the_family_is_all_cases_of_a_dataset():
     """p-values of the dataset are those of its cases, adjusted together."""
     one = runs_of(MIXTURE, range(8), observables=("orientational_order",))
-    alone, both = aggregate([one]), aggregate([one, runs_of(parse_scene(MIXTURE, "other.yaml"), range(8))])
+    alone, both = (
+        aggregate([one]),
+        aggregate([one, runs_of(parse_scene(MIXTURE, "other.yaml"), range(8))]),
+    )
     energies = ["kinetic energy of big", "kinetic energy of small"]
     assert alone["quantity"].values.tolist() == ["pressure", "collision rate", *energies, "psi_6"]
-    assert (both.drift_p_value.sel(scene="scene").values >= alone.drift_p_value.values - 1e-12).all()
+    assert (
+        both.drift_p_value.sel(scene="scene").values >= alone.drift_p_value.values - 1e-12
+    ).all()
     assert np.isfinite(both.drift_p_value).sum() == 5 + 4
     one = alone.assign(drift_p_value=alone.drift_p_value.where(alone["quantity"] != "psi_6", 1e-3))
     assert [*map(drifts, (*cases_of(one), *cases_of(alone)))] == [True, False]
@@ -192,9 +239,17 @@ def test_settling_is_forecast_for_a_fluid():
     longer = dense.replace(equilibrate={"time": 40.0, "tracer": "free"})
     assert settling_caution(longer) is None
     assert (drift.time_to_try(dense), drift.time_to_try(longer)) == (30, 2 * (40 + 10))
-    crystal = parse_scene(LATTICE | {"box": {"x": [0, 20], "y": [0, 20], "boundary": "periodic"}}, "crystal.yaml")
+    crystal = parse_scene(
+        LATTICE | {"box": {"x": [0, 20], "y": [0, 20], "boundary": "periodic"}}, "crystal.yaml"
+    )
     assert np.isnan(settling_time(crystal)) and settling_caution(crystal) is None
-    cold = parse_scene(MIXTURE, "cold.yaml").replace(**{"disks.tracer": {"radius": 0.3, "mass": 100.0}})
-    assert settling_time(cold) == pytest.approx(np.sqrt(64 / 34 * 5))  # to a neighbour's place, of the slowest species
-    light = cold.replace(velocities={"standard_deviation": 1.0}, **{"disks.tracer": {"radius": 0.3, "mass": 0.01}})
+    cold = parse_scene(MIXTURE, "cold.yaml").replace(
+        **{"disks.tracer": {"radius": 0.3, "mass": 100.0}}
+    )
+    assert settling_time(cold) == pytest.approx(
+        np.sqrt(64 / 34 * 5)
+    )  # to a neighbour's place, of the slowest species
+    light = cold.replace(
+        velocities={"standard_deviation": 1.0}, **{"disks.tracer": {"radius": 0.3, "mass": 0.01}}
+    )
     assert settling_time(light) > 5 * np.sqrt(64 / 33)  # energy takes 50/gamma, velocity 1/gamma

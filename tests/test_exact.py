@@ -1,4 +1,6 @@
-"""The exact engine against its slow twin, event by event; conservation, time reversal, bits and equilibrium laws."""
+"""The exact engine against its slow twin, event by event; conservation, time reversal, bits and
+equilibrium laws.
+"""
 
 import math
 import os
@@ -29,12 +31,18 @@ EPSILON = np.finfo(float).eps
 
 def box(width, height, boundary, origin=(0.0, 0.0)):
     x, y = origin
-    return {"x": [x - width / 2, x + width / 2], "y": [y - height / 2, y + height / 2], "boundary": boundary}
+    return {
+        "x": [x - width / 2, x + width / 2],
+        "y": [y - height / 2, y + height / 2],
+        "boundary": boundary,
+    }
 
 
 def species(*kinds):
     """Species from (count, radius, mass) each."""
-    return [{"name": f"s{j}", "count": n, "radius": r, "mass": m} for j, (n, r, m) in enumerate(kinds)]
+    return [
+        {"name": f"s{j}", "count": n, "radius": r, "mass": m} for j, (n, r, m) in enumerate(kinds)
+    ]
 
 
 def make(where, kinds, duration, tracer=None, velocities=None, **more):
@@ -59,22 +67,37 @@ def one_mover(boundary):
     velocity = np.zeros((70, 2))
     velocity[1] = 1.3, 0.7
     position = lattice + np.random.default_rng(0).uniform(-0.05, 0.05, (70, 2))
-    return explicit(box(3, 3, boundary), State(position, velocity, np.full(70, 0.1), np.ones(70)), 30.0)
+    return explicit(
+        box(3, 3, boundary), State(position, velocity, np.full(70, 0.1), np.ones(70)), 30.0
+    )
 
 
 def crystal(side, gap, duration, **more):
-    """A triangular lattice of side x side disks of diameter 1 in a periodic box, gaps in units of the diameter."""
+    """A triangular lattice of side x side disks of diameter 1 in a periodic box, gaps in units of
+    the diameter.
+    """
     a = 1.0 + gap
     width, height = side * a, side * a * np.sqrt(0.75)
     row, column = np.divmod(np.arange(side * side), side)
-    position = np.stack([(column + 0.5 * (row % 2) + 0.25) * a, (row + 0.5) * height / side], axis=1)
+    position = np.stack(
+        [(column + 0.5 * (row % 2) + 0.25) * a, (row + 0.5) * height / side], axis=1
+    )
     velocity = np.random.default_rng(1).standard_normal(position.shape)
-    state = State(position, velocity - velocity.mean(axis=0), np.full(side**2, 0.5), np.ones(side**2))
-    return explicit(box(width, float(height), "periodic", (width / 2, float(height) / 2)), state, duration, **more)
+    state = State(
+        position, velocity - velocity.mean(axis=0), np.full(side**2, 0.5), np.ones(side**2)
+    )
+    return explicit(
+        box(width, float(height), "periodic", (width / 2, float(height) / 2)),
+        state,
+        duration,
+        **more,
+    )
 
 
 def swarm(duration):
-    """Twenty disks, and 200 much smaller ones of which a cell holds more than anybody would expect."""
+    """Twenty disks, and 200 much smaller ones of which a cell holds more than anybody would
+    expect.
+    """
     rng = np.random.default_rng(5)
     large = np.stack(np.divmod(np.arange(20), 5), axis=1) * [1.2, 1.0] + [-2.0, -2.0]
     small = np.stack(np.divmod(np.arange(200), 20), axis=1) * 0.012 + [-1.5, -1.5]
@@ -84,7 +107,9 @@ def swarm(duration):
 
 
 def crowded(where, kinds, duration):
-    """Disks that begin on a lattice; between walls not in contact with these, which would be many events at t = 0."""
+    """Disks that begin on a lattice; between walls not in contact with these, which would be many
+    events at t = 0.
+    """
     shrink = 0.99 if where["boundary"] == W else 1.0
     inner = {side: [shrink * end for end in where[side]] for side in "xy"}
     disks = {"species": species(*kinds), "placement": "lattice"}
@@ -108,7 +133,12 @@ def interstitial(side, duration):
 def binary(boundary=P):
     """A crowded mixture with radius ratio 1.4."""
     disks = {"species": species((60, 0.12, 1.0), (60, 0.085, 1.0)), "placement": "lattice"}
-    mapping = {"box": box(2.5, 2.5, boundary), "disks": disks, "duration": 2.0, "sample_interval": 0.25}
+    mapping = {
+        "box": box(2.5, 2.5, boundary),
+        "disks": disks,
+        "duration": 2.0,
+        "sample_interval": 0.25,
+    }
     return parse_scene(mapping | {"velocities": {"temperature": 1.0}}, "binary.yaml")
 
 
@@ -118,10 +148,12 @@ TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
 def note_scene(duration, particles=150, **more):
     """The published initial condition."""
     bath = [(particles - 1, 0.1, 0.4)]
-    return make(box(6, 6, "reflecting"), bath, duration, TRACER, {"standard_deviation": 2.0}, **more)
+    return make(
+        box(6, 6, "reflecting"), bath, duration, TRACER, {"standard_deviation": 2.0}, **more
+    )
 
 
-# -- event by event -------------------------------------------------------------------------------------------------
+# -- event by event --------------------------------------------------------------------------------
 
 SCENES = {
     # equal disks between walls
@@ -144,15 +176,21 @@ SCENES = {
     "periodic-12": make(box(2, 1.4, P, (7.0, -3.0)), [(12, 0.15, 3)], 3.0),
     "periodic-50": make(box(3, 3, P), [(50, 0.14, 1)], 1.2),
     "periodic-150": make(box(6, 5, P), [(150, 0.13, 1)], 0.2),
-    "periodic-hot": make(box(3, 3, P), [(30, 0.14, 1)], 2e-6, velocities={"standard_deviation": 1e6}),
+    "periodic-hot": make(
+        box(3, 3, P), [(30, 0.14, 1)], 2e-6, velocities={"standard_deviation": 1e6}
+    ),
     # mixtures without much bigger ones
     "walls-masses": make(box(2, 2, W), [(8, 0.1, 1), (8, 0.1, 100)], 3.0),
     "walls-mixture": make(box(4, 4, W), [(30, 0.1, 1), (30, 0.14, 0.3), (20, 0.2, 4)], 1.2),
-    "walls-wide-mixture": make(box(3, 3, W), [(20, 0.02, 1), (20, 0.05, 2), (20, 0.11, 4), (10, 0.2, 9)], 1.0),
+    "walls-wide-mixture": make(
+        box(3, 3, W), [(20, 0.02, 1), (20, 0.05, 2), (20, 0.11, 4), (10, 0.2, 9)], 1.0
+    ),
     "periodic-masses": make(box(2, 2, P), [(9, 0.12, 1), (9, 0.12, 50)], 3.0),
     "periodic-mixture": make(box(4, 3, P), [(25, 0.1, 1), (25, 0.14, 0.3), (15, 0.2, 4)], 1.2),
     "periodic-two-unlike": make(box(1.2, 1.2, P), [(1, 0.3, 1), (1, 0.1, 7)], 40.0),
-    "walls-masses-1e6": make(box(3, 3, W), [(30, 0.1, 1), (30, 0.1, 1e-6)], 3e-3, velocities={"temperature": 1.0}),
+    "walls-masses-1e6": make(
+        box(3, 3, W), [(30, 0.1, 1), (30, 0.1, 1e-6)], 3e-3, velocities={"temperature": 1.0}
+    ),
     "periodic-radii": make(box(3, 3, P), [(25, 0.1, 1), (25, 0.14, 1), (15, 0.12, 1)], 0.8),
     "walls-one-mover": one_mover(W),
     "periodic-one-mover": one_mover(P),
@@ -160,7 +198,9 @@ SCENES = {
     # crowded, where the engine keeps neighbour lists
     "walls-crowded": crowded(box(3, 2, W), [(65, 0.14, 1)], 0.4),
     "walls-crowded-aside": crowded(box(3, 2, W, (-0.01, 0.005)), [(65, 0.14, 1)], 0.4),
-    "walls-crowded-alike": crowded(box(3, 2, W), [(40, 0.14, 1), (28, 0.12, 3)], 0.4),  # narrow lists, with masses
+    "walls-crowded-alike": crowded(
+        box(3, 2, W), [(40, 0.14, 1), (28, 0.12, 3)], 0.4
+    ),  # narrow lists, with masses
     "periodic-crowded": crowded(box(2.5, 2, P), [(57, 0.14, 1)], 0.3),
     "periodic-crowded-narrowest": make(box(1, 1, P), [(3, 0.249, 1)], 4.0),
     "periodic-crowded-few": crowded(box(1.1, 1.1, P), [(4, 0.25, 1)], 4.0),
@@ -175,8 +215,12 @@ SCENES = {
     "walls-big-filling": make(box(4, 4, W), [(1, 1.95, 5), (40, 0.05, 1)], 1.5),
     "walls-three-big": make(box(8, 6, W), [(100, 0.1, 1), (3, 0.9, 20)], 1.2),
     "walls-big-30": make(box(4, 4, W), [(1, 0.9, 100), (60, 0.03, 1)], 1.2),
-    "walls-big-unlike": make(box(8, 8, W), [(1, 1.5, 3), (1, 0.4, 50), (2, 0.7, 1), (90, 0.1, 1)], 1.2),
-    "walls-big-fast": make(box(6, 6, W), [(2, 0.5, 0.01), (60, 0.1, 1)], 0.6, velocities={"temperature": 1.0}),
+    "walls-big-unlike": make(
+        box(8, 8, W), [(1, 1.5, 3), (1, 0.4, 50), (2, 0.7, 1), (90, 0.1, 1)], 1.2
+    ),
+    "walls-big-fast": make(
+        box(6, 6, W), [(2, 0.5, 0.01), (60, 0.1, 1)], 0.6, velocities={"temperature": 1.0}
+    ),
     "walls-big-50": make(box(6, 6, W), [(1, 1.5, 50), (150, 0.03, 1)], 1.0),
     "walls-big-1000": make(box(6, 6, W), [(1, 1.0, 1e4), (100, 0.001, 1)], 5.0),
     "periodic-big-50": make(box(7, 7, P), [(1, 1.5, 50), (100, 0.03, 1)], 1.0),
@@ -185,7 +229,9 @@ SCENES = {
     "periodic-big-10": make(box(6, 5, P), [(1, 1.0, 3), (80, 0.1, 1)], 1.0),
     "periodic-three-big": make(box(8, 6, P, (4.0, 3.0)), [(3, 0.9, 2), (20, 0.1, 1)], 8.0),
     "periodic-big-narrowest": make(box(4, 4, P), [(1, 1.0, 2), (60, 0.05, 1)], 1.2),
-    "periodic-big-fast": make(box(6, 6, P), [(2, 0.6, 0.02), (50, 0.1, 1)], 0.5, velocities={"temperature": 1.0}),
+    "periodic-big-fast": make(
+        box(6, 6, P), [(2, 0.6, 0.02), (50, 0.1, 1)], 0.5, velocities={"temperature": 1.0}
+    ),
 }
 MOST = 300  # events a run; the twin needs some milliseconds each
 
@@ -196,23 +242,33 @@ def seeds_of(scene):
 
 
 def shadow(state, size):
-    """The same state with positions and velocities changed by about `size`, relative to radii and speeds."""
+    """The same state with positions and velocities changed by about `size`, relative to radii and
+    speeds.
+    """
     position, velocity = np.random.default_rng(0).standard_normal((2, *state.position.shape))
-    position, velocity = size * state.radius.min() * position, size * np.abs(state.velocity).max() * velocity
+    position, velocity = (
+        size * state.radius.min() * position,
+        size * np.abs(state.velocity).max() * velocity,
+    )
     return state._replace(position=state.position + position, velocity=state.velocity + velocity)
 
 
 def tolerances(events, state, box):
-    """What round-off may do to the time of each event: its growth, measured, times what it begins with.
+    """What round-off may do to the time of each event: its growth, measured, times what it begins
+    with.
 
-    A second run of the twin, from a state that is off by 1e-11, shows how errors grow. Round-off begins with the
-    spacing of the coordinates; a factor of 30 is for hundreds of moves and for directions less harmless than the one
-    tried (seen: 5). The comparison ends where the shadow takes another course or leaves by 1 % of a radius, or where
-    two events are so near each other that round-off may exchange them.
+    A second run of the twin, from a state that is off by 1e-11, shows how errors grow. Round-off
+    begins with the spacing of the coordinates; a factor of 30 is for hundreds of moves and for
+    directions less harmless than the one tried (seen: 5). The comparison ends where the shadow
+    takes another course or leaves by 1 % of a radius, or where two events are so near each other
+    that round-off may exchange them.
     """
     size, radius, speed = 1e-11, state.radius.min(), np.abs(state.velocity).max()
     others = naive.run(shadow(state, size), box, events[-1][0], len(events))[0]
-    same = [e[1:3] == o[1:3] and abs(e[0] - o[0]) * speed < 0.01 * radius for e, o in zip(events, others, strict=False)]
+    same = [
+        e[1:3] == o[1:3] and abs(e[0] - o[0]) * speed < 0.01 * radius
+        for e, o in zip(events, others, strict=False)
+    ]
     n = same.index(False) if False in same else len(same)
     time, other = (np.array([e[0] for e in run[:n]]) for run in (events, others))
     growth = np.maximum.accumulate(np.maximum(np.abs(time - other) / (size * radius), 1 / speed))
@@ -222,7 +278,9 @@ def tolerances(events, state, box):
 
 
 def compare(scene, seed):
-    """Hold a run to the twin's events; return the numbers of events compared and of those that there are."""
+    """Hold a run to the twin's events; return the numbers of events compared and of those that
+    there are.
+    """
     state = draw(scene, seed)
     events = naive.run(state, scene.box, scene.duration, MOST)[0]
     run = simulate(scene, [seed], {"tracer", "events"}).events[seed]
@@ -238,7 +296,8 @@ def compare(scene, seed):
     np.testing.assert_array_equal(np.where(swapped, run.a[:n], run.b[:n]), b)
     late = np.abs(run.time[:n] - time) / tolerance
     assert late.max() <= 1, f"event {late.argmax()} at {time[late.argmax()]}"
-    # an impulse is mass times velocity times a direction, which turns by about speed times time over a radius
+    # an impulse is mass times velocity times a direction, which turns by about speed times time
+    # over a radius
     given = np.where(swapped[:, None], -run.impulse[:n], run.impulse[:n])
     speed = np.sqrt(np.sum(state.mass * np.sum(state.velocity**2, axis=1)) / state.mass.min())
     bound = 10 * tolerance * speed / state.radius.min() * np.abs(impulse).max()
@@ -247,22 +306,30 @@ def compare(scene, seed):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (scene.particles > 60)) for name, scene in SCENES.items()]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (scene.particles > 60))
+        for name, scene in SCENES.items()
+    ],
 )
 def test_events_are_those_of_the_slow_twin(name):
     counts = np.array([compare(SCENES[name], seed) for seed in seeds_of(SCENES[name])])
-    assert counts[:, 0].sum() >= np.minimum(50, counts[:, 1]).sum() / 4, counts  # else nothing much was compared
+    assert counts[:, 0].sum() >= np.minimum(50, counts[:, 1]).sum() / 4, (
+        counts
+    )  # else nothing much was compared
 
 
-# -- what is conserved ----------------------------------------------------------------------------------------------
+# -- what is conserved -----------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("diameter", [1.0, 2.0**0.5, 1.3])
 def test_the_energy_does_not_drift(diameter):
-    """Mean change of the energy in one of 1.8 million collisions, phi = 0.7: less than 3e-18 kT, 5 standard errors.
+    """Mean change of the energy in one of 1.8 million collisions, phi = 0.7: less than 3e-18 kT, 5
+    standard errors.
 
-    At diameter 1, where sigma^2 is a power of two, it was 3.5(2)e-17 kT: x^2 + y^2 rounds to one side there.
+    At diameter 1, where sigma^2 is a power of two, it was 3.5(2)e-17 kT: x^2 + y^2 rounds to one
+    side there.
     """
     side = diameter * np.sqrt(16 * np.pi / 4 / 0.7)
     scene = crowded(box(side, side, P), [(16, diameter / 2, 1)], 1e4 * diameter)
@@ -273,7 +340,8 @@ def test_the_energy_does_not_drift(diameter):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_nothing_is_lost_in_a_longer_run(name):
-    """Bounds of the project: energy to 1e-13, no overlap beyond 1e-12, impulses and momentum in balance to 1e-12.
+    """Bounds of the project: energy to 1e-13, no overlap beyond 1e-12, impulses and momentum in
+    balance to 1e-12.
 
     Round-off gives 1e-15 in the mean; a partner forgotten once is an overlap of 0.01 to 1.
     """
@@ -288,10 +356,14 @@ def test_nothing_is_lost_in_a_longer_run(name):
 
 
 def audit(scene, state, whole, events, seen):
-    """Check what a run says of itself against what it recorded, by other means than the engine's."""
+    """Check what a run says of itself against what it recorded, by other means than the
+    engine's.
+    """
     mass, first, last = state.mass, whole.velocity[0], whole.velocity[-1]
     np.testing.assert_array_equal(whole.velocity[0], state.velocity)
-    np.testing.assert_allclose(whole.position[0], state.position, rtol=0, atol=1e-14 * np.abs(state.position).max())
+    np.testing.assert_allclose(
+        whole.position[0], state.position, rtol=0, atol=1e-14 * np.abs(state.position).max()
+    )
     energy = [mass @ np.sum(v**2, axis=1) for v in (first, last)]
     assert energy[1] / energy[0] - 1 == pytest.approx(seen["energy_drift"], abs=1e-14)
     assert overlap(whole.position[-1], state.radius, box_sides(scene)) is None
@@ -325,29 +397,37 @@ def test_a_pair_that_parts_as_slowly_as_numbers_allow_does_not_collide(speed):
     assert ensemble.observables["pair_collisions"].tolist() == [0]
 
 
-# -- time reversal --------------------------------------------------------------------------------------------------
+# -- time reversal ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("duration", "bound"), [(0.1, 1e-12), (0.5, 1e-8)])
 def test_the_notes_scene_runs_backwards_to_where_it_began(duration, bound):
-    """Errors grow as exp(17.9 t): from 1e-15 to 1e-14 at T = 0.1, where all is done again, and to 1e-11 at 0.5."""
+    """Errors grow as exp(17.9 t): from 1e-15 to 1e-14 at T = 0.1, where all is done again, and to
+    1e-11 at 0.5.
+    """
     where = box(6, 6, W)
     for seed in (1, 2, 3):
         scene = note_scene(duration)
         there = simulate(scene, [seed], {"all"}).whole[seed]
-        turned = draw(scene, seed)._replace(position=there.position[-1], velocity=-there.velocity[-1])
+        turned = draw(scene, seed)._replace(
+            position=there.position[-1], velocity=-there.velocity[-1]
+        )
         back = simulate(explicit(where, turned, duration), [0], {"all"}).whole[0]
         start = draw(scene, seed)
         assert np.abs(back.position[-1] - start.position).max() <= bound
-        assert np.abs(back.velocity[-1] + start.velocity).max() <= 30 * bound  # velocities 2 to 7, turned over R = 0.1
+        assert (
+            np.abs(back.velocity[-1] + start.velocity).max() <= 30 * bound
+        )  # velocities 2 to 7, turned over R = 0.1
         assert np.abs(there.position[-1] - start.position).max() > 0.1  # it has been somewhere
 
 
-# -- the same to the bit --------------------------------------------------------------------------------------------
+# -- the same to the bit ---------------------------------------------------------------------------
 
 BITS = {
     "walls": note_scene(1.0),
-    "periodic": make(box(5, 5, P), [(90, 0.12, 1), (1, 0.5, 2)], 1.0),  # the engine has the big one first
+    "periodic": make(
+        box(5, 5, P), [(90, 0.12, 1), (1, 0.5, 2)], 1.0
+    ),  # the engine has the big one first
     "mixture": make(box(4, 4, W), [(30, 0.1, 1), (30, 0.14, 0.3), (20, 0.2, 4)], 1.0),
     "crowded": crowded(box(2.5, 2, P), [(57, 0.14, 1)], 1.0),
 }
@@ -360,9 +440,17 @@ def test_a_run_does_not_depend_on_what_else_is_asked_for(name):
     batch = simulate(scene, [3, 17, 17, 4], {"tracer", "all", "events"})
     for same in (*batch.tracer.position[:, 1:3].swapaxes(0, 1), batch.whole[17].position[:, 0]):
         assert np.array_equal(alone.tracer.position[:, 0], same)
-    moved = displacement(*batch.whole[17][::2], (scene.box.width, scene.box.height), slice(-1), slice(1, None))
+    moved = displacement(
+        *batch.whole[17][::2], (scene.box.width, scene.box.height), slice(-1), slice(1, None)
+    )
     assert np.abs(moved).max() < scene.box.height / 2  # none jumps to another image
-    for key in ("pair_collisions", "wall_collisions", "tracer_collisions", "energy_drift", "momentum_residual"):
+    for key in (
+        "pair_collisions",
+        "wall_collisions",
+        "tracer_collisions",
+        "energy_drift",
+        "momentum_residual",
+    ):
         assert alone.observables[key][0] == batch.observables[key][1]
     nothing = simulate(scene, [17], frozenset())
     assert nothing.tracer is None
@@ -371,7 +459,9 @@ def test_a_run_does_not_depend_on_what_else_is_asked_for(name):
     assert np.array_equal(often.tracer.position[::8], alone.tracer.position)
     once = simulate(scene.replace(sample_interval=1.0), [17])
     assert np.array_equal(once.tracer.position[-1], alone.tracer.position[-1])
-    assert np.array_equal(simulate(scene.replace(duration=0.5), [17]).tracer.position, alone.tracer.position[:5])
+    assert np.array_equal(
+        simulate(scene.replace(duration=0.5), [17]).tracer.position, alone.tracer.position[:5]
+    )
     longer = simulate(scene.replace(duration=30.0, sample_interval=0.5), [17], {"tracer", "events"})
     assert np.array_equal(longer.tracer.position[:3], alone.tracer.position[::4])
     n = len(batch.events[17].time)
@@ -393,19 +483,24 @@ def starts(monkeypatch):
 
 
 def test_a_run_that_needs_more_room_leaves_no_trace_in_those_after_it(monkeypatch, starts):
-    """In a batch the workspace is handed on; one run in which a cell or a list is too small must not tell."""
+    """In a batch the workspace is handed on; one run in which a cell or a list is too small must
+    not tell.
+    """
     squares = layout._squares
     monkeypatch.setattr(layout, "_squares", lambda *given: (2.55 * squares(*given)[0], True))
     scene = binary()
     batch = simulate(scene, range(8, 13))
     assert 5 < starts[0] < 10  # some had too little room
     for column, seed in enumerate(range(8, 13)):
-        assert np.array_equal(simulate(scene, [seed]).tracer.position[:, 0], batch.tracer.position[:, column]), seed
+        assert np.array_equal(
+            simulate(scene, [seed]).tracer.position[:, 0], batch.tracer.position[:, column]
+        ), seed
 
 
 @pytest.mark.slow
 def test_lists_are_right_from_block_to_block():
-    """A disk may end a block half a square outside a periodic box. Registered in the outermost cell it missed others.
+    """A disk may end a block half a square outside a periodic box. Registered in the outermost cell
+    it missed others.
 
     5 of 9 runs like these had overlaps of 1e-3 to 0.1 then.
     """
@@ -421,7 +516,9 @@ def test_lists_are_right_from_block_to_block():
 @pytest.mark.parametrize("fits_cache", [0, 10_000], ids=["prefetched", "as few disks"])
 @pytest.mark.parametrize("phi", [0.65, 0.14])
 def test_prefetching_and_other_buckets_change_no_bit(phi, fits_cache, monkeypatch):
-    """With cells and with lists; buckets become shorter or longer with the events of all disks in the queue."""
+    """With cells and with lists; buckets become shorter or longer with the events of all disks in
+    the queue.
+    """
     scene = crowded(box(30.0, 30.0, P), [(int(phi * 900 / (np.pi / 4)), 0.5, 1.0)], 18.0)
     usual = simulate(scene, [1], {"all", "events"})
     checks, fitting = [], layout.with_fitting_buckets
@@ -429,7 +526,9 @@ def test_prefetching_and_other_buckets_change_no_bit(phi, fits_cache, monkeypatc
     def changed(w, events, elapsed, estimated):
         checks.append(estimated / w.calendar.width)
         seem = (3.0, 3.0, 1 / 16)[(len(checks) - 1) % 3]  # times as many as a bucket is made for
-        return fitting(w, seem * layout.MOST_PER_BUCKET * elapsed / w.calendar.width, elapsed, estimated)
+        return fitting(
+            w, seem * layout.MOST_PER_BUCKET * elapsed / w.calendar.width, elapsed, estimated
+        )
 
     monkeypatch.setattr(exact_run, "with_fitting_buckets", changed)
     monkeypatch.setattr(exact_run, "FEW_EVENTS", 100)
@@ -448,7 +547,9 @@ def test_prefetching_and_other_buckets_change_no_bit(phi, fits_cache, monkeypatc
 
 
 def events_per_bucket(scene, monkeypatch):
-    """Events per bucket at each check of a run, relative to the number that a bucket is made for."""
+    """Events per bucket at each check of a run, relative to the number that a bucket is made
+    for.
+    """
     checks, fitting = [], layout.with_fitting_buckets
 
     def noted(w, events, elapsed, estimated):
@@ -462,7 +563,9 @@ def events_per_bucket(scene, monkeypatch):
 
 
 def test_buckets_are_as_short_as_collisions_are_frequent(monkeypatch):
-    """Next to close packing they are so frequent that a bucket would have thousands of times the events."""
+    """Next to close packing they are so frequent that a bucket would have thousands of times the
+    events.
+    """
     checks = events_per_bucket(crystal(10, 1e-6, 1e-3), monkeypatch)
     assert checks[0] > 2000 and len(checks) > 3 and max(checks[2:]) < 1.1 and min(checks) > 0.25
 
@@ -470,7 +573,9 @@ def test_buckets_are_as_short_as_collisions_are_frequent(monkeypatch):
 def test_buckets_become_longer_where_disks_have_spread_out(monkeypatch):
     """Else empty buckets would take most of the time."""
     tight = crystal(20, 1e-4, 1.0)
-    state = State(*(np.array([getattr(disk, name) for disk in tight.disks]) for name in State._fields))
+    state = State(
+        *(np.array([getattr(disk, name) for disk in tight.disks]) for name in State._fields)
+    )
     monkeypatch.setattr(exact_run, "FEW_EVENTS", 500)
     monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 5000)
     checks = events_per_bucket(explicit(box(200.0, 200.0, P), state, 3000.0), monkeypatch)
@@ -481,8 +586,13 @@ def in_plain_python(function, module):
     """What a function of a module of tests returns in a process that compiles nothing."""
     code = f"import pickle, {module}; print(pickle.dumps({module}.{function}()).hex())"
     folders = Path(__file__).parent, Path(exact.__file__).parents[3]
-    plain = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(map(str, folders))}
-    done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, text=True, check=True)
+    plain = os.environ | {
+        "NUMBA_DISABLE_JIT": "1",
+        "PYTHONPATH": os.pathsep.join(map(str, folders)),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=plain, capture_output=True, text=True, check=True
+    )
     return pickle.loads(bytes.fromhex(done.stdout))
 
 
@@ -492,16 +602,20 @@ def plain():
 
 
 def plain_runs():
-    """Runs of every kernel, with blocks of events for a small and for a large cache, and runs with a fault each.
+    """Runs of every kernel, with blocks of events for a small and for a large cache, and runs with
+    a fault each.
 
-    `literal`: eq. (1) taken literally drops negative times. `blind`: disk 1 does not see the edges of its cells.
+    `literal`: eq. (1) taken literally drops negative times. `blind`: disk 1 does not see the edges
+    of its cells.
     """
     found = {"same": []}
     for fits_cache in (10**9, 0):
         layout.FITS_CACHE = layout.CANDIDATES_FIT_CACHE = fits_cache
         found["same"] += [simulate(scene, [3], {"all", "events"}) for scene in FEW.values()]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(predictions, "delay", lambda b, c, d: np.where(c < 0, np.inf, c / (np.sqrt(d) - b)))
+        patch.setattr(
+            predictions, "delay", lambda b, c, d: np.where(c < 0, np.inf, c / (np.sqrt(d) - b))
+        )
         found["literal"] = [simulate(scene, [0]).observables for scene in touching_scenes()]
     edges_ahead = predictions.edges_ahead
 
@@ -515,7 +629,9 @@ def plain_runs():
 
 
 def clash(side, duration):
-    """A square of disks in a periodic box, each running into one of its neighbours, all at the same time."""
+    """A square of disks in a periodic box, each running into one of its neighbours, all at the same
+    time.
+    """
     row, column = np.divmod(np.arange(side * side), side)
     position = np.stack([column + 0.5, row + 0.5], axis=1) - side / 2
     velocity = np.stack([(-1.0) ** (row + column), np.zeros(side**2)], axis=1)
@@ -535,7 +651,9 @@ FEW = {
 
 @pytest.mark.slow
 def test_the_compiler_changes_no_bit(plain):
-    """Every kernel gives the same numbers as plain Python: nothing is reordered, fused or approximated."""
+    """Every kernel gives the same numbers as plain Python: nothing is reordered, fused or
+    approximated.
+    """
     for scene, other in zip([*FEW.values()] * 2, plain["same"], strict=True):
         run = simulate(scene, [3], {"all", "events"})
         assert len(run.events[3].time) >= 10
@@ -544,13 +662,20 @@ def test_the_compiler_changes_no_bit(plain):
         assert run.observables == other.observables
 
 
-# -- before t = 0 ------------------------------------------------------------------------------------------------------
+# -- before t = 0 ----------------------------------------------------------------------------------
 
 
 def test_the_sample_at_t_0_is_taken_before_the_collisions_then():
-    """Disks of a lattice between walls touch these: who replays the log from the sample must not count them twice."""
+    """Disks of a lattice between walls touch these: who replays the log from the sample must not
+    count them twice.
+    """
     disks = {"species": species((68, 0.5, 1.0)), "placement": "lattice"}
-    mapping = {"box": box(10, 10, W), "disks": disks, "duration": 0.5, "velocities": {"standard_deviation": 1.0}}
+    mapping = {
+        "box": box(10, 10, W),
+        "disks": disks,
+        "duration": 0.5,
+        "velocities": {"standard_deviation": 1.0},
+    }
     scene = parse_scene(mapping, "touching.yaml")
     ensemble = simulate(scene, range(3), {"all", "events"})
     for seed, events in ensemble.events.items():
@@ -562,8 +687,18 @@ def test_the_sample_at_t_0_is_taken_before_the_collisions_then():
 
 
 def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
-    small = {"radius": 0.1, "mass": 1.0, "position": [0.0, 0.0]}  # the engine has the big ones first
-    scene = make(box(6, 6, W), [(99, 0.1, 0.4), (2, 0.6, 2)], 0.1, small, equilibrate={"time": 1.0, "tracer": "pinned"})
+    small = {
+        "radius": 0.1,
+        "mass": 1.0,
+        "position": [0.0, 0.0],
+    }  # the engine has the big ones first
+    scene = make(
+        box(6, 6, W),
+        [(99, 0.1, 0.4), (2, 0.6, 2)],
+        0.1,
+        small,
+        equilibrate={"time": 1.0, "tracer": "pinned"},
+    )
     begin, run = draw(scene, 3), simulate(scene, [3], {"all", "events"})
     first = run.whole[3]
     assert np.array_equal(first.position[0, 0], begin.position[0])
@@ -573,20 +708,29 @@ def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
     assert overlap(first.position[0], scene.radius) is None
     energy = [0.5 * scene.mass @ np.sum(v**2, axis=1) for v in (begin.velocity, first.velocity[0])]
     assert energy[1] == pytest.approx(energy[0], rel=1e-12)  # a pinned tracer takes none
-    free = simulate(scene.replace(equilibrate={"time": 1.0, "tracer": "free"}), [3], {"all"}).whole[3]
+    free = simulate(scene.replace(equilibrate={"time": 1.0, "tracer": "free"}), [3], {"all"}).whole[
+        3
+    ]
     assert np.hypot(*(free.position[0, 0] - begin.position[0])) > 0.01
 
 
-# -- the overlap audit ----------------------------------------------------------------------------------------------
+# -- the overlap audit -----------------------------------------------------------------------------
 
 # A tracer that has nothing to do with two disks that approach each other.
-PRESSING = State(np.array([[2, 2], [0.1, 0], [0.3, 0]]), np.outer([0, 1, 0], [1, 0]), np.full(3, 0.1), np.ones(3))
+PRESSING = State(
+    np.array([[2, 2], [0.1, 0], [0.3, 0]]), np.outer([0, 1, 0], [1, 0]), np.full(3, 0.1), np.ones(3)
+)
 
 
 def touching_scenes():
-    """Tracer and disk, or two other disks, that approach and overlap by 1e-17; a packing with gaps of 1e-14 sigma."""
+    """Tracer and disk, or two other disks, that approach and overlap by 1e-17; a packing with gaps
+    of 1e-14 sigma.
+    """
     with_tracer = State(*(of_disks[1:] for of_disks in PRESSING))
-    pairs = [explicit(box(6, 6, W), with_tracer, 1.0, sample_interval=0.05), explicit(box(6, 6, P), PRESSING, 0.1)]
+    pairs = [
+        explicit(box(6, 6, W), with_tracer, 1.0, sample_interval=0.05),
+        explicit(box(6, 6, P), PRESSING, 0.1),
+    ]
     return [*pairs, crystal(6, 1e-14, 5e-13)]
 
 
@@ -604,11 +748,14 @@ def test_the_run_time_audit_sees_a_lost_collision(plain):
         if scene.particles < 4:
             assert (right["pair_collisions"][0], lost["pair_collisions"][0]) == (1, 0)
             assert lost["failed"][0] == 1
-            assert run.whole[0].velocity[0, -2:].tolist() == [[1, 0], [0, 0]], "before the collision at t = 0"
+            assert run.whole[0].velocity[0, -2:].tolist() == [[1, 0], [0, 0]], (
+                "before the collision at t = 0"
+            )
 
 
 def strays():
-    """A disk that flies through another one wholly, if it does not look around in every cell on its way; and a crowd.
+    """A disk that flies through another one wholly, if it does not look around in every cell on its
+    way; and a crowd.
 
     All in less than a block.
     """

@@ -1,6 +1,8 @@
-"""Exported runs, as gsd, MDAnalysis, freud, ASE and the csv module read them: the numbers of the trajectory file.
+"""Exported runs, as gsd, MDAnalysis, freud, ASE and the csv module read them: the numbers of the
+trajectory file.
 
-The tests import these programs themselves: every process that runs tests imports this file to list them.
+The tests import these programs themselves: every process that runs tests imports this file to list
+them.
 """
 
 import csv
@@ -26,13 +28,17 @@ SINGLE = 2.0**-24  # largest relative error of a number rounded to single precis
 SHIFTED = 2.0**-25 + 1e-15  # and of a position, of the box: at most half of it from the centre
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.filterwarnings("ignore:Reader has no dt information"),  # MDAnalysis does not read log/time
+    pytest.mark.filterwarnings(
+        "ignore:Reader has no dt information"
+    ),  # MDAnalysis does not read log/time
 ]
 
 
 @pytest.fixture(scope="module")
 def fluid(tmp_path_factory):
-    """The file of a run of 200 equal disks in equilibrium, in an oblong periodic box away from the origin."""
+    """The file of a run of 200 equal disks in equilibrium, in an oblong periodic box away from the
+    origin.
+    """
     mapping = {
         "box": {"x": [-3.0, 17.0], "y": [2.0, 14.0], "boundary": "periodic"},
         "disks": {"species": [{"name": "disk", "count": 200, "radius": 0.4, "mass": 0.7}]},
@@ -41,7 +47,10 @@ def fluid(tmp_path_factory):
         "duration": 2.0,
         "sample_interval": 0.1,
     }
-    scene, measured = parse_scene(mapping, "fluid.yaml"), ("pair_distribution", "square_displacement")
+    scene, measured = (
+        parse_scene(mapping, "fluid.yaml"),
+        ("pair_distribution", "square_displacement"),
+    )
     path = tmp_path_factory.mktemp("fluid") / "fluid.h5"
     ensemble = simulate(scene, [5], {"tracer", "all"}, observables=measured, average="disks")
     write_trajectories(path, scene, Engine("exact"), ensemble)
@@ -53,7 +62,9 @@ def fluid(tmp_path_factory):
 @pytest.fixture(scope="module")
 def walled(tmp_path_factory):
     """The file of two made-up runs of a large and 11 small disks between walls."""
-    return written(tmp_path_factory.mktemp("walled") / "walled.h5", make_scene("walled", 12), (3, 8))
+    return written(
+        tmp_path_factory.mktemp("walled") / "walled.h5", make_scene("walled", 12), (3, 8)
+    )
 
 
 def written(path, scene, seeds, speed=1.0):
@@ -61,7 +72,10 @@ def written(path, scene, seeds, speed=1.0):
     runs, shape = make_runs(scene, seeds), (len(scene.times), scene.particles, 2)
     numbers = np.random.default_rng(1)
     image = numbers.integers(-2, 3, shape).astype(np.int32) if scene.box.periodic else None
-    whole = {seed: Track(numbers.uniform(-2.7, 2.7, shape), numbers.normal(0, speed, shape), image) for seed in seeds}
+    whole = {
+        seed: Track(numbers.uniform(-2.7, 2.7, shape), numbers.normal(0, speed, shape), image)
+        for seed in seeds
+    }
     write_trajectories(path, scene, Engine("exact"), runs.ensemble._replace(whole=whole))
     return path
 
@@ -91,30 +105,43 @@ def refused(capsys, *options):
     return error
 
 
-# -- what the files contain -----------------------------------------------------------------------------------------
+# -- what the files contain ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "seed", "types"), [("fluid", 5, ["disk"]), ("walled", 3, ["tracer", "bath"])])
+@pytest.mark.parametrize(
+    ("name", "seed", "types"), [("fluid", 5, ["disk"]), ("walled", 3, ["tracer", "bath"])]
+)
 def test_gsd_has_the_first_run_in_single_precision(name, seed, types, request, capsys):
     path = request.getfixturevalue(name)
     scene, times, track = run_in(path, seed)
     edges, periodic = edges_of(scene), scene.box.periodic
     target = exported(path, "gsd")
-    assert ("GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err) == (not periodic)
+    assert (
+        "GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err
+    ) == (not periodic)
     with gsd.hoomd.open(target) as frames:
         assert len(frames) == len(times) == 21
         for k, frame in enumerate(frames):
             box, disks = frame.configuration, frame.particles
             assert (box.step, box.dimensions, list(box.box)) == (k, 2, [*edges, 0, 0, 0, 0])
             assert frame.log["time"] == times[k] and frame.log["periodic"] == periodic
-            assert (disks.types, list(disks.typeid)) == (types, [0] + [len(types) - 1] * (scene.particles - 1))
+            assert (disks.types, list(disks.typeid)) == (
+                types,
+                [0] + [len(types) - 1] * (scene.particles - 1),
+            )
             np.testing.assert_allclose(disks.diameter, 2 * scene.radius, rtol=SINGLE)
             np.testing.assert_allclose(disks.mass, scene.mass, rtol=SINGLE)
             centred = track.position[k] - scene.box.origin - edges / 2
             assert np.all(abs(disks.position[:, :2] - centred) <= SHIFTED * edges)
             np.testing.assert_allclose(disks.velocity[:, :2], track.velocity[k], rtol=SINGLE)
-            np.testing.assert_array_equal(disks.image[:, :2], track.image[k] if periodic else 0 * disks.image[:, :2])
-            assert not disks.position[:, 2].any() and not disks.velocity[:, 2].any() and not disks.image[:, 2].any()
+            np.testing.assert_array_equal(
+                disks.image[:, :2], track.image[k] if periodic else 0 * disks.image[:, :2]
+            )
+            assert (
+                not disks.position[:, 2].any()
+                and not disks.velocity[:, 2].any()
+                and not disks.image[:, 2].any()
+            )
     assert track.image.any() if periodic else not disks.image.any()
 
 
@@ -127,12 +154,21 @@ def test_ase_reads_every_digit_of_the_xyz(name, seed, periodic, request):
     frames = ase.io.read(exported(path, "xyz", "--seed", str(seed)), ":")
     assert [frame.info["Time"] for frame in frames] == list(times)
     for k, frame in enumerate(frames):
-        assert list(frame.pbc) == [periodic, periodic, False] and list(frame.cell.lengths()) == [*edges_of(scene), 1]
+        assert list(frame.pbc) == [periodic, periodic, False] and list(frame.cell.lengths()) == [
+            *edges_of(scene),
+            1,
+        ]
         assert list(frame.info["Origin"]) == [*scene.box.origin, -0.5]
         np.testing.assert_array_equal(frame.positions[:, :2], track.position[k])
         np.testing.assert_array_equal(frame.arrays["velo"][:, :2], track.velocity[k])
-        np.testing.assert_allclose(frame.get_velocities()[:, :2], track.velocity[k], rtol=4e-16)  # m v / m
-        for key, values in {"radius": scene.radius, "mass": scene.mass, "masses": scene.mass}.items():
+        np.testing.assert_allclose(
+            frame.get_velocities()[:, :2], track.velocity[k], rtol=4e-16
+        )  # m v / m
+        for key, values in {
+            "radius": scene.radius,
+            "mass": scene.mass,
+            "masses": scene.mass,
+        }.items():
             np.testing.assert_array_equal(frame.arrays[key], values)
         np.testing.assert_array_equal(frame.get_masses(), scene.mass)
         assert not frame.positions[:, 2].any() and ("image" in frame.arrays) == periodic
@@ -149,7 +185,11 @@ def test_a_table_has_every_digit_of_all_whole_runs(boundary, tmp_path):
     tracks = read_trajectories(path).ensemble.whole
     with open(exported(path, "csv"), newline="") as file:
         rows = list(csv.DictReader(file))
-    columns = {"position": ("x", "y"), "velocity": ("velocity_x", "velocity_y"), "image": ("image_x", "image_y")}
+    columns = {
+        "position": ("x", "y"),
+        "velocity": ("velocity_x", "velocity_y"),
+        "image": ("image_x", "image_y"),
+    }
     if boundary == "reflecting":
         del columns["image"]
     assert list(rows[0]) == ["seed", "time", "disk", "species", *itertools.chain(*columns.values())]
@@ -158,7 +198,9 @@ def test_a_table_has_every_digit_of_all_whole_runs(boundary, tmp_path):
         assert (int(row["seed"]), float(row["time"]), int(row["disk"])) == (seed, time, disk)
         assert row["species"] == ("bath" if disk else "tracer")
         for name, titles in columns.items():
-            assert [float(row[title]) for title in titles] == list(getattr(tracks[seed], name)[k, disk])
+            assert [float(row[title]) for title in titles] == list(
+                getattr(tracks[seed], name)[k, disk]
+            )
     assert exported(path, "csv", "--seed", "8").read_text().count("\n") == 1 + len(rows) // 2
 
 
@@ -178,15 +220,19 @@ def test_a_table_of_a_file_without_whole_runs_has_all_tracers(tmp_path, capsys):
     assert len(one) == 22 and one[1].startswith("1,0.0,0,tracer,")
 
 
-# -- the same results from other programs ---------------------------------------------------------------------------
+# -- the same results from other programs ----------------------------------------------------------
 
 
-@pytest.mark.parametrize(("average", "mode", "disks"), [("disks", "direct", 200), ("origins", "window", 1)])
+@pytest.mark.parametrize(
+    ("average", "mode", "disks"), [("disks", "direct", 200), ("origins", "window", 1)]
+)
 def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks):
-    """`disks` is freud's mode `direct`: all disks, from t = 0. `origins` is `window`, of the tracer alone.
+    """`disks` is freud's mode `direct`: all disks, from t = 0. `origins` is `window`, of the tracer
+    alone.
 
-    Rounding to single precision changes a squared displacement by a few SINGLE * r^2. freud's `window` is a difference
-    of sums of r^2 over all T samples, in single precision, divided by the number of time origins.
+    Rounding to single precision changes a squared displacement by a few SINGLE * r^2. freud's
+    `window` is a difference of sums of r^2 over all T samples, in single precision, divided by the
+    number of time origins.
     """
     import freud
     import MDAnalysis
@@ -196,10 +242,17 @@ def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks
     run = Run(Track(*(values[:, :1] for values in track)), track)
     ours = observe(scene, run, ["square_displacement"], average)["square_displacement"]
     if average == "disks":
-        np.testing.assert_array_equal(ours, read_trajectories(fluid).ensemble.observables["square_displacement"][0])
+        np.testing.assert_array_equal(
+            ours, read_trajectories(fluid).ensemble.observables["square_displacement"][0]
+        )
     with gsd.hoomd.open(fluid.with_suffix(".gsd")) as frames:
-        tracks = [(frame.particles.position[:disks], frame.particles.image[:disks]) for frame in frames]
-        (position, image), box = map(np.array, zip(*tracks, strict=True)), frames[0].configuration.box
+        tracks = [
+            (frame.particles.position[:disks], frame.particles.image[:disks]) for frame in frames
+        ]
+        (position, image), box = (
+            map(np.array, zip(*tracks, strict=True)),
+            frames[0].configuration.box,
+        )
     unwrapped = position + image * box[:3].astype(float)
     bound = 8 * SINGLE * (unwrapped**2).sum(axis=-1).max()
     measured = freud.msd.MSD(freud.box.Box.from_box(box), mode).compute(position, images=image)
@@ -213,7 +266,7 @@ def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks
         np.testing.assert_allclose(theirs, ours, rtol=0, atol=bound)
 
 
-# -- refusals, and what is left -------------------------------------------------------------------------------------
+# -- refusals, and what is left --------------------------------------------------------------------
 
 
 def test_refusals(walled, tmp_path, capsys, monkeypatch):
@@ -225,9 +278,15 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
     bp.save(bp.simulate(make_scene("bare", 0, disks=bath), [2], record="all", quiet=True), bare)
     monkeypatch.chdir(tmp_path)
     asked = {
-        "tracer.h5: holds no whole runs; brownpipe simulate SCENE --record all makes some": (tracer, "gsd"),
+        "tracer.h5: holds no whole runs; brownpipe simulate SCENE --record all makes some": (
+            tracer,
+            "gsd",
+        ),
         "walled.h5: holds no run of seed 17; must be of 3,8": (walled, "csv", "--seed", 17),
-        "empty.h5: holds no whole runs; brownpipe simulate SCENE --record all makes some": (empty, "csv"),
+        "empty.h5: holds no whole runs; brownpipe simulate SCENE --record all makes some": (
+            empty,
+            "csv",
+        ),
         "bare.h5: holds no whole runs": (bare, "csv"),
         "run.xyz: the output must end in .gsd, not '.xyz'": (walled, "gsd", "--output", "run.xyz"),
         "is an input": (walled, "gsd", "--output", walled),
@@ -236,7 +295,10 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
         assert message in refused(capsys, path, "--to", form, *options)
     monkeypatch.setitem(sys.modules, "gsd", None)
     message = refused(capsys, walled, "--to", "gsd")
-    assert "--to gsd: needs the package gsd (" in message and "pip install gsd; or xyz or csv" in message
+    assert (
+        "--to gsd: needs the package gsd (" in message
+        and "pip install gsd; or xyz or csv" in message
+    )
     assert sorted(tmp_path.iterdir()) == [bare, empty, tracer]
 
 
@@ -244,7 +306,9 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
 def test_gsd_refuses_what_it_would_round_to_nothing(length, speed, tmp_path, capsys):
     side, disks = [0.0, 10 * length], [{"name": "disk", "count": 2, "radius": length, "mass": 1.0}]
     velocities = {"standard_deviation": length}
-    scene = make_scene("far", 2, velocities=velocities, box={"x": side, "y": side}, disks={"species": disks})
+    scene = make_scene(
+        "far", 2, velocities=velocities, box={"x": side, "y": side}, disks={"species": disks}
+    )
     path = written(tmp_path / "far.h5", scene, [0], speed)
     message = refused(capsys, path, "--to", "gsd", "--output", tmp_path / "far.gsd")
     assert "holds numbers from 1.2e-38 to 3.4e+38 only; use xyz or csv" in message

@@ -1,4 +1,5 @@
-"""Where hard-disk programs break: contact, corners, grazing, close packing, extreme masses, speeds, times and places.
+"""Where hard-disk programs break: contact, corners, grazing, close packing, extreme masses, speeds,
+times and places.
 
 Each with the exact answer, or with the refusal that names what is wrong.
 """
@@ -30,7 +31,12 @@ BOTH = pytest.mark.parametrize("boundary", [W, P])
 def state_of(disks, radius=0.125, mass=1.0):
     """A state from (x, y, vx, vy) of every disk; radius and mass common or one each."""
     x = np.array(disks, dtype=float).reshape(-1, 4)
-    return State(x[:, :2], x[:, 2:], np.broadcast_to(radius, len(x)).copy(), np.broadcast_to(mass, len(x)).copy())
+    return State(
+        x[:, :2],
+        x[:, 2:],
+        np.broadcast_to(radius, len(x)).copy(),
+        np.broadcast_to(mass, len(x)).copy(),
+    )
 
 
 def outcome(where, state, duration, **more):
@@ -44,7 +50,7 @@ def outcome(where, state, duration, **more):
     return whole.position[-1], whole.velocity[-1], run.events[0], seen
 
 
-# -- contact --------------------------------------------------------------------------------------------------------
+# -- contact ---------------------------------------------------------------------------------------
 
 
 @BOTH
@@ -63,7 +69,9 @@ def test_exact_contact_at_the_start(boundary, u, v, collisions, after):
 
 @pytest.mark.parametrize(("u", "bounces"), [(-1.0, 1), (1.0, 0), (0.0, 0)])
 def test_exact_contact_with_a_wall_at_the_start(u, bounces):
-    position, velocity, events, seen = outcome(box(6, 6, W), state_of([(-3 + 0.125, 0, u, 0.5)]), 1.0)
+    position, velocity, events, seen = outcome(
+        box(6, 6, W), state_of([(-3 + 0.125, 0, u, 0.5)]), 1.0
+    )
     assert velocity.tolist() == [[abs(u), 0.5]]
     assert position.tolist() == [[-3 + 0.125 + abs(u), 0.5]]
     assert seen["wall_collisions"] == bounces
@@ -71,15 +79,21 @@ def test_exact_contact_with_a_wall_at_the_start(u, bounces):
 
 
 def test_behind_contact_with_a_wall_by_round_off():
-    """A big disk, and between it and its contact with the wall behind it a cell's edge: that is not the wall ahead."""
+    """A big disk, and between it and its contact with the wall behind it a cell's edge: that is not
+    the wall ahead.
+    """
     small = [(2.45 + 0.3 * (i % 5), 0.3 + 0.45 * (i // 5), 0, 0) for i in range(40)]
 
     def disks(edge, turn):
-        state = state_of([(edge * (1 - 3e-13), 2, 1, 0), *small], np.array([edge * (1 + 5e-13)] + [0.135] * 40))
+        state = state_of(
+            [(edge * (1 - 3e-13), 2, 1, 0), *small], np.array([edge * (1 + 5e-13)] + [0.135] * 40)
+        )
         return state._replace(position=(state.position - 2) * turn, velocity=state.velocity * turn)
 
     def columns(edge):
-        return prepare_scene(explicit(box(4, 4, W), disks(edge, 1), 1.0), np.zeros(0)).workspace.grid.columns
+        return prepare_scene(
+            explicit(box(4, 4, W), disks(edge, 1), 1.0), np.zeros(0)
+        ).workspace.grid.columns
 
     edges = {n: 4 / n * round(n / 4) for n in range(5, 16)}
     found = [edge for n, edge in edges.items() if edge < 1.15 and columns(edge) == n]
@@ -92,7 +106,9 @@ def test_behind_contact_with_a_wall_by_round_off():
 
 @BOTH
 def test_a_cradle_in_contact(boundary):
-    """Equal masses in a line: the last one leaves with all the speed, whatever the order of collisions at t = 0."""
+    """Equal masses in a line: the last one leaves with all the speed, whatever the order of
+    collisions at t = 0.
+    """
     for order in (1, -1):
         disks = state_of([(0.25 * i, 0, float(i == 0), 0) for i in range(6)][::order])
         position, velocity, events, _ = outcome(box(6, 6, boundary), disks, 0.5)
@@ -102,19 +118,27 @@ def test_a_cradle_in_contact(boundary):
 
 
 def test_a_cradle_of_unequal_masses_in_contact_conserves_and_separates():
-    disks = state_of([(0.25 * i, 0, float(i == 0), 0) for i in range(4)], mass=np.array([1.0, 4.0, 2.0, 3.0]))
+    disks = state_of(
+        [(0.25 * i, 0, float(i == 0), 0) for i in range(4)], mass=np.array([1.0, 4.0, 2.0, 3.0])
+    )
     _, velocity, _, _ = outcome(box(6, 6, W), disks, 0.5)
-    assert (np.diff(velocity[:, 0]) >= -1e-15).all()  # each at least as fast as the one behind it: they separate
+    assert (
+        np.diff(velocity[:, 0]) >= -1e-15
+    ).all()  # each at least as fast as the one behind it: they separate
     assert disks.mass @ velocity[:, 0] == pytest.approx(1.0, rel=1e-14)
     assert disks.mass @ velocity[:, 0] ** 2 == pytest.approx(1.0, rel=1e-14)
 
 
 @pytest.mark.parametrize("gap", [1e-6, 1e-10, 1e-14])
 def test_small_gaps(gap):
-    """Collision after gap/speed, to the round-off of the positions, and the speed handed on from disk to disk."""
+    """Collision after gap/speed, to the round-off of the positions, and the speed handed on from
+    disk to disk.
+    """
     disks = state_of([(0.25 * (1 + gap) * i, 0, float(i == 0), 0) for i in range(6)])
     _, velocity, events, _ = outcome(box(6, 6, W), disks, 0.5)
-    first = np.array([events.time[np.flatnonzero((events.a == i) | (events.b == i))[0]] for i in range(1, 6)])
+    first = np.array(
+        [events.time[np.flatnonzero((events.a == i) | (events.b == i))[0]] for i in range(1, 6)]
+    )
     np.testing.assert_allclose(first, 0.25 * gap * np.arange(1, 6), rtol=0, atol=2e-15)
     np.testing.assert_allclose(velocity, [[0, 0]] * 5 + [[1, 0]], rtol=0, atol=1e-15)
 
@@ -122,8 +146,13 @@ def test_small_gaps(gap):
 @BOTH
 @pytest.mark.parametrize("angle", [0.0, 0.3, 1.2, 2.9])
 def test_grazing(boundary, angle):
-    """Impact parameter sigma (1 - 1e-12): f = v cos, with cos^2 = 2e-12; with 1 + 1e-12 they pass each other."""
-    along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+    """Impact parameter sigma (1 - 1e-12): f = v cos, with cos^2 = 2e-12; with 1 + 1e-12 they pass
+    each other.
+    """
+    along, across = (
+        np.array([math.cos(angle), math.sin(angle)]),
+        np.array([-math.sin(angle), math.cos(angle)]),
+    )
     for side, collisions in ((-1e-12, 1), (1e-12, 0)):
         start = -0.8 * along + 0.25 * (1 + side) * across
         disks = state_of([(0, 0, 0, 0), (*start, *along)])
@@ -135,7 +164,7 @@ def test_grazing(boundary, angle):
             assert events.time[0] == pytest.approx(0.8, abs=1e-6)
 
 
-# -- at the same time -----------------------------------------------------------------------------------------------
+# -- at the same time ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("corner", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
@@ -154,7 +183,9 @@ def test_many_pairs_at_the_same_time(boundary):
     """400 head-on collisions at t = 1/4 exactly; a bucket of the queue holds 15."""
     pairs = [(x * 1.0, y * 0.5) for x in range(20) for y in range(20)]
     disks = [each for x, y in pairs for each in ((x - 0.25, y, 0.5, 0), (x + 0.25, y, -0.5, 0))]
-    position, velocity, events, _ = outcome(box(20.5, 10.5, boundary, (9.5, 4.75)), state_of(disks), 0.5)
+    position, velocity, events, _ = outcome(
+        box(20.5, 10.5, boundary, (9.5, 4.75)), state_of(disks), 0.5
+    )
     start = state_of(disks)
     assert np.array_equal(velocity, -start.velocity) and np.array_equal(position, start.position)
     assert events.time.tolist() == [0.25] * 400
@@ -182,7 +213,7 @@ def test_disks_that_meet_in_one_point(boundary, n):
     assert np.abs(velocity.sum(axis=0)).max() < 1e-14
 
 
-# -- close packing --------------------------------------------------------------------------------------------------
+# -- close packing ---------------------------------------------------------------------------------
 
 
 def neighbours(scene):
@@ -199,9 +230,10 @@ def neighbours(scene):
 def test_a_packing_keeps_its_neighbours(gap):
     """400,000 collisions in which nobody collides with anyone but its six neighbours at the start.
 
-    One collision lost lets two disks change places, and all later ones are wrong. Disks never move by more than about
-    a gap, of which the coordinates (up to 12) resolve 1e-15. Contacts in always the same three directions round
-    always the same way: up to a tenth of a unit of round-off of a pair's energy a collision, 2e-13 in all.
+    One collision lost lets two disks change places, and all later ones are wrong. Disks never move
+    by more than about a gap, of which the coordinates (up to 12) resolve 1e-15. Contacts in always
+    the same three directions round always the same way: up to a tenth of a unit of round-off of a
+    pair's energy a collision, 2e-13 in all.
     """
     scene = crystal(12, gap, gap * 2700)
     result = simulate(scene, [0], {"tracer", "events"})
@@ -224,11 +256,13 @@ def test_disks_that_touch_all_round_end_with_an_error(record):
     assert stopped.keys() == {7} and "no progress at t = " in stopped[7]
 
 
-# -- masses, speeds, times ------------------------------------------------------------------------------------------
+# -- masses, speeds, times -------------------------------------------------------------------------
 
 
 def scaled(scene, seed, length=0, time=0, mass=0):
-    """The scene from the state of a seed, in units smaller by these powers of two; box centred at 0."""
+    """The scene from the state of a seed, in units smaller by these powers of two; box centred at
+    0.
+    """
     state = draw(scene, seed)
     state = State(
         np.ldexp(state.position, length),
@@ -236,18 +270,29 @@ def scaled(scene, seed, length=0, time=0, mass=0):
         np.ldexp(state.radius, length),
         np.ldexp(state.mass, mass),
     )
-    where = box(math.ldexp(scene.box.width, length), math.ldexp(scene.box.height, length), scene.box.boundary)
+    where = box(
+        math.ldexp(scene.box.width, length),
+        math.ldexp(scene.box.height, length),
+        scene.box.boundary,
+    )
     return explicit(where, state, math.ldexp(scene.duration, time))
 
 
 ENDS = (-440, 0, 440)  # 1e-132 to 1e132
 UNITS = [(0, 0, 996), (0, 0, -996)]  # masses of 1e300, and of 1e-300
-UNITS += [(0, 565, 0), (0, -531, 0), (0, -498, 0), (0, 498, 0)]  # speeds of 1e-170 and 1e160, durations of 1e-150
+UNITS += [
+    (0, 565, 0),
+    (0, -531, 0),
+    (0, -498, 0),
+    (0, 498, 0),
+]  # speeds of 1e-170 and 1e160, durations of 1e-150
 UNITS += [(300, 100, -200), (-300, -100, 200)]
 
 
 @pytest.mark.parametrize(
-    ("name", "units"), [*product(["periodic"], product(ENDS, ENDS, (-900, 0, 900))), *product(FEW, UNITS)], ids=str
+    ("name", "units"),
+    [*product(["periodic"], product(ENDS, ENDS, (-900, 0, 900))), *product(FEW, UNITS)],
+    ids=str,
 )
 def test_units_of_both_engines(name, units):
     """Trajectories and observables to the bit; NaN, or next to 0, where there is no such number."""
@@ -266,18 +311,29 @@ def test_units_of_both_engines(name, units):
             power = powers.get(name, 0)
             value, found = float(values[0]), float(two.observables[name][0])
             there = value == 0 or -1021 <= math.frexp(value)[1] + power <= 1024
-            assert found == math.ldexp(value, power) if there else math.isnan(found) or abs(found) < 1e-307, name
+            assert (
+                found == math.ldexp(value, power)
+                if there
+                else math.isnan(found) or abs(found) < 1e-307
+            ), name
 
 
 @pytest.mark.parametrize(
     "factors", [(3e-121, 7e-33, 0.3e111), (0.7e99, 1.1e-40, 3e-290), (1e-90, 1e-60, 1e200)], ids=str
 )
 def test_units_that_are_no_powers_of_two(factors):
-    """A run of so few collisions that round-off of the start, 1e-15 of the box, grows by less than 1e4."""
+    """A run of so few collisions that round-off of the start, 1e-15 of the box, grows by less than
+    1e4.
+    """
     length, time, mass = factors
     scene = scaled(FEW["periodic"], 3).replace(duration=1.0, sample_interval=1.0)
     state = draw(scene, 0)
-    moved = State(state.position * length, state.velocity * (length / time), state.radius * length, state.mass * mass)
+    moved = State(
+        state.position * length,
+        state.velocity * (length / time),
+        state.radius * length,
+        state.mass * mass,
+    )
     sides = [side * length for side in (scene.box.width, scene.box.height)]
     other = explicit(box(*sides, P), moved, time)
     step = largest_step(scene) / 64
@@ -287,21 +343,33 @@ def test_units_that_are_no_powers_of_two(factors):
     ):
         one, two = engine(scene, [0], {"all"}, **short), engine(other, [0], {"all"}, **long)
         assert one.observables["pair_collisions"] == two.observables["pair_collisions"] > 0
-        np.testing.assert_allclose(two.whole[0].position / length, one.whole[0].position, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(
+            two.whole[0].position / length, one.whole[0].position, rtol=0, atol=1e-11
+        )
         assert not two.observables["failed"][0]
 
 
 def test_a_disk_that_is_nowhere_fails_the_run_and_so_do_lost_energy_lost_momentum_and_an_overlap():
-    """By 1e-8, ten times what is allowed, and each alone: momentum is lost where a velocity is reversed."""
+    """By 1e-8, ten times what is allowed, and each alone: momentum is lost where a velocity is
+    reversed.
+    """
     scene = FEW["crowded"]
     prepared = prepare_scene(scene, scene.times)
     w, first = prepared.workspace, motion_of(draw(scene, 3), prepared.frame)
     first[:, 2:] -= first[:, 2:].mean(axis=0)
-    disks, slower = w.disk.reshape(len(first), -1), np.concatenate([first[:, :2], first[:, 2:] * (1 - 1e-8)], axis=1)
-    harms = [(w.disk, index, value) for index in range(4) for value in (math.nan, math.inf, -math.inf)]
+    disks, slower = (
+        w.disk.reshape(len(first), -1),
+        np.concatenate([first[:, :2], first[:, 2:] * (1 - 1e-8)], axis=1),
+    )
+    harms = [
+        (w.disk, index, value) for index in range(4) for value in (math.nan, math.inf, -math.inf)
+    ]
     harms += [(disks, np.s_[:, :4], slower), (w.disk, 2, -first[0, 2]), (w.tally, NEAREST, -2e-8)]
-    # Too long a time for an int32 to count images, by the shorter side, of a disk that has all the energy.
-    harms += [(w.tally, NOW, 2**31 * 1.45 / prepared.frame.length / math.sqrt(np.sum(first[:, 2:] ** 2)))]
+    # Too long a time for an int32 to count images, by the shorter side, of a disk that has all the
+    # energy.
+    harms += [
+        (w.tally, NOW, 2**31 * 1.45 / prepared.frame.length / math.sqrt(np.sum(first[:, 2:] ** 2)))
+    ]
     for array, where, value in harms:
         begin(w, first)
         w.count[CROSSINGS] = 2**31
@@ -328,27 +396,37 @@ def test_disks_at_rest_in_any_units(size, duration):
 def test_a_unit_of_time_that_is_no_number_is_refused(speed):
     size = 1e130 if speed < 1 else 1e-130
     scene = explicit(box(size, size, W), state_of([(0, 0, speed, 0)], size / 8), 1.0)
-    with pytest.raises(RequestError, match=r"explicit: velocities: the rms speed 1e.200 must be from .* other units"):
+    with pytest.raises(
+        RequestError,
+        match=r"explicit: velocities: the rms speed 1e.200 must be from .* other units",
+    ):
         simulate(scene, [0])
 
 
 def test_no_momentum_of_the_heaviest_masses():
     """Their sum is infinite, their mean velocity is not."""
     velocity = np.random.default_rng(1).standard_normal((2000, 2))
-    unit, heavy = (without_total_momentum(velocity, np.full(2000, mass)) for mass in (1.0, 2.0**1020))
+    unit, heavy = (
+        without_total_momentum(velocity, np.full(2000, mass)) for mass in (1.0, 2.0**1020)
+    )
     assert np.array_equal(unit, heavy)
 
 
 @BOTH
 def test_the_largest_mass_ratio(boundary):
-    """Some 1e4 collisions with a disk of 1e200 times the mass, which they do not move: from 1/eps^2 on, a change of its
-    velocity is below the last bit. A time step leaves overlaps, but the same balance of energy and momentum.
+    """Some 1e4 collisions with a disk of 1e200 times the mass, which they do not move: from 1/eps^2
+    on, a change of its velocity is below the last bit. A time step leaves overlaps, but the same
+    balance of energy and momentum.
 
-    At equal temperature: a disk so heavy that moved would squeeze a light one against a wall in 1e100 collisions.
+    At equal temperature: a disk so heavy that moved would squeeze a light one against a wall in
+    1e100 collisions.
     """
     kinds = [(9, 0.1, 1.0), (1, 0.1, LARGEST_MASS_RATIO)]
     scene = make(box(2, 2, boundary), kinds, 500.0, velocities={"temperature": 1.0})
-    for run in (simulate(scene, [1], {"all"}), timestep.simulate(scene, [1], {"all"}, time_step=0.01)):
+    for run in (
+        simulate(scene, [1], {"all"}),
+        timestep.simulate(scene, [1], {"all"}, time_step=0.01),
+    ):
         seen = {key: column[0] for key, column in run.observables.items()}
         assert not seen["failed"]
         assert seen["pair_collisions"] > 200
@@ -359,18 +437,26 @@ def test_the_largest_mass_ratio(boundary):
 
 @pytest.mark.parametrize("place", [1e-3, 3.0])
 def test_the_smallest_radius(place):
-    """An impact at 0.6 of the contact distance leaves the struck disk 0.8 of the speed, to a unit of round-off of the
-    largest coordinate in radii. Such a run may fail its check of overlaps, which is stricter.
+    """An impact at 0.6 of the contact distance leaves the struck disk 0.8 of the speed, to a unit
+    of round-off of the largest coordinate in radii. Such a run may fail its check of overlaps,
+    which is stricter.
     """
     radius, rng = 6.0 * (1 + 1e-9) * SMALLEST_RADIUS, np.random.default_rng(1)
     for angle in rng.uniform(0, 2 * math.pi, 40):
-        along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
+        along, across = (
+            np.array([math.cos(angle), math.sin(angle)]),
+            np.array([-math.sin(angle), math.cos(angle)]),
+        )
         start = np.array((place - 1e-6, -place + 1e-6)) * 0.99
         other = start + radius * (1.2 * across - 10 * along)
-        scene = explicit(box(6, 6, W), state_of([(*start, 0, 0), (*other, *along)], radius), 40 * radius)
+        scene = explicit(
+            box(6, 6, W), state_of([(*start, 0, 0), (*other, *along)], radius), 40 * radius
+        )
         run = simulate(scene, [0], {"all"})
         assert run.observables["pair_collisions"][0] == 1
-        assert abs(np.hypot(*run.whole[0].velocity[-1, 0]) - 0.8) <= np.finfo(float).eps * 3.0 / radius
+        assert (
+            abs(np.hypot(*run.whole[0].velocity[-1, 0]) - 0.8) <= np.finfo(float).eps * 3.0 / radius
+        )
 
 
 def test_a_duration_of_1e_150():
@@ -385,12 +471,16 @@ def test_a_duration_of_1e_150():
 
 @pytest.mark.parametrize("digits", [0, 1, 2, 3, 4, 5, pytest.param(6, marks=pytest.mark.slow)])
 def test_pi_collisions(digits):
-    """A wall, a light disk and a heavy one of 100^digits times its mass: the digits of pi, up to 3,141,592."""
+    """A wall, a light disk and a heavy one of 100^digits times its mass: the digits of pi, up to
+    3,141,592.
+    """
     disks = state_of([(2, 0, 0, 0), (4, 0, -1, 0)], 0.5, np.array([1.0, 100.0**digits]))
     scene = explicit({"x": [0.0, 40.0], "y": [-20.0, 20.0], "boundary": W}, disks, 30.0)
     seen = {key: column[0] for key, column in simulate(scene, [0], frozenset()).observables.items()}
     assert seen["pair_collisions"] + seen["wall_collisions"] == math.floor(math.pi * 10**digits)
-    assert abs(seen["energy_drift"]) <= 5e-11  # a tenth of a unit of round-off, always the same way, in 3e6 collisions
+    assert (
+        abs(seen["energy_drift"]) <= 5e-11
+    )  # a tenth of a unit of round-off, always the same way, in 3e6 collisions
     assert not seen["failed"]
 
 
@@ -405,20 +495,22 @@ def test_pi_collisions(digits):
 )
 @BOTH
 def test_energy_over_a_million_events(boundary, kinds, bound):
-    """At random, 1e6 errors of a unit of round-off of 2/10 of the energy add up to 5e-14. A bias of 0.1 units would
-    give 5e-12, and did: see `collisions.shares`.
+    """At random, 1e6 errors of a unit of round-off of 2/10 of the energy add up to 5e-14. A bias of
+    0.1 units would give 5e-12, and did: see `collisions.shares`.
     """
     scene = make(box(2, 2, boundary), kinds, 10.0, velocities={"temperature": 1.0})
     few = simulate(scene, [1], frozenset()).observables
     events = few["pair_collisions"][0] + few["wall_collisions"][0]
-    seen = simulate(scene.replace(duration=1e7 / events, sample_interval=1e7 / events), [1], frozenset()).observables
+    seen = simulate(
+        scene.replace(duration=1e7 / events, sample_interval=1e7 / events), [1], frozenset()
+    ).observables
     assert 0.5e6 < seen["pair_collisions"][0] + seen["wall_collisions"][0] < 2e6
     assert abs(seen["energy_drift"][0]) <= bound
     assert seen["worst_overlap"][0] <= 1e-12
     assert seen["momentum_residual"][0] <= 1e-12
 
 
-# -- long times, far places -----------------------------------------------------------------------------------------
+# -- long times, far places ------------------------------------------------------------------------
 
 
 def reflected(x, v, t, half):
@@ -436,44 +528,64 @@ def test_a_lone_disk_for_a_long_time(duration, speed, bound):
     scene = explicit(box(6, 6, W), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
     run = simulate(scene, [0], {"tracer"})
     for axis, (x, v) in enumerate([(0.1, vx), (-0.2, vy)]):
-        assert run.tracer.position[-1, 0, axis] == pytest.approx(reflected(x, v, duration, Fraction(11, 4)), abs=bound)
+        assert run.tracer.position[-1, 0, axis] == pytest.approx(
+            reflected(x, v, duration, Fraction(11, 4)), abs=bound
+        )
     assert not run.observables["failed"][0]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("duration", "speed"), [(1e6, 1.0), (1e9, 1 / 64)])
 def test_a_lone_disk_in_a_periodic_box_for_a_long_time(duration, speed):
-    """Unwrapped it moves straight; the error is that of times within blocks, 1e-16 of the way at the most."""
+    """Unwrapped it moves straight; the error is that of times within blocks, 1e-16 of the way at
+    the most.
+    """
     vx, vy = 0.9 * speed, -0.7 * speed
     scene = explicit(box(6, 6, P), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
     track = simulate(scene, [0], {"tracer"}).tracer
     for axis, (x, v) in enumerate([(0.1, vx), (-0.2, vy)]):
-        way = Fraction(float(track.position[-1, 0, axis])) + 6 * int(track.image[-1, 0, axis]) - Fraction(x)
+        way = (
+            Fraction(float(track.position[-1, 0, axis]))
+            + 6 * int(track.image[-1, 0, axis])
+            - Fraction(x)
+        )
         assert abs(float(way - Fraction(v) * Fraction(duration))) <= 1e-7
         assert -3 <= track.position[-1, 0, axis] <= 3
 
 
 @BOTH
 def test_a_box_a_million_away_loses_no_digit(boundary):
-    """The same events to the bit; only the positions that are handed back are rounded to their 1e-10."""
+    """The same events to the bit; only the positions that are handed back are rounded to their
+    1e-10.
+    """
     state = draw(make(box(4, 4, boundary), [(20, 0.14, 1), (20, 0.1, 0.3)], 1.0), 1)
-    state = state._replace(position=np.round(state.position * 2**30) / 2**30)  # so that the shift is exact
+    state = state._replace(
+        position=np.round(state.position * 2**30) / 2**30
+    )  # so that the shift is exact
     near = simulate(explicit(box(4, 4, boundary), state, 1.0), [0], {"all", "events"})
     shift = np.array([2.0**20, -(2.0**20)])
-    far = explicit(box(4, 4, boundary, tuple(shift.tolist())), state._replace(position=state.position + shift), 1.0)
+    far = explicit(
+        box(4, 4, boundary, tuple(shift.tolist())),
+        state._replace(position=state.position + shift),
+        1.0,
+    )
     far = simulate(far, [0], {"all", "events"})
     assert len(near.events[0].time) > 50
     for one, other in zip(near.events[0], far.events[0], strict=True):
         assert np.array_equal(one, other)
-    assert np.abs(far.whole[0].position - shift - near.whole[0].position).max() <= 1.2e-10  # half an ulp of 2^20
+    assert (
+        np.abs(far.whole[0].position - shift - near.whole[0].position).max() <= 1.2e-10
+    )  # half an ulp of 2^20
     assert np.array_equal(near.whole[0].velocity, far.whole[0].velocity)
 
 
-# -- how many, how large --------------------------------------------------------------------------------------------
+# -- how many, how large ---------------------------------------------------------------------------
 
 
 @BOTH
 def test_no_disk_at_all(boundary):
-    run = simulate(make(box(2, 2, boundary), [(0, 0.1, 1.0)], 1.0), [0, 1], {"tracer", "all", "events"})
+    run = simulate(
+        make(box(2, 2, boundary), [(0, 0.1, 1.0)], 1.0), [0, 1], {"tracer", "all", "events"}
+    )
     assert run.tracer is None and run.times.tolist() == [0.0, 1.0]
     assert all(column.tolist() == [0, 0] for column in run.observables.values())

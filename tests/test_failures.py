@@ -1,4 +1,6 @@
-"""Runs that cannot go on: each is recorded with its reason, and the others are as if it had not been there."""
+"""Runs that cannot go on: each is recorded with its reason, and the others are as if it had not
+been there.
+"""
 
 import os
 import re
@@ -70,7 +72,11 @@ def whole(crowd):
 def part(whole, seeds):
     """A batch of some of the seeds, as the engine returns it."""
     runs = select(whole, np.array(seeds))
-    return runs if len(runs.stopped) < len(seeds) else runs._replace(observables={"failed": runs.observables["failed"]})
+    return (
+        runs
+        if len(runs.stopped) < len(seeds)
+        else runs._replace(observables={"failed": runs.observables["failed"]})
+    )
 
 
 def written(path, scene, ensemble, engine=ENGINES[0]):
@@ -81,11 +87,16 @@ def written(path, scene, ensemble, engine=ENGINES[0]):
 def arrays_of(ensemble, seed):
     column = ensemble.seeds.tolist().index(seed)
     arrays = {name: values[column] for name, values in ensemble.observables.items()}
-    arrays |= {"tracer": ensemble.tracer.position[:, column], "images": ensemble.tracer.image[:, column]}
-    return arrays | {f"all {name}": values for name, values in ensemble.whole[seed]._asdict().items()}
+    arrays |= {
+        "tracer": ensemble.tracer.position[:, column],
+        "images": ensemble.tracer.image[:, column],
+    }
+    return arrays | {
+        f"all {name}": values for name, values in ensemble.whole[seed]._asdict().items()
+    }
 
 
-# -- one run of a batch ---------------------------------------------------------------------------------------------
+# -- one run of a batch ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("engine", ENGINES, ids=lambda engine: engine.name)
@@ -93,7 +104,9 @@ def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, e
     """A batch of random seeds in random order."""
     seeds = faults.random.sample(SEEDS, 7)
     batch = engine.simulate(crowd, seeds, {"tracer", "all"})
-    expected = {seed: reason for one in seeds for seed, reason in alone(engine, one).stopped.items()}
+    expected = {
+        seed: reason for one in seeds for seed, reason in alone(engine, one).stopped.items()
+    }
     assert dict(batch.stopped) == expected
     assert all(reason.startswith("disks: only ") for reason in expected.values())
     assert batch.observables["failed"].tolist() == [seed in expected for seed in seeds]
@@ -104,8 +117,15 @@ def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, e
         assert all(own[name].tobytes() == other[name].tobytes() for name in own), seed
     for seed in expected:
         column = seeds.index(seed)
-        assert np.isnan(batch.tracer.position[:, column]).all() and not batch.tracer.image[:, column].any()
-        assert all(np.isnan(values[column]) for values in batch.observables.values() if values.dtype.kind == "f")
+        assert (
+            np.isnan(batch.tracer.position[:, column]).all()
+            and not batch.tracer.image[:, column].any()
+        )
+        assert all(
+            np.isnan(values[column])
+            for values in batch.observables.values()
+            if values.dtype.kind == "f"
+        )
 
 
 def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(monkeypatch):
@@ -129,13 +149,17 @@ def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(mon
 
 
 def unhealthy(to_end):
-    """The function, but the second run that equilibrates comes to an end with a health check that has failed."""
+    """The function, but the second run that equilibrates comes to an end with a health check that
+    has failed.
+    """
     calls = []
 
     def fail(prepared, start, *arguments):
         result = to_end(prepared, start, *arguments)
         calls.extend([result] if start.equilibrating else [])
-        return result._replace(observables=result.observables | {"failed": start.equilibrating and len(calls) % 2 == 0})
+        return result._replace(
+            observables=result.observables | {"failed": start.equilibrating and len(calls) % 2 == 0}
+        )
 
     return fail
 
@@ -145,7 +169,9 @@ def test_a_friction_is_not_measured_in_runs_that_failed(monkeypatch, crowd):
     heavy["disks"]["tracer"]["mass"] = 20.0
     words = r"crowd: of the runs that measure the friction could not go on: \d of \d+ runs: 0"
     with pytest.raises(RunError, match=words):
-        Engine("langevin", (("friction", "measured"),)).simulate(parse_scene(heavy, "crowd.yaml"), [0], {"tracer"})
+        Engine("langevin", (("friction", "measured"),)).simulate(
+            parse_scene(heavy, "crowd.yaml"), [0], {"tracer"}
+        )
 
 
 @pytest.mark.slow
@@ -156,7 +182,9 @@ def test_a_batch_resumed_from_any_checkpoint_has_the_same_runs_and_reasons(crowd
     expected = written(Path("whole.h5"), crowd, whole).read_bytes()
     for _ in range(2):
         checkpoint = faults.random.choice(stored)
-        resumed = simulate(crowd, range(4), {"tracer"}, Checkpoints(lambda: False, lambda _: None, checkpoint))
+        resumed = simulate(
+            crowd, range(4), {"tracer"}, Checkpoints(lambda: False, lambda _: None, checkpoint)
+        )
         assert dict(resumed.stopped) == dict(whole.stopped)
         assert written(Path("resumed.h5"), crowd, resumed).read_bytes() == expected
 
@@ -165,13 +193,15 @@ def copied(arrays):
     return {name: np.array(values) for name, values in arrays.items()}
 
 
-# -- files ----------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seeds", [[0, 1, 2, 3], [0, 2]], ids=["some", "all"])
 def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, seeds):
-    """Of the seeds 0 to 3 the runs of 0 and 2 stop; a file of these alone has nothing but reasons."""
+    """Of the seeds 0 to 3 the runs of 0 and 2 stop; a file of these alone has nothing but
+    reasons.
+    """
     batch = part(whole, seeds)
     runs = read_trajectories(written(Path("a.h5"), crowd, batch))
     assert runs.ensemble.stopped == batch.stopped and sorted(batch.stopped) == [0, 2]
@@ -197,13 +227,18 @@ def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, see
         ("1,3", ("--allow-failed", 0), DONE),
     ],
 )
-def test_simulate_writes_the_file_and_names_seeds_and_reason_in_one_line(said, seeds, options, status):
+def test_simulate_writes_the_file_and_names_seeds_and_reason_in_one_line(
+    said, seeds, options, status
+):
     Path("crowd.yaml").write_text(CROWD)
     found, out, err = said("simulate", "crowd.yaml", "--seeds", seeds, *options)
     assert (found, out.count("\n")) == (status, 1) and "nan" not in out
     assert Path("crowd.h5").is_file()
     number = {"0-3": 4, "0,2": 2}.get(seeds)
-    names = rf"brownpipe: crowd\.h5: could not go on: 2 of {number} runs: 0,2 \(seed 0: disks: only .*\)\n"
+    names = (
+        rf"brownpipe: crowd\.h5: could not go on: 2 of {number} runs: 0,2 \(seed 0: disks: only "
+        r".*\)\n"
+    )
     caution, *last = err.splitlines(keepends=True)
     assert "random placement is expected to fail in some of the runs" in caution
     assert re.fullmatch(names, *last) if number else last == []
@@ -225,7 +260,10 @@ def test_a_stopped_run_is_described_and_neither_drawn_nor_exported(said, crowd, 
     written(Path("b.h5"), crowd, part(whole, [0, 1, 2, 3])._replace(whole={}, events={}))
     for name in "ab":  # all disks, and tracers alone
         _, _, err = said("export", f"{name}.h5", "--to", "csv")
-        assert "could not go on: 2 of 4 runs: 0,2" in err and "nan" not in Path(f"{name}.csv").read_text()
+        assert (
+            "could not go on: 2 of 4 runs: 0,2" in err
+            and "nan" not in Path(f"{name}.csv").read_text()
+        )
 
 
 @pytest.mark.slow
@@ -237,12 +275,14 @@ def test_the_python_interface_warns_of_runs_that_could_not_go_on(crowd):
     assert bp.analyse(runs).runs.item() == 2 and np.isnan(runs.position.sel(seed=2)).all()
 
 
-# -- studies --------------------------------------------------------------------------------------------------------
+# -- studies ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def batches(crowd, whole, tmp_path_factory):
-    """The function from a size to trajectory files of the same runs in batches of it, some of stopped runs alone."""
+    """The function from a size to trajectory files of the same runs in batches of it, some of
+    stopped runs alone.
+    """
     folder, tracers = tmp_path_factory.mktemp("batches"), whole._replace(whole={}, events={})
 
     def in_batches(size, seeds=SEEDS):
@@ -271,12 +311,23 @@ def test_summary_health_figure_and_status_name_the_failed_runs(batches, said):
     write_dataset("a.nc", dataset)
     assert read_dataset("a.nc").identical(dataset)
     text = summary(dataset)
-    assert "crowd, N = 40: failed and left out: 4 of 16 seeds (0,2,11,14); 4 could not go on, seed 0: disks: " in text
-    assert "The averages leave out 4 failed runs; they are biased if runs that fail differ from the others.\n" in text
+    assert (
+        "crowd, N = 40: failed and left out: 4 of 16 seeds (0,2,11,14); 4 could not go on, seed "
+        "0: disks: "
+    ) in text
+    assert (
+        "The averages leave out 4 failed runs; they are biased if runs that fail differ from the "
+        "others.\n"
+    ) in text
     (label,) = draw(dataset, "health").axes[0].get_yticklabels()
     assert "(4 of 16 failed)" in label.get_text()
-    line = "brownpipe: a.nc: 4 of 16 runs failed and are in no average, {}: crowd, N = 40: seeds 0,2,11,14\n"
-    refused, accepted = map(line.format, ("allow_failed: 3 accepts no more", "accepted by allow_failed: 4"))
+    line = (
+        "brownpipe: a.nc: 4 of 16 runs failed and are in no average, {}: crowd, N = 40: seeds "
+        "0,2,11,14\n"
+    )
+    refused, accepted = map(
+        line.format, ("allow_failed: 3 accepts no more", "accepted by allow_failed: 4")
+    )
     assert said("inspect", "a.nc", "--allow-failed", 3) == (FAILED, "", refused)
     assert said("inspect", "a.nc", "--allow-failed", 4) == (DONE, "", accepted)
     write_dataset("b.nc", aggregate(batches(1, (1, 3))))
@@ -286,7 +337,9 @@ def test_summary_health_figure_and_status_name_the_failed_runs(batches, said):
 def test_a_study_in_which_every_run_failed_has_a_summary_and_no_average(batches):
     dataset = aggregate(batches(1, (0, 2)))
     assert (dataset.runs.item(), dataset.failed_runs.item()) == (0, 2) and "msd" in dataset
-    assert np.isnan(dataset.msd).all() and "failed and left out: 2 of 2 seeds (0,2)" in summary(dataset)
+    assert np.isnan(dataset.msd).all() and "failed and left out: 2 of 2 seeds (0,2)" in summary(
+        dataset
+    )
     draw(dataset, "health")
 
 
@@ -298,23 +351,32 @@ exec {} "$@"
 
 @pytest.mark.slow
 def test_a_study_survives_a_killed_worker_and_runs_that_cannot_go_on(tmp_path):
-    """The runs of the seeds 0 and 2 find no place: all of one job, half of another one, which is killed at first."""
+    """The runs of the seeds 0 and 2 find no place: all of one job, half of another one, which is
+    killed at first.
+    """
     folder = tmp_path / "study"
     (folder / "bin").mkdir(parents=True)
     (folder / "crowd.yaml").write_text(CROWD)
-    (folder / "study.yaml").write_text("scenes: crowd.yaml\nseeds: 0,2-5\nbatch: 2\nfigures: [health]\n")
+    (folder / "study.yaml").write_text(
+        "scenes: crowd.yaml\nseeds: 0,2-5\nbatch: 2\nfigures: [health]\n"
+    )
     program = folder / "bin" / "brownpipe"
     path = {"PATH": f"{program.parent}:{forked.programs()}:{os.environ['PATH']}"}
     program.write_text(WORKERS.format(f"{forked.programs()}/brownpipe"))
     program.chmod(0o755)
     printed = snakemake(folder, "--cores", "1", status=FAILED, **path)
     last = printed.splitlines()[-1]
-    assert last.startswith("    brownpipe: killed, most likely out of memory") and "Traceback" not in printed, printed
+    assert (
+        last.startswith("    brownpipe: killed, most likely out of memory")
+        and "Traceback" not in printed
+    ), printed
     assert {file.name for file in (folder / "results/runs").rglob("*.h5")} == {"0-0.h5", "4-5.h5"}
     program.unlink()
     told = r"study\.nc: 2 of 5 runs failed and are in no average, {}: crowd, N = 40: seeds 0,2"
     printed = snakemake(folder, "--cores", "1", status=FAILED, **path)
-    assert re.search(told.format("allow_failed: 0 accepts no more"), printed.splitlines()[-1]), printed
+    assert re.search(told.format("allow_failed: 0 accepts no more"), printed.splitlines()[-1]), (
+        printed
+    )
     answer = (folder / "results/study/figures/summary.txt").read_text()
     assert answer in printed and "failed and left out: 2 of 5 seeds (0,2)" in answer
     with open(folder / "study.yaml", "a") as file:

@@ -1,4 +1,6 @@
-"""What a file meets: a full disk, a writer that is killed, flipped bits, cut and exchanged files. None is silent."""
+"""What a file meets: a full disk, a writer that is killed, flipped bits, cut and exchanged files.
+None is silent.
+"""
 
 import os
 import random
@@ -37,10 +39,15 @@ def original(tmp_path_factory):
             words = ["--seeds", file.path.stem, "--output", str(file.path)]
             assert main(["simulate", *command.split(), *words]) == DONE
         listed = f"{RESULTS}/aggregate/made_from_0.txt"
-        assert main(["aggregate", "--study", "mine.yaml", "--output", DATASET, "--list-runs", listed]) == DONE
+        assert (
+            main(["aggregate", "--study", "mine.yaml", "--output", DATASET, "--list-runs", listed])
+            == DONE
+        )
         page = ["--figures", "health", "--page", f"{RESULTS}/report.html"]
         assert main(["figures", DATASET, "--output", FIGURES, *page]) == DONE
-        drawn = subprocess.run(["sha256sum", DATASET, *Path(FIGURES).iterdir()], stdout=subprocess.PIPE, check=True)
+        drawn = subprocess.run(
+            ["sha256sum", DATASET, *Path(FIGURES).iterdir()], stdout=subprocess.PIPE, check=True
+        )
         Path(FIGURES, "drawn_from_0.txt").write_bytes(drawn.stdout)
     return folder
 
@@ -53,7 +60,7 @@ def study(original, tmp_path, monkeypatch):
     return folder
 
 
-# -- a full disk ----------------------------------------------------------------------------------------------------
+# -- a full disk -----------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -69,7 +76,10 @@ def limited(size):
 
 @pytest.mark.slow
 def test_without_space_there_is_one_line_and_no_half_a_file(study, faults, said):
-    words, written = ["simulate", "hot.yaml", "--seeds", "0-1", "--output", "out/0-1.h5"], Path("out/0-1.h5")
+    words, written = (
+        ["simulate", "hot.yaml", "--seeds", "0-1", "--output", "out/0-1.h5"],
+        Path("out/0-1.h5"),
+    )
     assert main(words) == DONE
     expected = written.read_bytes()
     shutil.rmtree("out")
@@ -85,7 +95,9 @@ def test_figures_that_cannot_all_be_written_replace_none(study, said):
     """They would be of another dataset than the rest of the folder."""
 
     def there():
-        return {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in Path(FIGURES).iterdir()}
+        return {
+            path: (path.stat().st_mtime_ns, path.read_bytes()) for path in Path(FIGURES).iterdir()
+        }
 
     before = there()
     least = max(len(contents) for _, contents in before.values())
@@ -95,7 +107,7 @@ def test_figures_that_cannot_all_be_written_replace_none(study, said):
     assert before == there()
 
 
-# -- writers --------------------------------------------------------------------------------------------------------
+# -- writers ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -119,13 +131,17 @@ def test_killed_writers_leave_the_old_file_and_the_next_one_no_litter(faults, tm
 def test_a_file_is_on_disk_before_it_has_its_name(monkeypatch, tmp_path):
     """Else a power cut may leave an empty file under the name of a whole one."""
     calls, replace = [], os.replace
-    monkeypatch.setattr(os, "fsync", lambda number: calls.append(os.readlink(f"/proc/self/fd/{number}")))
-    monkeypatch.setattr(os, "replace", lambda old, new: (calls.append("renamed"), replace(old, new)))
+    monkeypatch.setattr(
+        os, "fsync", lambda number: calls.append(os.readlink(f"/proc/self/fd/{number}"))
+    )
+    monkeypatch.setattr(
+        os, "replace", lambda old, new: (calls.append("renamed"), replace(old, new))
+    )
     write_file(tmp_path / "x", b"contents")
     assert "renamed" in calls[1:] and calls[0].endswith(".part")
 
 
-# -- damage, as `brownpipe verify` finds it --------------------------------------------------------------------------
+# -- damage, as `brownpipe verify` finds it --------------------------------------------------------
 
 
 def sealed():
@@ -168,8 +184,15 @@ def test_any_damage_is_found_and_nothing_else(study, faults):
 def test_what_is_wrong_is_said(study, capsys):
     _, first, second = sealed()
     made_from = next((RESULTS / "aggregate").glob("made_from_*.txt"))
-    drawn_from, summary = (RESULTS / "figures" / name for name in ("drawn_from_0.txt", "summary.txt"))
-    for damaged, contents in ((summary, "0.1"), (made_from, "runs/no seeds\n"), (made_from, ""), (drawn_from, "a")):
+    drawn_from, summary = (
+        RESULTS / "figures" / name for name in ("drawn_from_0.txt", "summary.txt")
+    )
+    for damaged, contents in (
+        (summary, "0.1"),
+        (made_from, "runs/no seeds\n"),
+        (made_from, ""),
+        (drawn_from, "a"),
+    ):
         before = damaged.read_text()
         damaged.write_text(contents)
         assert verify_results(RESULTS)[1] == [str(damaged)]

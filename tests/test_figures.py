@@ -17,7 +17,13 @@ from brownpipe import provenance, theory
 from brownpipe.analysis import aggregate, goodness
 from brownpipe.engines import requested
 from brownpipe.errors import FigureError
-from brownpipe.figures import cases, displacement_distribution, pair_distribution, style, velocity_distribution
+from brownpipe.figures import (
+    cases,
+    displacement_distribution,
+    pair_distribution,
+    style,
+    velocity_distribution,
+)
 from brownpipe.figures.catalogue import COLLISIONS, ENDS, FIGURES, FOLLOWED, SPREADING
 from brownpipe.figures.render import draw as draw_figure
 from brownpipe.figures.render import draw_into
@@ -28,7 +34,9 @@ from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures
 
 NAMES = tuple(FIGURES)
 OF_ALL = {"summary.csv", "summary.txt", "provenance.json"}  # written beside the figures
-OF_TRAJECTORIES = [name for name in NAMES if {FOLLOWED, COLLISIONS, ENDS, SPREADING} >= set(FIGURES[name].needs)]
+OF_TRAJECTORIES = [
+    name for name in NAMES if {FOLLOWED, COLLISIONS, ENDS, SPREADING} >= set(FIGURES[name].needs)
+]
 OF_OBSERVABLES = {
     name: FIGURES[name].variables
     for name in NAMES
@@ -39,7 +47,9 @@ OF_OBSERVABLES = {
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
     """What trajectories alone give."""
-    return aggregate(study(tmp_path_factory.mktemp("study"), failed=(7, 33)), [(0.1, 1.0), (0.5, 1.0)])
+    return aggregate(
+        study(tmp_path_factory.mktemp("study"), failed=(7, 33)), [(0.1, 1.0), (0.5, 1.0)]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +74,9 @@ def pictures(hot, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def rendered(dataset, tmp_path_factory):
-    """The folder of all tables, with empty pictures, and the figures by name, which have no layout yet."""
+    """The folder of all tables, with empty pictures, and the figures by name, which have no layout
+    yet.
+    """
     folder, figures = tmp_path_factory.mktemp("tables"), []
 
     def kept(figure, kind, _):
@@ -74,7 +86,9 @@ def rendered(dataset, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("brownpipe.figures.render.image_bytes", kept)
         render(dataset, folder)
-    assert len(figures) == len(NAMES), "with_measures of synthetic.py must add the variables of every figure"
+    assert len(figures) == len(NAMES), (
+        "with_measures of synthetic.py must add the variables of every figure"
+    )
     return folder, dict(zip(NAMES, figures, strict=True))
 
 
@@ -84,16 +98,20 @@ def folder(rendered):
 
 
 def lay_out(figure):
-    """Place all artists and run through drawing them, without a picture. Their boxes are known then."""
+    """Place all artists and run through drawing them, without a picture. Their boxes are known
+    then.
+    """
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()
 
 
 @pytest.fixture
 def run_through(monkeypatch):
-    """Figures are drawn without a picture, and their files are empty: for tests of what drawing may complain of.
+    """Figures are drawn without a picture, and their files are empty: for tests of what drawing may
+    complain of.
 
-    They have no layout, whose own complaint, of panels without room, depends on words and not on the data.
+    They have no layout, whose own complaint, of panels without room, depends on words and not on
+    the data.
     """
     figures = []
 
@@ -119,58 +137,90 @@ def test_every_figure_is_png_svg_and_csv_without_a_date(folder, pictures):
     assert {path.name for path in folder.iterdir()} == expected
     for name in ("energy", "health"):
         png, svg = ((pictures / f"{name}.{kind}").read_bytes() for kind in ("png", "svg"))
-        assert png.startswith(b"\x89PNG") and b"<svg" in svg and b"tIME" not in png and b"<dc:date>" not in svg
+        assert (
+            png.startswith(b"\x89PNG")
+            and b"<svg" in svg
+            and b"tIME" not in png
+            and b"<dc:date>" not in svg
+        )
 
 
 @pytest.mark.slow
 def test_same_picture_whatever_the_user_has_set_and_that_is_put_back(hot, pictures, tmp_path):
     """But for the metadata, which say what figures were asked for."""
-    with matplotlib.rc_context({"font.size": 30, "axes.grid": False, "svg.hashsalt": None, "savefig.dpi": 20}):
+    with matplotlib.rc_context(
+        {"font.size": 30, "axes.grid": False, "svg.hashsalt": None, "savefig.dpi": 20}
+    ):
         before = dict(matplotlib.rcParams)
         render(hot, tmp_path, ["health"])
         assert dict(matplotlib.rcParams) == before
-    png, svg = ([folder / f"health.{kind}" for folder in (pictures, tmp_path)] for kind in ("png", "svg"))
+    png, svg = (
+        [folder / f"health.{kind}" for folder in (pictures, tmp_path)] for kind in ("png", "svg")
+    )
     assert np.array_equal(*(np.asarray(Image.open(path)) for path in png))
     first, again = (re.sub(r"<dc:source>[^<]*<", "", path.read_text()) for path in svg)
     assert first == again
 
 
 def test_the_catalogue_lists_every_figure_there_is():
-    """A module that draws cases but is not listed would never run; one that lacks a part or its caption would fail."""
+    """A module that draws cases but is not listed would never run; one that lacks a part or its
+    caption would fail.
+    """
     folder = provenance.PACKAGE / "figures"
     modules = {file.stem: file.read_text() for file in folder.glob("*.py")}
-    drawing = {name for name, text in modules.items() if "\ndef draw(cases" in text or "\ndef curves(axes" in text}
+    drawing = {
+        name
+        for name, text in modules.items()
+        if "\ndef draw(cases" in text or "\ndef curves(axes" in text
+    }
     assert drawing == set(NAMES)
     assert {path.stem for path in folder.glob("*.rst")} >= drawing
-    documents = provenance.PACKAGE / "interface.py", provenance.PACKAGE.parents[1] / "config" / "README.md"
+    documents = (
+        provenance.PACKAGE / "interface.py",
+        provenance.PACKAGE.parents[1] / "config" / "README.md",
+    )
     assert all(drawing <= set(re.findall(r"\w+", document.read_text())) for document in documents)
 
 
 @pytest.mark.parametrize("name", OF_OBSERVABLES)
 def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path):
-    without = dataset.drop_vars([var for var in dataset.data_vars if var.startswith(OF_OBSERVABLES[name])])
+    without = dataset.drop_vars(
+        [var for var in dataset.data_vars if var.startswith(OF_OBSERVABLES[name])]
+    )
     with pytest.raises(FigureError, match=f"^{name}: .*{FIGURES[name].needs[0]}"):
         render(without, tmp_path, [name])
 
 
 def test_figures_and_particle_count_asked_for(plain, dataset, tmp_path):
     def shown(data, particles=None):
-        return [(case.scene.item(), int(case.particles)) for case in cases.one_count(cases.cases_of(data), particles)]
+        return [
+            (case.scene.item(), int(case.particles))
+            for case in cases.one_count(cases.cases_of(data), particles)
+        ]
 
     assert [*cases.cases_shown(dataset, names=["health", "msd"])] == ["health", "msd"]
     assert [*cases.cases_shown(plain.sel(particles=[10]))] == OF_TRAJECTORIES
     with pytest.raises(FigureError, match=r"^scan: .*two particle counts"):
         render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "scan"])
     assert not (tmp_path / "other").exists()
-    with pytest.raises(FigureError, match=r"^ax: must not be given for health, "):  # it has no main panel
+    with pytest.raises(
+        FigureError, match=r"^ax: must not be given for health, "
+    ):  # it has no main panel
         draw_into(matplotlib.figure.Figure().add_subplot(), dataset, "health")
-    with pytest.raises(ValueError, match=r"particles: 15 is not in the dataset; choose one of \[10, 20\]"):
+    with pytest.raises(
+        ValueError, match=r"particles: 15 is not in the dataset; choose one of \[10, 20\]"
+    ):
         render(dataset, "never made", particles=15)
-    assert shown(dataset) == [("hot", 20), ("thermal", 20)] and shown(dataset, 10) == [("hot", 10), ("thermal", 10)]
+    assert shown(dataset) == [("hot", 20), ("thermal", 20)] and shown(dataset, 10) == [
+        ("hot", 10),
+        ("thermal", 10),
+    ]
     walled = dataset.assign(contact_density=dataset.contact_density.where(dataset.scene == "hot"))
     assert [one.scene for one in cases.cases_shown(walled)["density_profile"]] == ["hot"]
     only = (dataset.scene == "hot") == (dataset.particles == 10)
-    with_own = dataset.assign(runs=dataset.runs.where(only, 0), failed_runs=dataset.failed_runs.where(only, 0))
+    with_own = dataset.assign(
+        runs=dataset.runs.where(only, 0), failed_runs=dataset.failed_runs.where(only, 0)
+    )
     assert shown(with_own) == [("hot", 10), ("thermal", 20)]
 
 
@@ -209,25 +259,40 @@ def test_green_kubo_needs_a_temperature(dataset):
 
 
 def test_what_the_legend_of_diffusion_names_is_in_the_panel_or_said_not_to_be(dataset):
-    """Far beyond the curves of the MSD, the Green-Kubo integral and Enskog's D would leave these no room."""
+    """Far beyond the curves of the MSD, the Green-Kubo integral and Enskog's D would leave these no
+    room.
+    """
     one = dataset.sel(scene=["hot"], particles=[20])
     top = max(float(one[name].max()) for name in ("msd_over_4t", "diffusion_running"))
     integral = one.green_kubo / one.green_kubo.max()
-    for enskog, highest, shown in ((1.9, 1.5, 1.9), (1.5, 1.9, 1.9), (3.1, 1.5, 2.0), (1.5, 3.1, 2.0)):
-        data = one.assign(enskog_diffusion=0 * one.enskog_diffusion + enskog * top, green_kubo=highest * top * integral)
+    for enskog, highest, shown in (
+        (1.9, 1.5, 1.9),
+        (1.5, 1.9, 1.9),
+        (3.1, 1.5, 2.0),
+        (1.5, 3.1, 2.0),
+    ):
+        data = one.assign(
+            enskog_diffusion=0 * one.enskog_diffusion + enskog * top,
+            green_kubo=highest * top * integral,
+        )
         (panel,) = made("diffusion", data)[1]
         assert panel.get_ylim()[1] == pytest.approx(1.25 * shown * top)
         labels = [line.get_label() for line in panel.lines]
-        assert any("Enskog" in label and "above the panel" in label for label in labels) == (enskog > 3)
-        assert any("Green-Kubo" in label and "leaves the panel" in label for label in labels) == (highest > 3)
+        assert any("Enskog" in label and "above the panel" in label for label in labels) == (
+            enskog > 3
+        )
+        assert any("Green-Kubo" in label and "leaves the panel" in label for label in labels) == (
+            highest > 3
+        )
 
 
 @pytest.mark.parametrize("correlated", [1, 30])
 def test_residuals_of_velocities_that_follow_the_model_are_standard_normal(correlated):
-    """Samples of a run repeat a velocity `correlated` times on average: whether a bin is shown must not depend on it.
+    """Samples of a run repeat a velocity `correlated` times on average: whether a bin is shown must
+    not depend on it.
 
-    Of 100 data sets of 40 runs; the bounds are four standard errors of independent residuals. Each has at least five
-    independent counts expected, so that its distribution is not far from normal.
+    Of 100 data sets of 40 runs; the bounds are four standard errors of independent residuals. Each
+    has at least five independent counts expected, so that its distribution is not far from normal.
     """
     rng, name, width = np.random.default_rng(1), "velocity_density", 0.1
     centres = np.arange(-5.95, 6, width)
@@ -235,8 +300,12 @@ def test_residuals_of_velocities_that_follow_the_model_are_standard_normal(corre
     shown = []
     for _ in range(100):
         times = rng.geometric(1 / correlated, (40, 3000 // correlated))
-        bins = np.clip((rng.standard_normal(times.shape) + 6) / width, 0, centres.size - 1).astype(int)
-        counts = [np.bincount(*of_run, minlength=centres.size) for of_run in zip(bins, times, strict=True)]
+        bins = np.clip((rng.standard_normal(times.shape) + 6) / width, 0, centres.size - 1).astype(
+            int
+        )
+        counts = [
+            np.bincount(*of_run, minlength=centres.size) for of_run in zip(bins, times, strict=True)
+        ]
         density = np.array(counts) / np.sum(counts, axis=1, keepdims=True) / width
         error = density.std(axis=0, ddof=1) / np.sqrt(len(density))
         residuals = velocity_distribution._residuals(density.mean(axis=0), error, expected)
@@ -251,7 +320,9 @@ def test_residuals_only_where_theory_expects_something(dataset):
     def panels(data):
         return len(made("thermodynamics", data)[0].axes)
 
-    theory = [name for name in dataset.data_vars if name.startswith(("enskog", "compressibility_rate"))]
+    theory = [
+        name for name in dataset.data_vars if name.startswith(("enskog", "compressibility_rate"))
+    ]
     assert panels(dataset) == 6
     assert panels(dataset.drop_vars(theory)) == 3
 
@@ -269,20 +340,33 @@ def test_uncertain_bins_are_pooled_for_drawing_alone(dataset):
     """The number of pairs stays, and so does the chance of the interval: errors add in squares."""
     case = dataset.sel(scene="hot", particles=20, engine="exact", species_pair=PAIRS[1])
     case = case.isel(distance=case.distance.values > CONTACT[1])
-    for relative, number in ((0.05, 7), (0.019, 1), (0.5, 19)):  # 0.05/sqrt(7) < 0.02; at most a quarter of the contact
+    for relative, number in (
+        (0.05, 7),
+        (0.019, 1),
+        (0.5, 19),
+    ):  # 0.05/sqrt(7) < 0.02; at most a quarter of the contact
         error = (relative * case.pair_distribution).rename()
         pooled = pair_distribution._pooled(case.assign(pair_distribution_standard_error=error))
-        r, g, value = case.distance.values, case.pair_distribution.values, pooled.pair_distribution.values
+        r, g, value = (
+            case.distance.values,
+            case.pair_distribution.values,
+            pooled.pair_distribution.values,
+        )
         whole = number * value.size
         ring = r[:whole].reshape(-1, number).sum(axis=1)
         assert whole > r.size - number and value @ ring == pytest.approx(g[:whole] @ r[:whole])
         if number > 1:
-            down, up = value - pooled.pair_distribution_low.values, pooled.pair_distribution_high.values - value
+            down, up = (
+                value - pooled.pair_distribution_low.values,
+                pooled.pair_distribution_high.values - value,
+            )
             single = 1.96 * error.values[:whole].reshape(-1, number).mean(axis=1)
-            assert down == pytest.approx(up) and up == pytest.approx(single / np.sqrt(number), rel=0.05)
+            assert down == pytest.approx(up) and up == pytest.approx(
+                single / np.sqrt(number), rel=0.05
+            )
 
 
-# -- what a reader sees ---------------------------------------------------------------------------------------------
+# -- what a reader sees ----------------------------------------------------------------------------
 
 
 def words(figure):
@@ -307,14 +391,28 @@ def words(figure):
 def touching(figure):
     """Pairs of texts that cover each other, and texts that leave the figure."""
     found, whole = words(figure), figure.bbox
-    pairs = [(one, other) for k, (one, box) in enumerate(found) for other, its in found[:k] if box.overlaps(its)]
-    cut = [one for one, box in found if box.x0 < 0 or box.y0 < 0 or box.x1 > whole.x1 or box.y1 > whole.y1]
+    pairs = [
+        (one, other)
+        for k, (one, box) in enumerate(found)
+        for other, its in found[:k]
+        if box.overlaps(its)
+    ]
+    cut = [
+        one
+        for one, box in found
+        if box.x0 < 0 or box.y0 < 0 or box.x1 > whole.x1 or box.y1 > whole.y1
+    ]
     return pairs + cut
 
 
 def scenes(dataset, count):
-    """The dataset with its two scenes over and over; every second name, as that of the last in a row, is long."""
-    names = [f"a-scene_with.a-name-of-42-characters-at-N{k}0" if k % 2 else f"scene-{k}" for k in range(count)]
+    """The dataset with its two scenes over and over; every second name, as that of the last in a
+    row, is long.
+    """
+    names = [
+        f"a-scene_with.a-name-of-42-characters-at-N{k}0" if k % 2 else f"scene-{k}"
+        for k in range(count)
+    ]
     return dataset.isel(scene=[k % 2 for k in range(count)]).assign_coords(scene=names)
 
 
@@ -330,9 +428,13 @@ IN_TWO_ROWS = [(name, True) for name in ("msd", "diffusion", "velocity_autocorre
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "apart"), [*((name, False) for name in NAMES if name != "health"), *IN_TWO_ROWS])
+@pytest.mark.parametrize(
+    ("name", "apart"), [*((name, False) for name in NAMES if name != "health"), *IN_TWO_ROWS]
+)
 def test_words_cover_no_data_and_no_words(dataset, name, apart, monkeypatch):
-    """Of two scenes in one panel, and of three in panels of their own, in two rows; every second name is long."""
+    """Of two scenes in one panel, and of three in panels of their own, in two rows; every second
+    name is long.
+    """
     monkeypatch.setattr(style, "MOST_COLUMNS", 2)
     data = scenes(dataset, 3 if apart else 2)
     data = at_times(data, (0.5, 1.0)) if name == "displacement_distribution" else data
@@ -341,12 +443,26 @@ def test_words_cover_no_data_and_no_words(dataset, name, apart, monkeypatch):
         lay_out(figure)
     assert not touching(figure)
     panels = [axes.get_window_extent() for axes in panels_of(figure)]
-    heads = [one for axes in figure.axes for one in (title(axes), axes.get_legend()) if one and title(axes)]
+    heads = [
+        one
+        for axes in figure.axes
+        for one in (title(axes), axes.get_legend())
+        if one and title(axes)
+    ]
     heads += [axes.xaxis.label for axes in figure.axes if axes.get_xlabel()]
-    assert heads and not any(one.get_window_extent().overlaps(panel) for one in heads for panel in panels)
+    assert heads and not any(
+        one.get_window_extent().overlaps(panel) for one in heads for panel in panels
+    )
     if apart:
-        heights = {axes.get_position().height * figure.get_figheight() for axes in panels_of(figure) if title(axes)}
-        assert len([axes for axes in figure.axes if title(axes)]) == 3 and max(heights) - min(heights) < 0.3
+        heights = {
+            axes.get_position().height * figure.get_figheight()
+            for axes in panels_of(figure)
+            if title(axes)
+        }
+        assert (
+            len([axes for axes in figure.axes if title(axes)]) == 3
+            and max(heights) - min(heights) < 0.3
+        )
 
 
 @pytest.mark.slow
@@ -359,29 +475,48 @@ def test_tick_labels_stand_clear_of_each_other(hot, times):
 
 
 def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(hot):
-    """Where the first window, or every one, begins with an MSD of more than half the ballistic one."""
+    """Where the first window, or every one, begins with an MSD of more than half the ballistic
+    one.
+    """
 
     def claimed(data):
         (case,) = cases.cases_shown(data, names=["msd"])["msd"]
         msd, label = MODULES["msd"]._diffusion(case, case.time.values)
-        assert np.isfinite(msd).all() == bool(label) == MODULES["msd"].table([case]).diffusion.notna().all()
+        assert (
+            np.isfinite(msd).all()
+            == bool(label)
+            == MODULES["msd"].table([case]).diffusion.notna().all()
+        )
         return label
 
     free = hot.drop_vars("accessible_half_width")
     flying = {"initial_square_speed": (hot.msd / hot.time**2).isel(time=10)}
-    assert claimed(hot).startswith("diffusion between walls") and claimed(free).startswith("free diffusion")
+    assert claimed(hot).startswith("diffusion between walls") and claimed(free).startswith(
+        "free diffusion"
+    )
     assert claimed(hot.assign(diffusive_from=9 + 0 * hot.diffusive_from)).endswith(" °")
     assert claimed(hot.assign(flying)) == claimed(free.assign(flying)) == ""
-    walls = {"accessible_half_width": hot.accessible_half_width * 0 + 0.5}  # that have stopped it, says the MSD
+    walls = {
+        "accessible_half_width": hot.accessible_half_width * 0 + 0.5
+    }  # that have stopped it, says the MSD
     assert claimed(hot.assign(flying | walls)) == ""
-    late = hot.assign(accessible_half_width=hot.accessible_half_width * 0 + 1.3)  # D of the last MSD below 1.3^2/3
+    late = hot.assign(
+        accessible_half_width=hot.accessible_half_width * 0 + 1.3
+    )  # D of the last MSD below 1.3^2/3
     last = float(hot.time[np.flatnonzero(hot.msd.sel(particles=20) > 1.3**2 / 3)[0] - 1])
     assert claimed(late).startswith(f"diffusion between walls: D from MSD({last:.3g}) = ")
 
 
-# -- several cases in a panel ----------------------------------------------------------------------------------------
+# -- several cases in a panel ----------------------------------------------------------------------
 
-OVERLAID = ("msd", "diffusion", "velocity_autocorrelation", "pair_distribution", "energy", "density_profile")
+OVERLAID = (
+    "msd",
+    "diffusion",
+    "velocity_autocorrelation",
+    "pair_distribution",
+    "energy",
+    "density_profile",
+)
 
 
 def in_densities(dataset, count):
@@ -401,9 +536,18 @@ def test_cases_share_a_panel_with_colours_and_words_that_tell_them_apart(dataset
         lines = [line for line in axes.lines if str(line.get_label()).startswith("tracer_mass = ")]
         contact = f"g(contact) = {estimate(first, 'contact_value', species_pair=k + 1)}"
         assert name != "pair_distribution" or lines[0].get_label().endswith(contact)
-        assert [line.get_label()[:15] for line in lines] == [f"tracer_mass = {k}" for k in (1, 2, 3)]
-        assert len({tuple(line.get_color()) for line in lines}) == 3 and "hot, N = 20" in title(axes).get_text()
-    shown, part, variable = cases.cases_shown(data, names=[name])[name], FIGURES[name].part, FIGURES[name].variables[0]
+        assert [line.get_label()[:15] for line in lines] == [
+            f"tracer_mass = {k}" for k in (1, 2, 3)
+        ]
+        assert (
+            len({tuple(line.get_color()) for line in lines}) == 3
+            and "hot, N = 20" in title(axes).get_text()
+        )
+    shown, part, variable = (
+        cases.cases_shown(data, names=[name])[name],
+        FIGURES[name].part,
+        FIGURES[name].variables[0],
+    )
     apart = cases.panels_of(shown, ["tracer_mass"], part, variable)
     assert len(apart) == (6 if name == "pair_distribution" else 3)
 
@@ -412,14 +556,22 @@ def test_a_correlation_at_rest_has_no_initial_slope_and_cases_without_a_common_l
     axes = (figure := matplotlib.figure.Figure(layout="constrained")).add_subplot()
     axes.plot([1, 2], label="its legend")
     style.heads([axes], [""])
-    assert style.image_bytes(figure, "png") and axes.get_legend().get_window_extent().y1 < figure.bbox.y1
-    draw_figure(hot.assign(velocity_autocorrelation=0 * hot.velocity_autocorrelation), "velocity_autocorrelation")
+    assert (
+        style.image_bytes(figure, "png")
+        and axes.get_legend().get_window_extent().y1 < figure.bbox.y1
+    )
+    draw_figure(
+        hot.assign(velocity_autocorrelation=0 * hot.velocity_autocorrelation),
+        "velocity_autocorrelation",
+    )
 
 
 def test_of_many_cases_some_are_drawn_unless_the_figure_is_that_of_a_scan(dataset, monkeypatch):
     monkeypatch.setattr("brownpipe.figures.render.MOST_CASES", 3)
     some, scan = (draw_figure(in_densities(dataset, 5), name) for name in ("msd", "scan"))
-    drawn = [line.get_label()[:15] for line in some.axes[0].lines if "tracer_mass" in line.get_label()]
+    drawn = [
+        line.get_label()[:15] for line in some.axes[0].lines if "tracer_mass" in line.get_label()
+    ]
     assert drawn == [f"tracer_mass = {k}" for k in (1, 3, 5)]
     assert (some.get_suptitle()[:12], scan.get_suptitle()) == ("3 of 5 cases", "")
 
@@ -435,10 +587,14 @@ def test_at_most_six_cases_share_a_panel(dataset):
     assert groups(dataset) == [4] and groups(dataset, ["scene", "particles"]) == [1] * 4
     longer = dataset.assign(duration=dataset.duration.where(dataset.scene == "hot", 11.0))
     assert groups(longer) == [2, 2], "one time axis cannot show both"
-    with pytest.raises(FigureError, match="panel: must be of scene, tracer_mass, particles, engine, not 'phi'"):
+    with pytest.raises(
+        FigureError, match="panel: must be of scene, tracer_mass, particles, engine, not 'phi'"
+    ):
         groups(masses, ["phi"])
     own = draw_figure(both, "own_observables")
-    looks = [(bar.lines[0].get_color(), bar.lines[0].get_marker()) for bar in own.axes[-1].containers]
+    looks = [
+        (bar.lines[0].get_color(), bar.lines[0].get_marker()) for bar in own.axes[-1].containers
+    ]
     assert len({*looks}) == len(looks) == 8 and own.get_figheight() > 3.7 * len(own.axes)
 
 
@@ -449,20 +605,30 @@ def test_the_main_panel_is_drawn_into_axes_of_ones_own(hot, name):
         for k, label in enumerate(("first", "second")):
             assert draw_into(axes, hot, name, color=f"C{k}", label=label) is axes
     labels = axes.get_legend_handles_labels()[1]
-    assert [label for label in labels if label in ("first", "second")][:: len(labels) // 2] == ["first", "second"]
+    assert [label for label in labels if label in ("first", "second")][:: len(labels) // 2] == [
+        "first",
+        "second",
+    ]
     assert axes.get_xlabel() and axes.get_ylabel() and not axes.get_title()
     assert any(line.get_linewidth() == 7.0 for line in axes.lines), "in the style of the caller"
 
 
 def test_theory_is_beside_the_pair_distribution(hot):
-    """The contact value of a tracer and its bath; the first order in the density where equal disks are dilute."""
+    """The contact value of a tracer and its bath; the first order in the density where equal disks
+    are dilute.
+    """
 
     def legends(data):
-        return [axes.get_legend_handles_labels()[1] for axes in draw_figure(data, "pair_distribution").axes]
+        return [
+            axes.get_legend_handles_labels()[1]
+            for axes in draw_figure(data, "pair_distribution").axes
+        ]
 
     each = 0 * hot.packing_fraction
     mixture = hot.assign(enskog_contact_value=each + 1.4, packing_fraction=each + 0.1)
-    equal = mixture.assign(pair_distribution=mixture.pair_distribution.where(mixture.species_pair == PAIRS[2]))
+    equal = mixture.assign(
+        pair_distribution=mixture.pair_distribution.where(mixture.species_pair == PAIRS[2])
+    )
     assert ["theory at contact: 1.4" in words for words in legends(mixture)] == [True, False]
     assert {"theory at contact: 1.4", "first order in the density"} <= {*legends(equal)[0]}
     assert "first order in the density" not in legends(equal.assign(packing_fraction=each + 0.3))[0]
@@ -470,14 +636,20 @@ def test_theory_is_beside_the_pair_distribution(hot):
     assert not any("theory at contact" in line for words in legends(three) for line in words)
 
 
-@pytest.mark.parametrize(("key", "label"), [(None, "packing fraction $\\phi$"), ("tracer_mass", "tracer mass")])
+@pytest.mark.parametrize(
+    ("key", "label"), [(None, "packing fraction $\\phi$"), ("tracer_mass", "tracer mass")]
+)
 def test_order_is_drawn_against_what_is_varied(dataset, key, label):
-    (axes,) = draw_figure(dataset if key is None else in_densities(dataset, 3), "orientational_order").axes
+    (axes,) = draw_figure(
+        dataset if key is None else in_densities(dataset, 3), "orientational_order"
+    ).axes
     assert axes.get_xlabel() == label
-    assert key is None or [bar.lines[0].get_xdata().tolist() for bar in axes.containers] == [[1.0, 2.0, 3.0]]
+    assert key is None or [bar.lines[0].get_xdata().tolist() for bar in axes.containers] == [
+        [1.0, 2.0, 3.0]
+    ]
 
 
-# -- what is drawn ----------------------------------------------------------------------------------------------------
+# -- what is drawn ---------------------------------------------------------------------------------
 
 
 def points_of(bar):
@@ -492,17 +664,26 @@ def values_of(case, name):
 
 @pytest.mark.parametrize("name", ["scan", "thermodynamics"])
 def test_points_are_the_values_with_their_intervals_beside_theory(dataset, as_it_is, name):
-    """Theory: dashed lines of the scan, deviations in a second row, of the rate at the scene's temperature if known."""
+    """Theory: dashed lines of the scan, deviations in a second row, of the rate at the scene's
+    temperature if known.
+    """
     end, panels = dataset.isel(time=-1, window=0, engine=0), as_it_is[name][1]
     assert name != "scan" or title(panels[1]).get_text() == "diffusion coefficient over [0.1, 1] °"
     for k, variable in enumerate(MODULES[name].PANELS):
         dashed = [line.get_ydata() for line in panels[k].lines if line.get_linestyle() == "--"]
         expected = f"enskog_{'diffusion' if variable == 'diffusion_coefficient' else variable}"
         for j, case in enumerate(end.sel(scene=scene) for scene in ("hot", "thermal")):
-            x, at = case["particles" if name == "scan" else "packing_fraction"], f"{variable}_at_temperature"
-            assert np.allclose(points_of(panels[k].containers[j]), [x, *values_of(case, variable)], rtol=1e-12)
+            x, at = (
+                case["particles" if name == "scan" else "packing_fraction"],
+                f"{variable}_at_temperature",
+            )
+            assert np.allclose(
+                points_of(panels[k].containers[j]), [x, *values_of(case, variable)], rtol=1e-12
+            )
             if name == "thermodynamics":
-                off = 100 * (values_of(case, at if at in case else variable) / case[expected].values - 1)
+                off = 100 * (
+                    values_of(case, at if at in case else variable) / case[expected].values - 1
+                )
                 assert np.allclose(points_of(panels[k + 3].containers[j]), [x, *off], rtol=1e-9)
             elif expected in case:
                 assert np.array_equal(dashed[j], case[expected])
@@ -510,20 +691,35 @@ def test_points_are_the_values_with_their_intervals_beside_theory(dataset, as_it
 
 def test_lines_are_those_of_the_dataset_and_their_legend_has_its_numbers(dataset, as_it_is):
     """Of the second scene, each line by words of its label; bands end where the intervals do."""
-    case = dataset.sel(scene="thermal", particles=20, engine="exact").isel(displacement_time=0, r=slice(24))
+    case = dataset.sel(scene="thermal", particles=20, engine="exact").isel(
+        displacement_time=0, r=slice(24)
+    )
     of = {name: case[name].values for name in case.variables}
     said = partial(estimate, case)
-    vacf, bath, d = of["velocity_autocorrelation"], of["bath_velocity_autocorrelation"], of["diffusion_coefficient"]
-    gamma, line = -of["vacf_initial_slope_expected"] / vacf[0], of["intercept"][0] + of["slope"][0] * np.array([0.1, 1])
+    vacf, bath, d = (
+        of["velocity_autocorrelation"],
+        of["bath_velocity_autocorrelation"],
+        of["diffusion_coefficient"],
+    )
+    gamma, line = (
+        -of["vacf_initial_slope_expected"] / vacf[0],
+        of["intercept"][0] + of["slope"][0] * np.array([0.1, 1]),
+    )
     counts, models = of["expected_counts"], of["model_diffusion_coefficient"]
     p = goodness.in_words(of["p_value_joint"][0])
-    decay = cases.plus_minus(*(abs(of[f"vacf_initial_slope{part}"]) / vacf[0] for part in ("", "_standard_error")))
+    decay = cases.plus_minus(
+        *(abs(of[f"vacf_initial_slope{part}"]) / vacf[0] for part in ("", "_standard_error"))
+    )
     walled = theory.reflecting_square_msd(np.linspace(0, 1, 201), d[1], 2.7)
     panels = {name: panels[1] for name, (_, panels) in as_it_is.items() if len(panels) > 1}
     for name, words, values in [
         ("msd", f"MSD(1) = {said('msd', time=-1)}", of["msd"]),
         ("msd", f"over [0.1, 1]: slope {said('slope', window=0)}", line),
-        ("msd", f"between walls: D over [0.5, 1] = {said('diffusion_coefficient', window=1)}", walled),
+        (
+            "msd",
+            f"between walls: D over [0.5, 1] = {said('diffusion_coefficient', window=1)}",
+            walled,
+        ),
         ("diffusion", "/d$t$ / 4", of["diffusion_running"][1:]),
         ("diffusion", "/ 4$t$", of["msd_over_4t"][1:]),
         ("diffusion", "Green-Kubo", of["green_kubo"][1:]),
@@ -531,12 +727,32 @@ def test_lines_are_those_of_the_dataset_and_their_legend_has_its_numbers(dataset
         ("diffusion", "Enskog's theory: D = 0.21", [0.21] * 2),
         ("velocity_autocorrelation", f"$\\gamma$ = {decay}", vacf / vacf[0]),
         ("velocity_autocorrelation", "bath", bath / bath[0]),
-        ("velocity_autocorrelation", f"{gamma:.3g} from the collision rate", 1 - np.linspace(0, 1, 200)),
-        ("energy", f"tracer: {said('species_energy', time=-1, species=0)} at", of["species_energy"][:, 0]),
-        ("energy", f"bath: {said('species_energy', time=-1, species=1)} at", of["species_energy"][:, 1]),
+        (
+            "velocity_autocorrelation",
+            f"{gamma:.3g} from the collision rate",
+            1 - np.linspace(0, 1, 200),
+        ),
+        (
+            "energy",
+            f"tracer: {said('species_energy', time=-1, species=0)} at",
+            of["species_energy"][:, 0],
+        ),
+        (
+            "energy",
+            f"bath: {said('species_energy', time=-1, species=1)} at",
+            of["species_energy"][:, 1],
+        ),
         ("energy", "equipartition", [of["kinetic_temperature"]] * 2),
-        ("density_profile", f"tracer: n(wall) = {said('contact_density', species=0)}", of["density_profile"][0]),
-        ("density_profile", f"bath: n(wall) = {said('contact_density', species=1)}", of["density_profile"][1]),
+        (
+            "density_profile",
+            f"tracer: n(wall) = {said('contact_density', species=0)}",
+            of["density_profile"][0],
+        ),
+        (
+            "density_profile",
+            f"bath: n(wall) = {said('contact_density', species=1)}",
+            of["density_profile"][1],
+        ),
         ("displacement_distribution", "58 runs", of["displacement_counts"]),
         ("displacement_distribution", f"MSD/4$t$ = {models[0]:.3g}: 0 beyond; {p}", counts[0]),
         ("displacement_distribution", f"slope/4 = {models[1]:.3g}", counts[1]),
@@ -545,7 +761,10 @@ def test_lines_are_those_of_the_dataset_and_their_legend_has_its_numbers(dataset
         np.testing.assert_allclose(shown, values, rtol=1e-9, err_msg=f"{name}, {words}")
     for name, variable in (("msd", "msd"), ("diffusion", "diffusion_running")):
         edges = panels[name].collections[0].get_paths()[0].vertices[:, 1]
-        assert [edges.min(), edges.max()] == [np.nanmin(of[f"{variable}_low"]), np.nanmax(of[f"{variable}_high"])]
+        assert [edges.min(), edges.max()] == [
+            np.nanmin(of[f"{variable}_low"]),
+            np.nanmax(of[f"{variable}_high"]),
+        ]
     errors = np.sqrt(np.maximum(counts[1] * (1 - counts[1] / 58), 1e-4))
     residuals = as_it_is["displacement_distribution"][1][3].lines[2].get_ydata()
     assert np.allclose(residuals, (of["displacement_counts"] - counts[1]) / errors, rtol=1e-9)
@@ -553,90 +772,149 @@ def test_lines_are_those_of_the_dataset_and_their_legend_has_its_numbers(dataset
     assert panels["density_profile"].lines[-1].get_ydata() == pytest.approx([bulk] * 2)
     legend = as_it_is["pair_distribution"][1][3].get_legend_handles_labels()[1]
     ways = {"by extrapolation": "contact_value", "from the collision rate": "contact_value_rate"}
-    assert {f"at contact, {words}: {said(name, species_pair=2)}" for words, name in ways.items()} < {*legend}
+    assert {
+        f"at contact, {words}: {said(name, species_pair=2)}" for words, name in ways.items()
+    } < {*legend}
 
 
-# -- tables and the summary -------------------------------------------------------------------------------------------
+# -- tables and the summary ------------------------------------------------------------------------
 
 
 MODULES = {name: import_module(f"brownpipe.figures.{name}") for name in NAMES}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name, module in MODULES.items() if hasattr(module, "TABLE")])
+@pytest.mark.parametrize(
+    "name", [name for name, module in MODULES.items() if hasattr(module, "TABLE")]
+)
 def test_table_of_a_measure_is_the_dataset(dataset, folder, name):
     (along, variables), table = MODULES[name].TABLE, rows(folder / f"{name}.csv")
     for variable in (variable for variable in variables if f"{variable}_low" in table[0]):
         for row in (row for row in table[:: 1 + len(table) // 30] if row[f"{variable}_low"]):
-            at = {dim: float(row[dim]) if dataset[dim].dtype.kind == "f" else row[dim] for dim in along}
+            at = {
+                dim: float(row[dim]) if dataset[dim].dtype.kind == "f" else row[dim]
+                for dim in along
+            }
             of_variable = dataset[[variable + part for part in cases.PARTS]]
-            case = of_variable.sel(scene=row["scene"], particles=int(row["particles"]), engine=row["engine"], **at)
+            case = of_variable.sel(
+                scene=row["scene"], particles=int(row["particles"]), engine=row["engine"], **at
+            )
             for part in cases.PARTS:
                 assert float(row[variable + part]) == case[variable + part].item()
-        expected = dataset[variable] if FIGURES[name].every_count else dataset[variable].sel(particles=20)
+        expected = (
+            dataset[variable] if FIGURES[name].every_count else dataset[variable].sel(particles=20)
+        )
         assert sum(bool(row[variable]) for row in table) == np.isfinite(expected).sum()
 
 
 @pytest.mark.slow
 def test_other_tables_have_the_numbers_of_the_dataset(dataset, folder):
     case = dataset.sel(scene="hot", particles=20, engine="exact")
-    of_hot = {name: [row for row in rows(folder / f"{name}.csv") if row["scene"] == "hot"] for name in NAMES}
+    of_hot = {
+        name: [row for row in rows(folder / f"{name}.csv") if row["scene"] == "hot"]
+        for name in NAMES
+    }
     assert [float(row["ballistic"]) for row in of_hot["msd"]] == (8 * case.time**2).values.tolist()
     fit = np.array([float(row["fit over [0.1, 1]"] or "nan") for row in of_hot["msd"]])
     assert np.isnan(fit[:2]).all() and np.allclose(np.diff(fit[2:]) / 0.05, case.slope.values[0])
     rings = of_hot["displacement_distribution"]
-    assert len(rings) == 25 and rings[-1]["r_outer"] == "inf" and sum(float(row["runs"]) for row in rings) == 58
+    assert (
+        len(rings) == 25
+        and rings[-1]["r_outer"] == "inf"
+        and sum(float(row["runs"]) for row in rings) == 58
+    )
     for end in ("", "_low", "_high"):
         counts = case[f"displacement_counts{end}"].values.ravel()[:24]
         assert [float(row[f"runs{end}"]) for row in rings[:-1]] == counts.tolist()
     assert sum(float(row["expected, msd"]) for row in rings) == pytest.approx(58)
     for row in of_hot["scan"]:
         window = [0.1, 0.5].index(float(row["window_start"]))
-        fitted = dataset.sel(scene="hot", particles=int(row["particles"]), engine="exact").isel(window=window)
+        fitted = dataset.sel(scene="hot", particles=int(row["particles"]), engine="exact").isel(
+            window=window
+        )
         for name in ("diffusion_coefficient", "diffusive_from"):
             assert float(row[name]) == fitted[name].item()
-    worst = next(row for row in of_hot["health"] if (row["particles"], row["measure"]) == ("20", "energy_drift"))
+    worst = next(
+        row
+        for row in of_hot["health"]
+        if (row["particles"], row["measure"]) == ("20", "energy_drift")
+    )
     for share, column in ((0.05, "5 %"), (0.95, "95 %"), (1.0, "greatest")):
-        assert float(worst[column]) == abs(case.energy_drift).quantile(share).item() and worst["failed_runs"] == "2"
+        assert (
+            float(worst[column]) == abs(case.energy_drift).quantile(share).item()
+            and worst["failed_runs"] == "2"
+        )
     for of, mean_square in (("velocity", 1), ("speed", 2)):
-        mine = [row for row in of_hot["velocity_distribution"] if (row["species"], row["of"]) == (SPECIES[1], of)]
-        value, maxwell = (np.array([float(row[column]) for row in mine]) for column in ("value", "maxwell"))
+        mine = [
+            row
+            for row in of_hot["velocity_distribution"]
+            if (row["species"], row["of"]) == (SPECIES[1], of)
+        ]
+        value, maxwell = (
+            np.array([float(row[column]) for row in mine]) for column in ("value", "maxwell")
+        )
         assert maxwell.sum() * 0.1 == pytest.approx(1, abs=1e-12)
-        assert (maxwell * value**2).sum() * 0.1 == pytest.approx(mean_square, rel=2e-3)  # width^2/12 and the like
-    assert float(rows(folder / "summary.csv")[2]["contact_value, bath-bath"]) == case.contact_value.values[2]
+        assert (maxwell * value**2).sum() * 0.1 == pytest.approx(
+            mean_square, rel=2e-3
+        )  # width^2/12 and the like
+    assert (
+        float(rows(folder / "summary.csv")[2]["contact_value, bath-bath"])
+        == case.contact_value.values[2]
+    )
 
 
 def test_every_number_of_the_summary_table_is_that_of_the_dataset(dataset):
     """At the end and, of the displacements, at the last of two times."""
     twice = at_times(dataset, (0.5, 1.0))
-    twice = twice.assign({name: twice[name] * twice.displacement_time for name in (*SHAPE, *TESTED)})
+    twice = twice.assign(
+        {name: twice[name] * twice.displacement_time for name in (*SHAPE, *TESTED)}
+    )
     table, end = summary_table(twice), twice.isel(displacement_time=-1, time=-1)
-    assert len(table) == 8 and {*FIT, *SHAPE, "msd", "species_energy, bath", "p_value, msd"} <= {*table}
+    assert len(table) == 8 and {*FIT, *SHAPE, "msd", "species_energy, bath", "p_value, msd"} <= {
+        *table
+    }
     for k, row in table.iterrows():
-        case = end.sel(scene=row.scene, particles=row.particles, engine=row.engine).isel(window=k % 2)
+        case = end.sel(scene=row.scene, particles=row.particles, engine=row.engine).isel(
+            window=k % 2
+        )
         for column in [*table.drop(columns=["scene", "particles", "engine", "time", "drifts"])]:
             name, _, label = column.removesuffix("_standard_error").partition(", ")
             value = case[name + "_standard_error" * column.endswith("_standard_error")]
-            np.testing.assert_equal(row[column], (value.sel({value.dims[0]: label}) if label else value).item())
+            np.testing.assert_equal(
+                row[column], (value.sel({value.dims[0]: label}) if label else value).item()
+            )
 
 
 @pytest.mark.slow
 def test_scenes_share_no_pair(dataset, tmp_path, run_through):
     """Pairs, species and times that one scene lacks leave gaps, not errors."""
     hot = dataset.scene == "hot"
-    gaps = {name: dataset[name].where(hot) for name in dataset.data_vars if "species" in dataset[name].dims}
-    gaps |= {name: dataset[name].where(hot | (dataset.time < 0.6)) for name in ("msd", "msd_low", "msd_high")}
+    gaps = {
+        name: dataset[name].where(hot)
+        for name in dataset.data_vars
+        if "species" in dataset[name].dims
+    }
+    gaps |= {
+        name: dataset[name].where(hot | (dataset.time < 0.6))
+        for name in ("msd", "msd_low", "msd_high")
+    }
     pair = dataset.pair_distribution.where(dataset.species_pair != PAIRS[1])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert render(dataset.assign(gaps | {"pair_distribution": pair}), tmp_path, list(OF_OBSERVABLES))
+        assert render(
+            dataset.assign(gaps | {"pair_distribution": pair}), tmp_path, list(OF_OBSERVABLES)
+        )
 
 
 def test_rows_of_every_table_name_their_case_with_its_varied_keys(dataset):
     shown = cases.cases_shown(in_densities(dataset, 2))
     for name, of_name in shown.items():
         module = MODULES[name]
-        frame = module.table(of_name) if hasattr(module, "table") else cases.frame_of(of_name, *module.TABLE)
+        frame = (
+            module.table(of_name)
+            if hasattr(module, "table")
+            else cases.frame_of(of_name, *module.TABLE)
+        )
         assert [*frame.columns[:4]] == ["scene", "tracer_mass", "particles", "engine"]
         assert {*frame.tracer_mass} == {1.0, 2.0}
     assert {*shown} == {*NAMES}
@@ -659,49 +937,86 @@ def test_the_answer_begins_with_what_the_study_measured(dataset):
     names = ["scene", "N", "runs", *energy, "Z", *contact, "|psi_6|", *of_walls]
     names += ["D (Green-Kubo)", "turned", "MSD(t = 1)", "D"]
     assert [*found] == names
-    assert found["Z"] == f"{estimate(case, 'compressibility')} ({float(case.enskog_compressibility):#.4g})"
+    assert (
+        found["Z"]
+        == f"{estimate(case, 'compressibility')} ({float(case.enskog_compressibility):#.4g})"
+    )
     assert found[energy[1]] == estimate(case.isel(time=-1, species=1), "species_energy")
     assert found[contact[1]] == estimate(case.isel(species_pair=2), "contact_value")
     assert found["MSD(t = 1)"] == estimate(case.isel(time=-1), "msd")
     assert found["D"].startswith(estimate(case.isel(window=0), "diffusion_coefficient"))
-    assert max(map(len, summary(dataset).splitlines())) <= 120 and "the drift of all disks" not in summary(dataset)
-    assert "all disks adds 0.5 to D by the end" in summary(dataset.assign(drift_diffusion=0.5 + 0 * dataset.runs))
+    assert max(
+        map(len, summary(dataset).splitlines())
+    ) <= 120 and "the drift of all disks" not in summary(dataset)
+    assert "all disks adds 0.5 to D by the end" in summary(
+        dataset.assign(drift_diffusion=0.5 + 0 * dataset.runs)
+    )
 
 
-def test_msd_and_d_are_in_the_answer_if_they_were_asked_for_and_an_observable_of_ones_own(plain, dataset):
-    """By an option of the analysis or a figure; and beside all else that was measured if nothing is asked for."""
+def test_msd_and_d_are_in_the_answer_if_they_were_asked_for_and_an_observable_of_ones_own(
+    plain, dataset
+):
+    """By an option of the analysis or a figure; and beside all else that was measured if nothing is
+    asked for.
+    """
     by_default = dataset.assign_attrs(options="{}").drop_vars(
-        [name for name in dataset.data_vars if name.startswith(("diffusion_running", "species_energy"))]
+        [
+            name
+            for name in dataset.data_vars
+            if name.startswith(("diffusion_running", "species_energy"))
+        ]
     )
     assert "D" not in columns(by_default) and "Z" in columns(by_default)
-    assert "D" in columns(by_default, "msd") and "D" in columns(by_default.assign_attrs(options=plain.options))
+    assert "D" in columns(by_default, "msd") and "D" in columns(
+        by_default.assign_attrs(options=plain.options)
+    )
     assert [*columns(plain.assign_attrs(options="{}"))][3:] == ["collision rate", "MSD(t = 1)", "D"]
-    assert [*columns(plain.assign_attrs(options="{}"), "thermodynamics", "health")][3:] == ["collision rate"]
+    assert [*columns(plain.assign_attrs(options="{}"), "thermodynamics", "health")][3:] == [
+        "collision rate"
+    ]
     meaning = {"observable": "my_module:chirality", "long_name": "chirality of the fluid"}
     one = (0 * plain.duration + 0.25).assign_attrs(meaning)
     found = plain.assign(chirality=one, chirality_standard_error=0.01 * one / 0.25)
-    assert [*columns(found)][3:] == ["chirality", "MSD(t = 1)", "D"] and columns(found)["chirality"] == "0.250 ± 0.010"
+    assert [*columns(found)][3:] == ["chirality", "MSD(t = 1)", "D"] and columns(found)[
+        "chirality"
+    ] == "0.250 ± 0.010"
     assert "chirality: chirality of the fluid (my_module:chirality)." in summary(found)
 
 
 def test_the_verdict_on_eq_18_is_given_where_rings_were_asked_for(tmp_path):
-    """Of two scenes, normal displacements in one and displacements of nearly one length in the other."""
-    normal, ring = make_runs(make_scene("normal"), range(400)), make_runs(make_scene("ring"), range(400))
-    direction = (np.exp(1j * np.arange(400.0)) * np.linspace(0.9, 1.1, 400)).view(float).reshape(400, 2)
-    ring.ensemble.tracer.position[5:] = np.sqrt(4 * ring.ensemble.times[5:])[:, None, None] * direction
+    """Of two scenes, normal displacements in one and displacements of nearly one length in the
+    other.
+    """
+    normal, ring = (
+        make_runs(make_scene("normal"), range(400)),
+        make_runs(make_scene("ring"), range(400)),
+    )
+    direction = (
+        (np.exp(1j * np.arange(400.0)) * np.linspace(0.9, 1.1, 400)).view(float).reshape(400, 2)
+    )
+    ring.ensemble.tracer.position[5:] = (
+        np.sqrt(4 * ring.ensemble.times[5:])[:, None, None] * direction
+    )
     files = [write(tmp_path, normal), write(tmp_path, ring)]
     assert "rejected" not in summary(aggregate(files))
     twice = aggregate(files, displacement_times=[0.2, 1.0])  # the last one counts
     text = summary(twice, title="Rings and walks")
-    first, second = ([line for line in text.splitlines() if line.startswith(name)][-1] for name in ("normal", "ring"))
+    first, second = (
+        [line for line in text.splitlines() if line.startswith(name)][-1]
+        for name in ("normal", "ring")
+    )
     assert re.search(r"  not rejected, p = [0-9.]+ +not rejected, p = [0-9.]+$", first)
     assert second.endswith("  rejected, p < 1e-06     rejected, p < 1e-06")
     head = text.splitlines()
-    assert head[0] == "Rings and walks" and head[1].endswith("eq. (18), D = MSD/4t    eq. (18), fitted D")
+    assert head[0] == "Rings and walks" and head[1].endswith(
+        "eq. (18), D = MSD/4t    eq. (18), fitted D"
+    )
     assert "Eq. (18): x and y at t = 1 are normal, of variance 2Dt;" in text
     assert "rejected at a family-wise level of 5% for the 4 tests of this table (Holm)." in text
     assert max(map(len, head)) <= 100
-    p = twice.p_value_joint.copy()  # of both models in turn: 0.02 is no rejection in a family of four
+    p = (
+        twice.p_value_joint.copy()
+    )  # of both models in turn: 0.02 is no rejection in a family of four
     p[..., 1, :2] = np.reshape([[0.02, 1e-9], [0.5, 0.3]], p[..., 1, :2].shape)
     found = [cells[1:] for cells in answer(twice.assign(p_value_joint=p)).columns[-2:]]
     assert found[0] == ("not rejected, p = 0.020", "not rejected, p = 0.50")
@@ -709,8 +1024,13 @@ def test_the_verdict_on_eq_18_is_given_where_rings_were_asked_for(tmp_path):
 
 
 def test_summary_names_missing_seeds_and_engines(tmp_path):
-    full, partial = make_runs(make_scene(), range(20)), make_runs(make_scene(), [*range(5), *range(9, 20)])
-    coarse = partial._replace(engine=requested("timestep", {"time_step": 0.01, "collisions": "late"}))
+    full, partial = (
+        make_runs(make_scene(), range(20)),
+        make_runs(make_scene(), [*range(5), *range(9, 20)]),
+    )
+    coarse = partial._replace(
+        engine=requested("timestep", {"time_step": 0.01, "collisions": "late"})
+    )
     text = summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
     assert "plain, N = 20, timestep-0.01-late: missing: 4 of 20 seeds (5-8)" in text
     assert "engine" in text.splitlines()[0]
@@ -723,9 +1043,15 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
 @pytest.mark.slow
 def test_one_run_a_disk_at_rest_and_no_disk_are_drawn_without_a_warning(tmp_path, run_through):
     made = make_runs(make_scene(), range(12))
-    rest = made._replace(ensemble=made.ensemble._replace(tracer=Track(0 * made.ensemble.tracer.position)))
+    rest = made._replace(
+        ensemble=made.ensemble._replace(tracer=Track(0 * made.ensemble.tracer.position))
+    )
     nothing = made._replace(ensemble=made.ensemble._replace(tracer=None))
-    cases_drawn = (nothing, 2), (rest, len(OF_TRAJECTORIES)), (make_runs(make_scene(), [0]), len(OF_TRAJECTORIES))
+    cases_drawn = (
+        (nothing, 2),
+        (rest, len(OF_TRAJECTORIES)),
+        (make_runs(make_scene(), [0]), len(OF_TRAJECTORIES)),
+    )
     for runs, shown in cases_drawn:
         run_through.clear()
         with warnings.catch_warnings():
@@ -734,7 +1060,9 @@ def test_one_run_a_disk_at_rest_and_no_disk_are_drawn_without_a_warning(tmp_path
             assert len(render(dataset, tmp_path)) == len(OF_ALL) + 3 * shown
         assert "plain" in summary(dataset)
     legends = [axes.get_legend() for figure in run_through for axes in figure.axes]
-    assert not any("nan" in text.get_text() for legend in legends if legend for text in legend.get_texts())
+    assert not any(
+        "nan" in text.get_text() for legend in legends if legend for text in legend.get_texts()
+    )
 
 
 def test_numbers_are_written_to_their_error():
@@ -746,7 +1074,9 @@ def test_numbers_are_written_to_their_error():
 
 @pytest.mark.slow
 def test_distributions_in_rings_of_different_widths_keep_their_own_axes(tmp_path):
-    """Scenes of very different sizes, in rings from the data; and walls that leave rings without runs."""
+    """Scenes of very different sizes, in rings from the data; and walls that leave rings without
+    runs.
+    """
     paths = []
     for name, size in (("large", 1.0), ("small", 0.1), ("wide", 8.0)):
         trajectories = make_runs(make_scene(name, boundary="periodic"), range(40))
@@ -754,11 +1084,16 @@ def test_distributions_in_rings_of_different_widths_keep_their_own_axes(tmp_path
         paths.append(write(tmp_path, trajectories))
     shown = cases.cases_of(aggregate(paths, displacement_times=(0.2, 1.0)))
     figure = displacement_distribution.draw(shown)
-    mains, lows = figure.axes[:4] + figure.axes[8:10], figure.axes[4:8] + figure.axes[10:]  # of the two rows
+    mains, lows = (
+        figure.axes[:4] + figure.axes[8:10],
+        figure.axes[4:8] + figure.axes[10:],
+    )  # of the two rows
     for main, low, one in zip(mains, lows, cases.distributions_of(shown), strict=True):
         edge = one.r_outer.values[-1]
         assert 0.9 * edge < main.get_xlim()[1] < 1.5 * edge and main.get_xlim() == low.get_xlim()
-        assert any(f"beyond $r$ = {edge:g}" in words for words in main.get_legend_handles_labels()[1])
+        assert any(
+            f"beyond $r$ = {edge:g}" in words for words in main.get_legend_handles_labels()[1]
+        )
     saturated = make_runs(make_scene("saturated"), range(100), diffusion=4.0)
     assert displacement_distribution.draw(cases.cases_of(aggregate([write(tmp_path, saturated)])))
 
@@ -773,4 +1108,6 @@ def test_the_summary_of_averages_has_no_distribution():
     averages = aggregate([runs._replace(ensemble=ensemble)])
     text = summary(averages).splitlines()
     assert text[0].split() == ["scene", "N", "runs", "collision", "rate", "MSD(t", "=", "1)", "D"]
-    assert np.isnan(averages.displacement_counts).all() and not any("rejected" in line for line in text)
+    assert np.isnan(averages.displacement_counts).all() and not any(
+        "rejected" in line for line in text
+    )

@@ -1,4 +1,6 @@
-"""What hard disks in equilibrium must do, against laws and independent figures; and a million of them."""
+"""What hard disks in equilibrium must do, against laws and independent figures; and a million of
+them.
+"""
 
 from functools import cache
 
@@ -18,16 +20,23 @@ from test_exact import P, W, box, crowded, make, species
 
 @pytest.mark.slow
 def test_every_disk_gets_its_share_of_the_energy():
-    """In a walled box every disk has P(KE < e) = 1 - (1 - e/E)^(N-1), whatever its mass: Kolmogorov-Smirnov.
+    """In a walled box every disk has P(KE < e) = 1 - (1 - e/E)^(N-1), whatever its mass:
+    Kolmogorov-Smirnov.
 
-    The runs begin far from that: equal velocities in distribution, masses 1 to 20. Of 200 runs each gives 10 values for
-    a disk, 250 to 640 collisions apart: the correlation of a value and the next was measured as 0.000(5) for each
-    disk. False alarm: 1e-6 for each of the 15 disks.
+    The runs begin far from that: equal velocities in distribution, masses 1 to 20. Of 200 runs each
+    gives 10 values for a disk, 250 to 640 collisions apart: the correlation of a value and the next
+    was measured as 0.000(5) for each disk. False alarm: 1e-6 for each of the 15 disks.
     """
-    for kinds in ([(4, 0.2, 1.0)], [(2, 0.2, 1.0), (3, 0.1, 5.0)], [(1, 0.3, 20.0), (2, 0.2, 1.0), (3, 0.1, 3.0)]):
+    for kinds in (
+        [(4, 0.2, 1.0)],
+        [(2, 0.2, 1.0), (3, 0.1, 5.0)],
+        [(1, 0.3, 20.0), (2, 0.2, 1.0), (3, 0.1, 3.0)],
+    ):
         scene = make(box(2, 2, W), kinds, 300.0, sample_interval=30.0)
         runs = simulate(scene, range(200), {"all"}).whole.values()
-        energy = np.concatenate([np.sum(run.velocity[1:] ** 2, axis=2) for run in runs]) * scene.mass  # (2000, N)
+        energy = (
+            np.concatenate([np.sum(run.velocity[1:] ** 2, axis=2) for run in runs]) * scene.mass
+        )  # (2000, N)
         n = scene.particles
         law = 1 - (1 - energy / energy.sum(axis=1, keepdims=True)) ** (n - 1)
         for disk in range(n):
@@ -35,7 +44,9 @@ def test_every_disk_gets_its_share_of_the_energy():
 
 
 def test_momentum_is_kept_in_a_periodic_box():
-    """Relative to the sum of abs(m v), 1e-15 for each of 1e4 collisions, adding up at random: 1e-13."""
+    """Relative to the sum of abs(m v), 1e-15 for each of 1e4 collisions, adding up at random:
+    1e-13.
+    """
     for kinds in ([(50, 0.14, 1)], [(25, 0.1, 1), (25, 0.14, 0.3), (15, 0.2, 4)]):
         velocities = {"standard_deviation": 1.0, "zero_momentum": True}
         scene = make(box(4, 3, P), kinds, 40.0, velocities=velocities, sample_interval=1.0)
@@ -47,10 +58,14 @@ def test_momentum_is_kept_in_a_periodic_box():
 
 
 def contact_statistics(scene, seen):
-    """Collisions per disk and time, and Z, of each run, at kT = 1; equal disks of mass and diameter 1."""
+    """Collisions per disk and time, and Z, of each run, at kT = 1; equal disks of mass and diameter
+    1.
+    """
     n, time = scene.particles, scene.duration
     kT = seen["kinetic_energy"] / (n - 1)  # noqa: N806
-    return 2 * seen["pair_collisions"] / (n * time) / np.sqrt(kT), 1 + seen["virial"] / (2 * n * kT * time)
+    return 2 * seen["pair_collisions"] / (n * time) / np.sqrt(kT), 1 + seen["virial"] / (
+        2 * n * kT * time
+    )
 
 
 FLUIDS = [
@@ -79,14 +94,22 @@ def reported(phi, time, placement, runs):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("phi", "runs", "time", "placement", "rate", "virial"), FLUIDS, ids=["0.14", "0.50"])
-def test_collision_rate_and_pressure_of_the_hard_disk_fluid(phi, runs, time, placement, rate, virial):
-    """Against independent Monte Carlo, N = 1024, within 4.5 standard errors of both: false alarm 1 in 150,000 each.
+@pytest.mark.parametrize(
+    ("phi", "runs", "time", "placement", "rate", "virial"), FLUIDS, ids=["0.14", "0.50"]
+)
+def test_collision_rate_and_pressure_of_the_hard_disk_fluid(
+    phi, runs, time, placement, rate, virial
+):
+    """Against independent Monte Carlo, N = 1024, within 4.5 standard errors of both: false alarm 1
+    in 150,000 each.
 
-    The standard errors are near 0.1 %; a loss of 1 % of the collisions would be ten of them. Neither random insertion
-    nor the lattice is equilibrium: a time of 5 to 35 collisions a disk is left out, the lattice melts in less.
+    The standard errors are near 0.1 %; a loss of 1 % of the collisions would be ten of them.
+    Neither random insertion nor the lattice is equilibrium: a time of 5 to 35 collisions a disk is
+    left out, the lattice melts in less.
     """
-    rates, virials = contact_statistics(fluid(phi, time, placement), reported(phi, time, placement, runs))
+    rates, virials = contact_statistics(
+        fluid(phi, time, placement), reported(phi, time, placement, runs)
+    )
     for seen, (expected, error) in ((rates, rate), (virials, virial)):
         both = np.hypot(seen.std(ddof=1) / np.sqrt(runs), error)
         assert abs(seen.mean() - expected) < 4.5 * both
@@ -95,9 +118,11 @@ def test_collision_rate_and_pressure_of_the_hard_disk_fluid(phi, runs, time, pla
 
 
 def assert_one_contact_value(phi, rates, virials):
-    """The rate and the virial are two views of the contact value chi, which differ by the speeds of a run alone.
+    """The rate and the virial are two views of the contact value chi, which differ by the speeds of
+    a run alone.
 
-    4.5 standard errors, and 1/N for what zero momentum and a fixed energy change in the mean relative speed.
+    4.5 standard errors, and 1/N for what zero momentum and a fixed energy change in the mean
+    relative speed.
     """
     difference = rates * np.sqrt(np.pi) / (8 * phi) / ((virials - 1) / (2 * phi)) - 1
     assert abs(difference.mean()) < 4.5 * difference.std(ddof=1) / np.sqrt(len(rates)) + 1 / 1024
@@ -108,14 +133,16 @@ def assert_one_contact_value(phi, rates, virials):
 def test_collision_rate_at_the_temperature_of_the_scene():
     """Against 0.80101(38), as above, and with the scatter of the temperatures of runs taken away.
 
-    A run's rate is a sum of independent parts: the rate at the temperature of the scene, and half its relative
-    deviation in kT, whose variance is 1/(N - 1). Ratio of the two standard errors for 150 runs: 4 times the
-    1/sqrt(2 x 149) of each, a false alarm in 10,000.
+    A run's rate is a sum of independent parts: the rate at the temperature of the scene, and half
+    its relative deviation in kT, whose variance is 1/(N - 1). Ratio of the two standard errors for
+    150 runs: 4 times the 1/sqrt(2 x 149) of each, a false alarm in 10,000.
     """
     scene, seeds = fluid(0.14, 40.0, "random"), np.arange(150)
     case = estimator.Case(scene, Engine("exact"), scene.times)
     seen = reported(0.14, 40.0, "random", len(seeds))
-    means = thermodynamics.columns(case, Ensemble(seeds, scene.times, None, seen, {}, {}, {}, {})).means
+    means = thermodynamics.columns(
+        case, Ensemble(seeds, scene.times, None, seen, {}, {}, {}, {})
+    ).means
     raw, scaled = means["collision_rate"], means["collision_rate_at_temperature"]
     gain = np.sqrt(1 + (scaled.mean() / scaled.std(ddof=1)) ** 2 / (4 * 1023))
     assert gain > 2
@@ -127,18 +154,25 @@ def test_collision_rate_at_the_temperature_of_the_scene():
 
 @pytest.mark.slow
 def test_collision_rate_and_pressure_of_the_dense_fluid():
-    """phi = 0.65, from a lattice that 40 collisions a disk melt, with neighbour lists: chi from both, the same.
+    """phi = 0.65, from a lattice that 40 collisions a disk melt, with neighbour lists: chi from
+    both, the same.
 
-    Henderson's chi is 2 % low here, against simulation; lost collisions would be lost to both, and to this bound.
+    Henderson's chi is 2 % low here, against simulation; lost collisions would be lost to both, and
+    to this bound.
     """
     phi = 0.65
-    rates, virials = contact_statistics(fluid(phi, 10.0, "lattice"), reported(phi, 10.0, "lattice", 12))
+    rates, virials = contact_statistics(
+        fluid(phi, 10.0, "lattice"), reported(phi, 10.0, "lattice", 12)
+    )
     assert_one_contact_value(phi, rates, virials)
-    assert (virials.mean() - 1) / (2 * phi) == pytest.approx(theory.contact_value_henderson(phi), rel=0.05)
+    assert (virials.mean() - 1) / (2 * phi) == pytest.approx(
+        theory.contact_value_henderson(phi), rel=0.05
+    )
 
 
 def test_the_walls_take_what_the_virial_says():
-    """d(sum m r.v)/dt = 2 K + sum r.F, of pairs and of walls at L/2 - R: between any two times, to round-off.
+    """d(sum m r.v)/dt = 2 K + sum r.F, of pairs and of walls at L/2 - R: between any two times, to
+    round-off.
 
     The pressure on the walls and that of the virial are thus the same at any size of the box.
     """
@@ -170,12 +204,16 @@ def test_a_million_disks():
     scene = fluid(0.7, 0.125, "lattice", n, equilibrate=0.0)
     w = layout.prepare(scene, units.frame_of(scene))
     arrays = [array for array in (*w, *w.lists) if isinstance(array, np.ndarray)]
-    sizes = {array.ctypes.data: array.nbytes for array in arrays}  # two may be views of the same memory
+    sizes = {
+        array.ctypes.data: array.nbytes for array in arrays
+    }  # two may be views of the same memory
     assert sum(sizes.values()) <= 250 * n
     del w, arrays
     seen = {key: column[0] for key, column in simulate(scene, [1], frozenset()).observables.items()}
     assert seen["pair_collisions"] > 50_000
     assert not seen["failed"]
-    assert seen["worst_overlap"] <= 1e-11  # coordinates up to 1,000 diameters have a round-off of 1e-13
+    assert (
+        seen["worst_overlap"] <= 1e-11
+    )  # coordinates up to 1,000 diameters have a round-off of 1e-13
     assert abs(seen["energy_drift"]) <= 1e-13
     assert seen["momentum_residual"] <= 1e-13

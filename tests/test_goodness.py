@@ -1,4 +1,6 @@
-"""Tests of eq. (18): true ensembles are rejected as often as stated, wrong ones with the stated power."""
+"""Tests of eq. (18): true ensembles are rejected as often as stated, wrong ones with the stated
+power.
+"""
 
 import math
 
@@ -14,7 +16,9 @@ KNOWN = (np.zeros(6), np.zeros(6), 0.0)  # a D that does not depend on the count
 
 
 def ensembles(runs, edges, sets=SETS, seed=1, sample=-1):
-    """Free diffusers, D = 1/4, that obey eq. (18): of each set r^2 and ring at a sample, three 4 D by run."""
+    """Free diffusers, D = 1/4, that obey eq. (18): of each set r^2 and ring at a sample, three 4 D
+    by run.
+    """
     rng = np.random.default_rng(seed)
     weights = [line_weights(TIMES, window)[0] for window in ((0.1, 1.0), (0.5, 1.0))]
     for _ in range(sets):
@@ -26,10 +30,13 @@ def ensembles(runs, edges, sets=SETS, seed=1, sample=-1):
 
 
 def model(ring, estimate, edges, scale=1.0, time=1.0):
-    """Counts, what eq. (18) expects with D from these estimates (times a scale), and the source of this D."""
+    """Counts, what eq. (18) expects with D from these estimates (times a scale), and the source of
+    this D.
+    """
     runs, d = len(ring), estimate.mean() / 4 * scale
     expected, more, less = (
-        distribution.expected_ring_counts(runs, edges, time, d * factor) for factor in (1, 1.0001, 0.9999)
+        distribution.expected_ring_counts(runs, edges, time, d * factor)
+        for factor in (1, 1.0001, 0.9999)
     )
     shared = np.bincount(ring, estimate / estimate.mean() - 1, len(edges))
     source = (more - less) / 2e-4, shared, estimate.var() / estimate.mean() ** 2
@@ -37,35 +44,53 @@ def model(ring, estimate, edges, scale=1.0, time=1.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("runs", "width", "sample"), [(200, 0.1, -1), (2400, 0.04, -1), (400, 0.05, 4)])
+@pytest.mark.parametrize(
+    ("runs", "width", "sample"), [(200, 0.1, -1), (2400, 0.04, -1), (400, 0.05, 4)]
+)
 def test_true_ensembles_are_rejected_as_often_as_stated(runs, width, sample):
-    """At 5 % and at 1 %, within 4 standard errors (0.9 and 0.4 % of 600 sets) and 0.4 % for the approximations.
+    """At 5 % and at 1 %, within 4 standard errors (0.9 and 0.4 % of 600 sets) and 0.4 % for the
+    approximations.
 
-    With chi-square of K - 2 degrees the slope over [0.5, 1] is refused in 7 to 10 % at the 5 % level: more than that.
+    With chi-square of K - 2 degrees the slope over [0.5, 1] is refused in 7 to 10 % at the 5 %
+    level: more than that.
     """
     edges = width * np.arange(25)
     p, joint = [], []
     for squared, ring, estimates in ensembles(runs, edges, sample=sample):
         shape = goodness.kurtosis_p_value((squared**2).mean() / (2 * squared.mean() ** 2), runs)
-        p.append([goodness.chi_square(*model(ring, one, edges, time=TIMES[sample])).p for one in estimates])
+        p.append(
+            [
+                goodness.chi_square(*model(ring, one, edges, time=TIMES[sample])).p
+                for one in estimates
+            ]
+        )
         joint.append([goodness.both(one, shape) for one in p[-1]])
     for level in (0.05, 0.01):
         bound = 4 * math.sqrt(level * (1 - level) / SETS) + 0.004
         assert np.all(np.abs(np.mean(np.array(p) < level, axis=0) - level) < bound)
-    assert np.all(np.abs(np.mean(np.array(joint) < 0.01, axis=0) - 0.01) < 4 * math.sqrt(0.01 / SETS) + 0.004)
+    assert np.all(
+        np.abs(np.mean(np.array(joint) < 0.01, axis=0) - 0.01) < 4 * math.sqrt(0.01 / SETS) + 0.004
+    )
 
 
 @pytest.mark.slow
 def test_power_is_the_share_of_tests_that_reject_a_wrong_d():
-    """D 5 % too large, from all three sources; within 4 standard errors of 300 sets and 3 % for the cumulants."""
+    """D 5 % too large, from all three sources; within 4 standard errors of 300 sets and 3 % for the
+    cumulants.
+    """
     edges, shares, said = 0.04 * np.arange(25), [], []
     for set_, (_, ring, estimates) in enumerate(ensembles(2400, edges, 300, seed=2)):
         tests = [goodness.chi_square(*model(ring, one, edges, 1.05)) for one in estimates]
         shares.append([test.p < goodness.LEVEL for test in tests])
         if set_ < 20:  # it hardly differs from set to set
             models = [model(ring, one, edges)[1:] for one in estimates]
-            wrong = [distribution.expected_ring_counts(2400, edges, 1.0, one.mean() / 4 * 1.05) for one in estimates]
-            said.append([goodness.power(one[0], other) for one, other in zip(models, wrong, strict=True)])
+            wrong = [
+                distribution.expected_ring_counts(2400, edges, 1.0, one.mean() / 4 * 1.05)
+                for one in estimates
+            ]
+            said.append(
+                [goodness.power(one[0], other) for one, other in zip(models, wrong, strict=True)]
+            )
     share, stated = np.mean(shares, axis=0), np.mean(said, axis=0)
     assert np.all(np.abs(share - stated) < 4 * np.sqrt(stated * (1 - stated) / 300) + 0.03)
     assert np.all(stated > 0.02)
@@ -92,18 +117,24 @@ def test_a_d_fitted_to_the_counts_costs_one_degree_of_freedom():
     from scipy.stats import chi2
 
     edges = 0.1 * np.arange(21)
-    expected, more, less = (distribution.expected_ring_counts(5000, edges, 1.0, d) for d in (0.25, 0.250025, 0.249975))
+    expected, more, less = (
+        distribution.expected_ring_counts(5000, edges, 1.0, d) for d in (0.25, 0.250025, 0.249975)
+    )
     change = (more - less) / 2e-4
     information = (change**2 / expected).sum()
     counts = np.random.default_rng(1).multinomial(5000, expected / 5000)
-    test = goodness.chi_square(counts, expected, change, 5000 * change / information, 5000 / information)
+    test = goodness.chi_square(
+        counts, expected, change, 5000 * change / information, 5000 / information
+    )
     assert test.p == pytest.approx(chi2.sf(test.statistic, test.degrees_of_freedom), rel=1e-3)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("runs", "extra"), [(50, 0.008), (400, 0.002), (2400, 0.001)])
 def test_the_kurtosis_is_tested_at_the_stated_level(runs, extra):
-    """4,000 ensembles of exponential r^2, within 4 standard errors and what the docstring concedes."""
+    """4,000 ensembles of exponential r^2, within 4 standard errors and what the docstring
+    concedes.
+    """
     squared = np.random.default_rng(runs).exponential(1.0, (4000, runs))
     each = (squared**2).mean(axis=1) / (2 * squared.mean(axis=1) ** 2)
     for level in (0.05, 0.01):
@@ -112,9 +143,13 @@ def test_the_kurtosis_is_tested_at_the_stated_level(runs, extra):
 
 
 def test_holm_keeps_the_family_wise_level():
-    """16 tests of which all hold, independent or all the same: one or more rejected in 5 % of tables or fewer."""
+    """16 tests of which all hold, independent or all the same: one or more rejected in 5 % of
+    tables or fewer.
+    """
     rng, tables = np.random.default_rng(1), 4000
     for p in (rng.random((tables, 16)), np.repeat(rng.random((tables, 1)), 16, axis=1)):
         wrong = np.mean([goodness.holm(row).min() < 0.05 for row in p])
         assert 0.0 < wrong < 0.05 + 4 * math.sqrt(0.05 * 0.95 / tables)
-    assert goodness.holm([0.01, 0.04, np.nan, 0.03]) == pytest.approx([0.03, 0.06, np.nan, 0.06], nan_ok=True)
+    assert goodness.holm([0.01, 0.04, np.nan, 0.03]) == pytest.approx(
+        [0.03, 0.06, np.nan, 0.06], nan_ok=True
+    )

@@ -1,4 +1,6 @@
-"""The initial state: the same for a seed, distributed as the scene says, sound; overlaps against all pairs of disks."""
+"""The initial state: the same for a seed, distributed as the scene says, sound; overlaps against
+all pairs of disks.
+"""
 
 import math
 from itertools import combinations
@@ -14,7 +16,13 @@ from brownpipe.engines import initial_state
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert, push_apart
-from brownpipe.engines.placement import ALL_FAIL, SOME_FAIL, TRIES_PER_SWEEP, crowding, tries_to_place
+from brownpipe.engines.placement import (
+    ALL_FAIL,
+    SOME_FAIL,
+    TRIES_PER_SWEEP,
+    crowding,
+    tries_to_place,
+)
 from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.scene.scene import overlap
@@ -24,7 +32,7 @@ VELOCITY_17 = [-0.042623150097255494, 2.3328060725321036]
 POSITION_17 = [-2.5213268957650588, 0.5819693892044553]
 
 
-# -- what a seed gives ----------------------------------------------------------------------------------------------
+# -- what a seed gives -----------------------------------------------------------------------------
 
 
 def test_a_seed_gives_the_state_of_the_note_and_always_the_same():
@@ -33,8 +41,13 @@ def test_a_seed_gives_the_state_of_the_note_and_always_the_same():
     assert state.velocity[0].tolist() == VELOCITY_17 and state.position[1].tolist() == POSITION_17
     assert all(np.array_equal(a, b) for a, b in zip(state, again, strict=True))
     assert state.position[0].tolist() == [0.0, 0.0]
-    assert state.radius.tolist() == [0.3] + [0.1] * 149 and state.mass.tolist() == [1.0] + [0.4] * 149
-    for other in (draw(note_scene(1.0), 18), draw(note_scene(1.0, particles=100), 17)):  # streams of their own
+    assert (
+        state.radius.tolist() == [0.3] + [0.1] * 149 and state.mass.tolist() == [1.0] + [0.4] * 149
+    )
+    for other in (
+        draw(note_scene(1.0), 18),
+        draw(note_scene(1.0, particles=100), 17),
+    ):  # streams of their own
         assert not np.isin(other.velocity, state.velocity).any()
 
 
@@ -46,7 +59,7 @@ def test_explicit_disks_are_taken_as_they_are():
     assert draw(explicit(box(6, 6, W), none, 1.0), 0).position.shape == (0, 2)
 
 
-# -- velocities -------------------------------------------------------------------------------------------------------
+# -- velocities ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -54,12 +67,15 @@ def test_explicit_disks_are_taken_as_they_are():
     [({"standard_deviation": 2.0}, (2.0, 2.0)), ({"temperature": 1.6}, (np.sqrt(1.6), 2.0))],
 )
 def test_velocities_are_normal(velocities, deviations):
-    """Kolmogorov-Smirnov over 600 states: tracer (1,200 components) and bath; false alarm 1e-6 each."""
+    """Kolmogorov-Smirnov over 600 states: tracer (1,200 components) and bath; false alarm 1e-6
+    each.
+    """
     scene = make(box(6, 6, W), [(30, 0.1, 0.4)], 1.0, {"radius": 0.3, "mass": 1.0}, velocities)
     velocity = np.array([draw(scene, seed).velocity for seed in range(600)])
     for part, deviation in ((velocity[:, 0], deviations[0]), (velocity[:, 1:], deviations[1])):
         assert stats.kstest(part.ravel(), "norm", args=(0, deviation)).pvalue > 1e-6
-    # components, disks and seeds are independent: the means of products are within 5 standard errors of 0
+    # components, disks and seeds are independent: the means of products are within 5 standard
+    # errors of 0
     for one, two in (
         (velocity[..., 0], velocity[..., 1]),
         (velocity[:, 1], velocity[:, 2]),
@@ -72,14 +88,20 @@ def test_velocities_are_normal(velocities, deviations):
 def test_zero_momentum():
     """To round-off of the sum of abs(m v)."""
     velocities = {"temperature": 1.0, "zero_momentum": True}
-    state = draw(make(box(6, 6, P), [(30, 0.1, 1.0), (20, 0.2, 7.0)], 1.0, velocities=velocities), 1)
-    assert np.abs(state.mass @ state.velocity).max() < 1e-15 * np.sum(state.mass[:, None] * np.abs(state.velocity))
+    state = draw(
+        make(box(6, 6, P), [(30, 0.1, 1.0), (20, 0.2, 7.0)], 1.0, velocities=velocities), 1
+    )
+    assert np.abs(state.mass @ state.velocity).max() < 1e-15 * np.sum(
+        state.mass[:, None] * np.abs(state.velocity)
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("tracer", "runs"), [("pinned", 400), ("free", 1500)])
 def test_zero_momentum_at_t_zero_after_equilibration(tracer, runs):
-    """Taken out before a pinned equilibration it would come back; taken out twice, it would cool the tracer by 7 %."""
+    """Taken out before a pinned equilibration it would come back; taken out twice, it would cool
+    the tracer by 7 %.
+    """
     disks = {
         "tracer": {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]},
         "species": [{"name": "bath", "count": 29, "radius": 0.1, "mass": 0.4}],
@@ -99,14 +121,17 @@ def test_zero_momentum_at_t_zero_after_equilibration(tracer, runs):
         drawn = np.array([draw(scene, seed).velocity[0] for seed in range(runs)])
         check_pinned(velocity[:, 0], drawn, scene.mass)
         return
-    square = np.sum(velocity[:, 0] ** 2, axis=1)  # exponentially distributed: its deviation is its mean
+    square = np.sum(
+        velocity[:, 0] ** 2, axis=1
+    )  # exponentially distributed: its deviation is its mean
     expected = 2 * 1.6 * (1 - 1 / scene.mass.sum())
     assert abs(square.mean() - expected) < 4.5 * expected / math.sqrt(runs)  # false alarm 7e-6
 
 
 def check_pinned(velocity, drawn, mass):
-    """The tracer's velocity (R, 2) at t = 0 is 1 - m/M of what was drawn, less the bath's momentum over M, a noise.
-    False alarm: 7e-6 each for the factor and for the variance of this noise, kT (M - m)/M^2."""
+    """The tracer's velocity (R, 2) at t = 0 is 1 - m/M of what was drawn, less the bath's momentum
+    over M, a noise. False alarm: 7e-6 each for the factor and for the variance of this noise, kT (M
+    - m)/M^2."""
     kt, whole = 1.6, mass.sum()
     noise = velocity - (1 - mass[0] / whole) * drawn
     variance, number = kt * (whole - mass[0]) / whole**2, drawn.size
@@ -116,22 +141,31 @@ def check_pinned(velocity, drawn, mass):
     assert abs(np.mean(noise**2) / variance - 1) < 4.5 * math.sqrt(2 / number)
 
 
-# -- places -----------------------------------------------------------------------------------------------------------
+# -- places ----------------------------------------------------------------------------------------
 
 TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
 
 
 def dense(where, kinds, placement, **more):
     mapping = {"box": where, "disks": {"species": species(*kinds), "placement": placement} | more}
-    return parse_scene(mapping | {"velocities": {"temperature": 1.0}, "duration": 1.0}, "dense.yaml")
+    return parse_scene(
+        mapping | {"velocities": {"temperature": 1.0}, "duration": 1.0}, "dense.yaml"
+    )
 
 
 def assert_sound(scene, state):
-    """Inside the walls, in a periodic box inside it, and no two overlap, checked by other means than placement's."""
+    """Inside the walls, in a periodic box inside it, and no two overlap, checked by other means
+    than placement's.
+    """
     low, high = np.array((scene.box.x, scene.box.y)).T
     margin = 0.0 if scene.box.periodic else state.radius[:, None] * (1 - 1e-14)
     assert (low + margin <= state.position).all() and (state.position <= high - margin).all()
-    assert overlap(state.position, state.radius, (scene.box.x, scene.box.y) if scene.box.periodic else None) is None
+    assert (
+        overlap(
+            state.position, state.radius, (scene.box.x, scene.box.y) if scene.box.periodic else None
+        )
+        is None
+    )
 
 
 RANDOM = {
@@ -163,7 +197,9 @@ def test_a_disk_is_uniform_over_where_it_can_be(boundary):
     for axis, (low, high) in enumerate((scene.box.x, scene.box.y)):
         law = stats.uniform(low + margin, high - low - 2 * margin)
         assert stats.kstest(places[:, 0, axis], law.cdf).pvalue > 1e-6
-    if boundary == P:  # the second one sees the first as uniform over what is left: a ring of the torus
+    if (
+        boundary == P
+    ):  # the second one sees the first as uniform over what is left: a ring of the torus
         size = np.array((2.0, 3.0))
         apart = places[:, 1] - places[:, 0]
         distance = np.hypot(*(apart - size * np.round(apart / size)).T)
@@ -181,7 +217,11 @@ LATTICES = {
     },
     "phi = 0.85": (box(30, 15 * np.sqrt(3), P), [(900, 0.5 * np.sqrt(0.85 / 0.9069), 1.0)], {}),
     "walls, tracer": (box(4, 4, W), [(80, 0.12, 1.0), (80, 0.08, 1.0)], {"tracer": TRACER}),
-    "periodic, tracer": (box(4, 4, P), [(80, 0.12, 1), (80, 0.08, 1)], {"tracer": TRACER | {"position": [1.9, -2]}}),
+    "periodic, tracer": (
+        box(4, 4, P),
+        [(80, 0.12, 1), (80, 0.08, 1)],
+        {"tracer": TRACER | {"position": [1.9, -2]}},
+    ),
 }
 
 
@@ -199,7 +239,12 @@ def test_lattices_are_sound(name):
     ("number", "radius", "placement", "message"),
     [
         (150, 0.13, "random", r"only \d+ of 200 disks found a place .*\(packing fraction 0\.885\)"),
-        (150, 0.13, "auto", r"seed 0: disks: 200 disks still overlap .*\(packing fraction 0\.885\)"),
+        (
+            150,
+            0.13,
+            "auto",
+            r"seed 0: disks: 200 disks still overlap .*\(packing fraction 0\.885\)",
+        ),
         (110, 0.15, "lattice", r"160 places for disks of radius 0\.15"),
     ],
 )
@@ -211,9 +256,15 @@ def test_what_cannot_be_placed_ends_with_a_message(number, radius, placement, me
         simulate(scene, [0])
 
 
-GROWN = {  # side of the box, (number, radius, mass) of each species, and a tracer: packing fractions of 0.65 to 0.75
+# side of the box, (number, radius, mass) of each species, and a tracer: packing fractions of 0.65
+# to 0.75
+GROWN = {
     "tracer": (box(20.1, 20.1, P), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0}),
-    "tracer held, walls": (box(20.1, 20.1, W), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0, "position": [1, 2]}),
+    "tracer held, walls": (
+        box(20.1, 20.1, W),
+        [(1300, 0.25, 1)],
+        {"radius": 1.0, "mass": 20.0, "position": [1, 2]},
+    ),
     "equal": (box(22.9, 22.9, P), [(500, 0.5, 1)], None),
     "binary": (box(15.7, 15.7, P, (-5.0, 3.0)), [(80, 0.5, 1), (80, 0.7, 1)], None),
     "one to ten": (box(10, 10, W), [(12, 1.0, 1), (950, 0.1, 1)], None),
@@ -256,32 +307,45 @@ def test_tries_to_place_disks_are_near_those_forecast(phi, monkeypatch):
     monkeypatch.setattr(initial_state, "push_apart", sweeps := Mock(wraps=push_apart))
     side = (1000 * math.pi / 4 / phi) ** 0.5
     draw(scene := dense(box(side, side, P), [(1000, 0.5, 1)], "auto"), 0)
-    found = sum(len(call.args[1]) for call in tries.call_args_list) + 1000 * TRIES_PER_SWEEP * sweeps.call_count
+    found = (
+        sum(len(call.args[1]) for call in tries.call_args_list)
+        + 1000 * TRIES_PER_SWEEP * sweeps.call_count
+    )
     assert 0.5 < found / tries_to_place(scene) < 2
 
 
 @pytest.mark.slow
 def test_grown_disks_reach_the_pressure_of_the_fluid():
-    """At 0.65, after equilibration: Z by the virial beside that of a lattice start; both forget where they began."""
+    """At 0.65, after equilibration: Z by the virial beside that of a lattice start; both forget
+    where they began.
+    """
     pressure = []
     for how in ("auto", "lattice"):
-        mapping = dense(box(15.54, 15.54, P), [(200, 0.5, 1)], how).replace(duration=20.0, equilibrate={"time": 20.0})
+        mapping = dense(box(15.54, 15.54, P), [(200, 0.5, 1)], how).replace(
+            duration=20.0, equilibrate={"time": 20.0}
+        )
         found = simulate(mapping, range(16), {"none"}).observables["virial"]
         pressure.append((found.mean(), found.std(ddof=1) / 4))
     (grown, error), (lattice, other) = pressure
     assert abs(grown - lattice) < 4 * np.hypot(error, other)
 
 
-# -- overlaps ---------------------------------------------------------------------------------------------------------
+# -- overlaps --------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 @given(
-    st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(1e-3, 0.24)), min_size=1, max_size=12), st.booleans()
+    st.lists(
+        st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(1e-3, 0.24)), min_size=1, max_size=12
+    ),
+    st.booleans(),
 )
 @settings(max_examples=300, deadline=None)
 def test_finds_an_overlap_where_all_pairs_do(disks, periodic):
-    position, radius = np.array([d[:2] for d in disks]).reshape(-1, 2), np.array([d[2] for d in disks])
+    position, radius = (
+        np.array([d[:2] for d in disks]).reshape(-1, 2),
+        np.array([d[2] for d in disks]),
+    )
 
     def gap(a, b):
         apart = position[a] - position[b]

@@ -30,7 +30,8 @@ SCENE = Path(__file__).parent.parent / "config" / "scenes" / "harrison2020.yaml"
 TEN = [SCENE, "--particles", "10", "--seeds", "3,5-6"]
 PERIODIC = """\
 box: {x: [-1.0, 4.0], y: [2.0, 6.0], boundary: periodic}
-disks: {tracer: {radius: 0.3, mass: 20.0}, species: [{name: bath, count: 12, radius: 0.2, mass: 0.5}]}
+disks: {tracer: {radius: 0.3, mass: 20.0},
+  species: [{name: bath, count: 12, radius: 0.2, mass: 0.5}]}
 velocities: {temperature: 1.5}
 equilibrate: {time: 1.0, tracer: free}
 duration: 100.0
@@ -38,9 +39,23 @@ sample_interval: 5.0
 """
 WHOLE_BOX = ["periodic.yaml", "--seeds", "0-2"]
 MADE = {  # name: options of `simulate`
-    "whole": [*TEN, "--record", "all,events", "--observables", "velocity_autocorrelation,pair_distribution"],
+    "whole": [
+        *TEN,
+        "--record",
+        "all,events",
+        "--observables",
+        "velocity_autocorrelation,pair_distribution",
+    ],
     "nothing": [*TEN, "--record", "none"],
-    "origins": [*WHOLE_BOX, "--record", "none", "--observables", "velocity_autocorrelation", "--average", "origins"],
+    "origins": [
+        *WHOLE_BOX,
+        "--record",
+        "none",
+        "--observables",
+        "velocity_autocorrelation",
+        "--average",
+        "origins",
+    ],
     "steps": [*TEN, "--engine", "timestep", "--time-step", "0.01"],
     "langevin": [*WHOLE_BOX, "--engine", "langevin", "--friction", "boltzmann"],
 }
@@ -59,7 +74,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-# -- trajectory files -----------------------------------------------------------------------------------------------
+# -- trajectory files ------------------------------------------------------------------------------
 
 
 def test_the_worst_and_the_failed_runs_are_named(tmp_path):
@@ -70,9 +85,17 @@ def test_the_worst_and_the_failed_runs_are_named(tmp_path):
         momentum_residual=np.array([1e-16, 2e-16, 3e-16, np.nan]),
     )
     path, counts = write(tmp_path, runs), runs.ensemble.observables["pair_collisions"]
-    health = "failed their health check: 2 of 4 runs: 1,7; worst energy drift 3e-15 (seed 1); worst overlap 0"
-    assert f"health       {health}; worst momentum residual nan (seed 7)\n" in inspection.report(path)
-    for seed, numbers in ((None, [of(counts[[0, 2]]) for of in (np.mean, np.min, np.max)]), (7, counts[3:])):
+    health = (
+        "failed their health check: 2 of 4 runs: 1,7; worst energy drift 3e-15 (seed 1); worst "
+        "overlap 0"
+    )
+    assert f"health       {health}; worst momentum residual nan (seed 7)\n" in inspection.report(
+        path
+    )
+    for seed, numbers in (
+        (None, [of(counts[[0, 2]]) for of in (np.mean, np.min, np.max)]),
+        (7, counts[3:]),
+    ):
         (line,) = re.findall("^pair_collisions (.*)", inspection.report(path, seed), re.MULTILINE)
         assert line.split()[: len(numbers)] == [f"{number:.6g}" for number in numbers]
 
@@ -96,18 +119,25 @@ def test_a_run_in_a_periodic_box_is_unwrapped(folder):
     track = ensemble.tracer
     unwrapped = track.position[:, 2] + track.image[:, 2] * [scene.box.width, scene.box.height]
     assert np.any(track.image[-1, 2])
-    found = float(re.search(r"squared displacement (\S+)", inspection.report(folder / "langevin.h5", 2))[1])
+    found = float(
+        re.search(r"squared displacement (\S+)", inspection.report(folder / "langevin.h5", 2))[1]
+    )
     assert found == pytest.approx(np.sum((unwrapped[-1] - unwrapped[0]) ** 2), rel=1e-5)
 
 
-# -- datasets -------------------------------------------------------------------------------------------------------
+# -- datasets --------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    """A dataset of two cases, one with a failed run and a missing one: its path, contents and report."""
+    """A dataset of two cases, one with a failed run and a missing one: its path, contents and
+    report.
+    """
     folder = tmp_path_factory.mktemp("dataset")
-    runs = make_runs(make_scene("few", 10), range(30), failed=(4,)), make_runs(make_scene("many", 20), range(31))
+    runs = (
+        make_runs(make_scene("few", 10), range(30), failed=(4,)),
+        make_runs(make_scene("many", 20), range(31)),
+    )
     contents = analysis.aggregate([write(folder, one) for one in runs], [(0.1, 1.0), (0.5, 1.0)])
     contents.energy_drift[:] = -abs(contents.energy_drift)  # the largest is negative
     write_dataset(folder / "study.nc", contents)
@@ -118,30 +148,41 @@ def test_a_dataset_says_its_results_and_what_made_it(dataset, tmp_path):
     path, contents, text = dataset
     assert failed_runs(path) == (1, 61, "few, N = 10: seeds 4")  # of 30 and 31
     assert text.endswith(f"\n\n{summary(contents)}".rstrip("\n"))
-    drift, overlap = (np.nanmax(np.abs(contents[name])) for name in ("energy_drift", "worst_overlap"))
+    drift, overlap = (
+        np.nanmax(np.abs(contents[name])) for name in ("energy_drift", "worst_overlap")
+    )
     assert f"health       worst energy drift {drift:.2g}; worst overlap {overlap:.2g}\n" in text
     line = re.search(r"^source       (\w{12}), that of this installation$", text, re.MULTILINE)
     assert line[1] == contents.attrs["source_digest"][:12]
     told = [f"{name} {version(name)}" for name in ("brownpipe", *PACKAGES, *ANALYSIS_PACKAGES)]
     assert {"numpy", "scipy", "xarray", "h5py", "pandas"} <= {name.split()[0] for name in told}
     assert f"\nwritten by   {', '.join(told)}\n" in text
-    unknown = contents.drop_attrs().assign_attrs({name: contents.attrs[name] for name in ("title",)})
-    for changed, source in ((contents.assign_attrs(source_digest="0" * 64), "000000000000"), (unknown, "unknown")):
+    unknown = contents.drop_attrs().assign_attrs(
+        {name: contents.attrs[name] for name in ("title",)}
+    )
+    for changed, source in (
+        (contents.assign_attrs(source_digest="0" * 64), "000000000000"),
+        (unknown, "unknown"),
+    ):
         write_dataset(tmp_path / "changed.nc", changed)
-        assert f"source       {source}, not that of this installation" in inspection.report(tmp_path / "changed.nc")
+        assert f"source       {source}, not that of this installation" in inspection.report(
+            tmp_path / "changed.nc"
+        )
 
 
 def test_all_variables_with_units_and_meaning(dataset, said):
     path, contents, _ = dataset
     status, out, err = said("inspect", path, "--variables")
     lines = {line.split()[0]: line for line in out.splitlines()[1:]}
-    assert (status, err) == (DONE, "") and lines.keys() == {str(name) for name in contents.variables}
+    assert (status, err) == (DONE, "") and lines.keys() == {
+        str(name) for name in contents.variables
+    }
     for name in contents.data_vars:
         attributes = contents[name].attrs
         assert attributes["units"] in lines[name] and lines[name].endswith(attributes["long_name"])
 
 
-# -- the scene, and the command that a file names ---------------------------------------------------------------------
+# -- the scene, and the command that a file names --------------------------------------------------
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -155,7 +196,7 @@ def test_the_command_in_a_file_works_with_that_file_alone(name, folder, said):
     assert Path("again.h5").read_bytes() == path.read_bytes()
 
 
-# -- runs again -----------------------------------------------------------------------------------------------------
+# -- runs again ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -164,7 +205,9 @@ def test_runs_come_out_again(name, folder, said):
     status, out, err = said("inspect", folder / f"{name}.h5", "--reproduce")
     first, last = out.splitlines()
     engine = read_trajectories(folder / f"{name}.h5").engine.options
-    assert re.fullmatch(rf"running again 3 runs of \w+, N = 1[03], {engine}: some [0-9.]+ m?s of CPU", first)
+    assert re.fullmatch(
+        rf"running again 3 runs of \w+, N = 1[03], {engine}: some [0-9.]+ m?s of CPU", first
+    )
     assert (status, last, err) == (DONE, "identical: 3 runs, all variables bit-identical", "")
     assert sorted(folder.iterdir()) == before and list(Path().iterdir()) == []
 
@@ -184,7 +227,9 @@ def cut(ensemble):
 def shift(ensemble):
     ensemble.tracer.position[-1, 0] += 2.0**-30
     ensemble.whole[5].velocity[3, 2, 1] -= 2.0**-20
-    ensemble.observables["pair_expected"][1, 1, 9] += 2.0**-10  # other pairs have NaN, before and again
+    ensemble.observables["pair_expected"][1, 1, 9] += (
+        2.0**-10
+    )  # other pairs have NaN, before and again
 
 
 def lose(ensemble):
@@ -212,7 +257,10 @@ def test_what_differs_is_named(change, folder, said):
     assert (status, verdict) == (FAILED, f"different: {count} runs")
     assert sorted(line.strip() for line in found) == sorted(lines)
     if change == "shift":  # of the seeds 3 and 5
-        assert [said("inspect", path, "--reproduce", "--seed", seed)[0] for seed in (5, 6)] == [FAILED, DONE]
+        assert [said("inspect", path, "--reproduce", "--seed", seed)[0] for seed in (5, 6)] == [
+            FAILED,
+            DONE,
+        ]
 
 
 def test_another_source_is_said_before_the_runs_begin(folder, said, monkeypatch):
@@ -229,7 +277,9 @@ def test_another_source_is_said_before_the_runs_begin(folder, said, monkeypatch)
     status, out, err = said("inspect", "again.h5", "--reproduce")
     assert (status, err) == (FAILED, "brownpipe: stopped\n")
     made_with = r"numba 0\.1, here \S+; source f00df00df00d, here \w{12}"
-    assert re.search(rf"^results may differ: the file was made with {made_with}$", out, re.MULTILINE)
+    assert re.search(
+        rf"^results may differ: the file was made with {made_with}$", out, re.MULTILINE
+    )
 
 
 REFUSED = [  # options, what the message must contain
@@ -247,5 +297,7 @@ REFUSED = [  # options, what the message must contain
 def test_what_cannot_be_told_is_refused_in_one_line(options, message, folder, said):
     write_dataset("small.nc", xarray.Dataset({"msd": ("time", [0.0, 1.0])}))
     write_checkpoint("runs.checkpoint", {"seeds": "0-3"}, {"done": np.array(2)})
-    status, out, err = said("inspect", *(folder / "whole.h5" if word == "RUNS" else word for word in options))
+    status, out, err = said(
+        "inspect", *(folder / "whole.h5" if word == "RUNS" else word for word in options)
+    )
     assert (status, out, err.count("\n")) == (WRONG_REQUEST, "", 1) and message in err

@@ -1,4 +1,6 @@
-"""The Python interface gives the numbers of the command line, to the bit, and names the argument that is wrong."""
+"""The Python interface gives the numbers of the command line, to the bit, and names the argument
+that is wrong.
+"""
 
 import io
 import math
@@ -24,7 +26,14 @@ from brownpipe import progress
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import run as exact_run
-from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
+from brownpipe.errors import (
+    AnalysisError,
+    BrownpipeError,
+    FigureError,
+    RequestError,
+    RunError,
+    StorageError,
+)
 from brownpipe.scene import parse_scene
 from synthetic import render
 from test_workflow import ROOT, environment
@@ -37,7 +46,16 @@ KEYS = yaml.safe_load(Path(SCENE).read_text())
 def folder(tmp_path_factory):
     """Runs and their analysis, made by the command line."""
     folder = tmp_path_factory.mktemp("interface")
-    words = ["--particles", "20", "--seeds", "0-9", "--record", "all,events", "--observables", "square_displacement"]
+    words = [
+        "--particles",
+        "20",
+        "--seeds",
+        "0-9",
+        "--record",
+        "all,events",
+        "--observables",
+        "square_displacement",
+    ]
     assert main(["simulate", SCENE, *words, "--output", str(folder / "runs.h5")]) == 0
     assert main(["aggregate", str(folder / "runs.h5"), "--output", str(folder / "study.nc")]) == 0
     return folder
@@ -46,7 +64,12 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def runs():
     return bp.simulate(
-        SCENE, 10, particles=20, record=["all", "events"], observables=["square_displacement"], quiet=True
+        SCENE,
+        10,
+        particles=20,
+        record=["all", "events"],
+        observables=["square_displacement"],
+        quiet=True,
     )
 
 
@@ -71,7 +94,9 @@ def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, run
     first, second = runs.isel(seed=slice(4)), runs.isel(seed=slice(4, None))
     bp.save(second, folder / "second.h5")
     assert bp.analyse([first, str(folder / "second.h5")]).identical(result)
-    assert len(bp.open(folder / "second.h5").events.event_seed) == (runs.events.event_seed >= 4).sum()
+    assert (
+        len(bp.open(folder / "second.h5").events.event_seed) == (runs.events.event_seed >= 4).sum()
+    )
 
 
 @pytest.mark.parametrize(
@@ -83,7 +108,9 @@ def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, run
         (lambda runs: runs.isel(seed=[]), "different integers"),
         (lambda runs: runs.isel(seed=[0, 0]), "different integers"),
         (
-            lambda runs: runs.map_over_datasets(lambda node: node.assign_coords(seed=node.seed * 1.0)),
+            lambda runs: runs.map_over_datasets(
+                lambda node: node.assign_coords(seed=node.seed * 1.0)
+            ),
             "different integers",
         ),
         (lambda runs: runs.sel(seed=3), r" a selection of its seeds, as in sel\(seed=\[3\]\)"),
@@ -91,9 +118,13 @@ def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, run
     ],
 )
 def test_another_selection_is_neither_analysed_nor_saved(runs, tmp_path, part, message):
-    """Rates refer to the whole duration, displacements to the first sample and, in a periodic box, to both axes."""
+    """Rates refer to the whole duration, displacements to the first sample and, in a periodic box,
+    to both axes.
+    """
     selected = part(runs)
-    with pytest.raises(RequestError, match=f"runs: must be what simulate or open returns.*{message}"):
+    with pytest.raises(
+        RequestError, match=f"runs: must be what simulate or open returns.*{message}"
+    ):
         bp.save(selected, tmp_path / "part.h5")
     assert not (tmp_path / "part.h5").exists()
     if "of disk" not in message:
@@ -134,12 +165,17 @@ def test_collisions_of_runs_in_any_order_are_those_of_each_run(runs, tmp_path):
     backwards = runs.isel(seed=slice(None, None, -1))
     shuffled = np.random.default_rng(1).permutation(10)
     events = runs.events.to_dataset(inherit=False)
-    parts = [events.isel(event=np.flatnonzero(events.event_seed.values == seed)) for seed in shuffled]
+    parts = [
+        events.isel(event=np.flatnonzero(events.event_seed.values == seed)) for seed in shuffled
+    ]
     backwards["events"] = xarray.DataTree(xarray.concat(parts, "event"))
     bp.save(backwards, tmp_path / "backwards.h5")
     found = bp.open(tmp_path / "backwards.h5")
     for seed in range(10):
-        of_seed = [tree.events.event_time.values[tree.events.event_seed.values == seed] for tree in (found, runs)]
+        of_seed = [
+            tree.events.event_time.values[tree.events.event_seed.values == seed]
+            for tree in (found, runs)
+        ]
         assert np.array_equal(*of_seed)
 
 
@@ -159,11 +195,15 @@ def test_a_tree_has_names_units_and_meanings(runs):
     variables = [v for node in runs.subtree for v in node.to_dataset().variables.values()]
     assert all(variable.attrs["units"] and variable.attrs["long_name"] for variable in variables)
     squares = ((runs.position - runs.position.isel(time=0)) ** 2).sum("component")
-    np.testing.assert_allclose(squares.transpose("seed", "time"), runs.square_displacement, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(
+        squares.transpose("seed", "time"), runs.square_displacement, rtol=1e-12, atol=1e-15
+    )
 
 
 def test_engines_take_their_settings_as_arguments():
-    runs = bp.simulate(SCENE, [3, 5], particles=20, engine="timestep", time_step=np.float32(2**-6), quiet=True)
+    runs = bp.simulate(
+        SCENE, [3, 5], particles=20, engine="timestep", time_step=np.float32(2**-6), quiet=True
+    )
     assert (runs.attrs["engine"], list(runs.seed.values)) == ("timestep", [3, 5])
     with pytest.warns(UserWarning, match="langevin is rough here"):
         runs = bp.simulate(SCENE, 2, engine="langevin", friction="enskog", quiet=True)
@@ -172,39 +212,64 @@ def test_engines_take_their_settings_as_arguments():
 
 def test_runs_that_failed_are_named(monkeypatch):
     monkeypatch.setattr(exact_run, "HEALTH_BOUND", 1e-30)
-    with pytest.warns(UserWarning, match="^harrison2020: failed their health check: 2 of 2 runs: 0-1; analyse leaves"):
+    with pytest.warns(
+        UserWarning,
+        match="^harrison2020: failed their health check: 2 of 2 runs: 0-1; analyse leaves",
+    ):
         bp.simulate(SCENE, 2, particles=20, quiet=True)
 
 
 @pytest.mark.parametrize(
     ("engine", "further"),
-    [({}, ["all"]), ({"engine": "timestep", "time_step": 0.01}, ["all"]), ({"engine": "langevin"}, [])],
+    [
+        ({}, ["all"]),
+        ({"engine": "timestep", "time_step": 0.01}, ["all"]),
+        ({"engine": "langevin"}, []),
+    ],
 )
 def test_the_velocity_of_the_tracer_is_recorded_if_asked(tmp_path, capsys, engine, further):
     friction = {"friction": "enskog"} if engine.get("engine") == "langevin" else {}
     keys = {"box.boundary": "periodic", "disks.tracer.mass": 8.0, "velocities.zero_momentum": False}
     scene = bp.read_scene(SCENE, 20).replace(**keys)
     measured = ["velocity_distribution"] if further else []
-    runs = bp.simulate(scene, 3, record=["velocity", *further], observables=measured, quiet=True, **engine, **friction)
+    runs = bp.simulate(
+        scene,
+        3,
+        record=["velocity", *further],
+        observables=measured,
+        quiet=True,
+        **engine,
+        **friction,
+    )
     assert not further or runs.velocity_counts.dims == ("seed", "species", "velocity_bin")
     assert (runs.velocity.dims, runs.velocity.units) == (runs.position.dims, "length/time")
     first = (runs.velocity.isel(time=0) ** 2).sum("component")
     np.testing.assert_allclose(first, runs.initial_square_speed, rtol=1e-12)
     if further:
         assert np.array_equal(runs.velocity, runs.disks.velocity.sel(disk=0))
-    bp.save(runs.map_over_datasets(xarray.Dataset.transpose), tmp_path / "runs.h5")  # whatever the order of dimensions
+    bp.save(
+        runs.map_over_datasets(xarray.Dataset.transpose), tmp_path / "runs.h5"
+    )  # whatever the order of dimensions
     assert bp.open(tmp_path / "runs.h5").identical(runs)
     assert main(["inspect", str(tmp_path / "runs.h5"), "--reproduce"]) == 0
     assert "identical: 3 runs" in capsys.readouterr().out
     with pytest.raises(AnalysisError, match="another --record"):
-        bp.analyse([runs, bp.simulate(scene, [7], observables=measured, quiet=True, **engine, **friction)])
+        bp.analyse(
+            [runs, bp.simulate(scene, [7], observables=measured, quiet=True, **engine, **friction)]
+        )
 
 
 def test_positions_go_on_where_a_periodic_box_ends(runs):
-    scene = bp.Scene(**KEYS | {"box": KEYS["box"] | {"boundary": "periodic", "y": (-3, 4)}, "particles": 20})
+    scene = bp.Scene(
+        **KEYS | {"box": KEYS["box"] | {"boundary": "periodic", "y": (-3, 4)}, "particles": 20}
+    )
     wrapped = bp.simulate(scene, 5, record="all", quiet=True)
     assert (wrapped.unwrapped.units, wrapped.box_size.values.tolist()) == ("length", [6.0, 7.0])
-    assert np.abs(wrapped.disks.unwrapped.diff("time")).max() < 2.0 < np.abs(wrapped.disks.position.diff("time")).max()
+    assert (
+        np.abs(wrapped.disks.unwrapped.diff("time")).max()
+        < 2.0
+        < np.abs(wrapped.disks.position.diff("time")).max()
+    )
     assert wrapped.disks.unwrapped.sel(disk=0).variable.equals(wrapped.unwrapped.variable)
     assert runs.unwrapped.variable.equals(runs.position.variable)
 
@@ -213,14 +278,20 @@ def test_positions_go_on_where_a_periodic_box_ends(runs):
 def test_the_mean_of_an_own_array_is_that_of_the_analysis(boundary):
     scene = bp.Scene(**KEYS | {"box": KEYS["box"] | {"boundary": boundary}, "particles": 20})
     runs = bp.simulate(scene, range(1015, 1035), quiet=True)
-    square = ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2).sum("component").assign_attrs(units="length^2")
+    square = (
+        ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2)
+        .sum("component")
+        .assign_attrs(units="length^2")
+    )
     found, expected = bp.mean(square), bp.analyse(runs).squeeze()
     ends = {"value": "", "standard_error": "_standard_error", "low": "_low", "high": "_high"}
     for name, end in ends.items():
         np.testing.assert_allclose(found[name], expected[f"msd{end}"], rtol=1e-12, atol=1e-15)
         assert found[name].units == "length^2"
     assert list(found.coords) == ["time"]
-    np.testing.assert_allclose(bp.mean(square.sel(time=1)).value, found.value.sel(time=1), rtol=1e-14)  # round-off
+    np.testing.assert_allclose(
+        bp.mean(square.sel(time=1)).value, found.value.sel(time=1), rtol=1e-14
+    )  # round-off
     one = square.copy()
     one[{"seed": 3}] = np.nan
     failed = square.assign_coords(failed=("seed", np.arange(20) == 3))
@@ -234,12 +305,19 @@ def test_a_table_has_a_row_for_each_case_in_the_order_given(runs):
     table = bp.table(result)
     assert table.particles.tolist() == result.particles.values.tolist() == [20, 10]
     assert table.attrs["diffusion_coefficient"] == "length^2/time"
-    np.testing.assert_array_equal(table.diffusion_coefficient, result.diffusion_coefficient[..., 0].values.ravel())
-    np.testing.assert_array_equal(table.msd_standard_error, result.msd_standard_error.isel(time=-1).values.ravel())
+    np.testing.assert_array_equal(
+        table.diffusion_coefficient, result.diffusion_coefficient[..., 0].values.ravel()
+    )
+    np.testing.assert_array_equal(
+        table.msd_standard_error, result.msd_standard_error.isel(time=-1).values.ravel()
+    )
     axes = [bp.plot(result, particles=count, ax=Figure().subplots()) for count in (20, 10)]
     drawn = [axis.lines[0].get_ydata()[-1] for axis in axes]
     np.testing.assert_array_equal(drawn, result.msd.isel(time=-1).values.ravel())
-    assert not table.drifts.any() and (table.diffusive_from == result.diffusive_from.values.ravel()).all()
+    assert (
+        not table.drifts.any()
+        and (table.diffusive_from == result.diffusive_from.values.ravel()).all()
+    )
     assert [*result.data_vars][:3] == ["msd", "diffusion_coefficient", "compressibility"]
     assert [*result.data_vars][-1] == "run_status"
 
@@ -257,13 +335,25 @@ def test_runs_on_several_cores_are_the_same(runs):
 
 @pytest.mark.slow
 def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
-    """By the same digest of what determines runs; nothing is written to the store. `brownpipe run`: test_wheel.py."""
+    """By the same digest of what determines runs; nothing is written to the store. `brownpipe run`:
+    test_wheel.py.
+    """
     monkeypatch.chdir(tmp_path)
 
     def forked_run(words):
         assert words[1:-2] == ["-P", "-m", "brownpipe", "run", "study.yaml", "-j", "1"]
-        words = ["--snakefile", ROOT / "Snakefile", "--configfile", "study.yaml", "--cores", "1", *words[-2:]]
-        return forked.snakemake(*words, cwd=tmp_path, env=environment(PATH=f"{forked.programs()}:{os.environ['PATH']}"))
+        words = [
+            "--snakefile",
+            ROOT / "Snakefile",
+            "--configfile",
+            "study.yaml",
+            "--cores",
+            "1",
+            *words[-2:],
+        ]
+        return forked.snakemake(
+            *words, cwd=tmp_path, env=environment(PATH=f"{forked.programs()}:{os.environ['PATH']}")
+        )
 
     monkeypatch.setattr(progress, "relayed", forked_run)
     thermal = Path(SCENE).with_name("harrison2020_thermal.yaml").read_text()
@@ -301,12 +391,16 @@ def test_a_job_that_fails_is_an_error_with_its_message(tmp_path, monkeypatch):
     """The processes themselves: tests/test_failures.py."""
     monkeypatch.chdir(tmp_path)
     Path("study.yaml").write_text(f"scenes: {SCENE}\nseeds: 6\n")
-    monkeypatch.setattr(progress, "relayed", lambda _: (1, "simulate: 3 s\nbrownpipe: 0-5.h5: was\ndamaged\n"))
+    monkeypatch.setattr(
+        progress, "relayed", lambda _: (1, "simulate: 3 s\nbrownpipe: 0-5.h5: was\ndamaged\n")
+    )
     with pytest.raises(RunError, match=r"^0-5\.h5: was damaged$"):
         bp.run("study.yaml")
 
 
-@pytest.mark.parametrize("seeds", ["0-2", [2, 0, 1], range(3), range(2, -1, -1), np.arange(3), np.int64(3), {0, 1, 2}])
+@pytest.mark.parametrize(
+    "seeds", ["0-2", [2, 0, 1], range(3), range(2, -1, -1), np.arange(3), np.int64(3), {0, 1, 2}]
+)
 def test_seeds_in_every_form(seeds):
     assert list(bp.simulate(SCENE, seeds, particles=20, quiet=True).seed.values) == [0, 1, 2]
 
@@ -319,9 +413,14 @@ def test_a_scene_from_numbers_is_that_of_the_file():
     assert bp.Scene(**others, name="a") == parse_scene(others, "a.yaml")
     low, high = KEYS["box"]["x"]
     box = KEYS["box"] | {"x": np.array([low, high]), "y": (np.float64(low), np.int32(high))}
-    assert bp.Scene(**KEYS | {"box": box, "duration": np.float64(KEYS["duration"])}).digest == scene.digest
+    assert (
+        bp.Scene(**KEYS | {"box": box, "duration": np.float64(KEYS["duration"])}).digest
+        == scene.digest
+    )
     assert len(repr(scene)) < 120
-    assert repr(scene).startswith("<Scene harrison2020: 150 disks in a reflecting box 6 x 6, packing fraction 0.1")
+    assert repr(scene).startswith(
+        "<Scene harrison2020: 150 disks in a reflecting box 6 x 6, packing fraction 0.1"
+    )
 
 
 @pytest.mark.parametrize(
@@ -329,33 +428,78 @@ def test_a_scene_from_numbers_is_that_of_the_file():
     [
         (lambda: bp.Scene(**KEYS, name="a b"), "Scene: name: must be a name"),
         (lambda: bp.simulate(SCENE, -3), "seeds: must be a count like 2400, or seeds"),
-        (lambda: bp.simulate(SCENE, range(10**9)), "seeds: must be seeds like .* at most 10000000, not '0-999999999'"),
+        (
+            lambda: bp.simulate(SCENE, range(10**9)),
+            "seeds: must be seeds like .* at most 10000000, not '0-999999999'",
+        ),
         (lambda: bp.read_scene(None), "path: must be the path of a file, not None"),
         (lambda: bp.simulate(SCENE, recrod="all"), "recrod: unknown; did you mean record?"),
-        (lambda: bp.simulate(SCENE, engine="timestep", dt=1), "dt: unknown; did you mean time_step?"),
+        (
+            lambda: bp.simulate(SCENE, engine="timestep", dt=1),
+            "dt: unknown; did you mean time_step?",
+        ),
         (lambda: bp.scan(SCENE, {"duration": [1, 2]}, settings=2), "settings: unknown; see help"),
         (lambda: bp.simulate(SCENE, cores=0), "cores: must be greater than or equal to 1, not 0"),
         (lambda: bp.mean(np.zeros(3)), "array: must be an array with the dimension seed"),
-        (lambda: bp.mean(xarray.DataArray([1.0, 2.0], {"seed": [4, 4]})), "array: must have every seed once"),
+        (
+            lambda: bp.mean(xarray.DataArray([1.0, 2.0], {"seed": [4, 4]})),
+            "array: must have every seed once",
+        ),
         (lambda: bp.simulate(KEYS), "scene: must be the path of a file, not {"),
-        (lambda: bp.simulate(SCENE, record=None), "record: must be a name or a list of names, not None"),
-        (lambda: bp.simulate(SCENE, engine="timestep"), "time_step: missing; must be given with engine timestep"),
-        (lambda: bp.simulate(SCENE, engine="timestep", time_step=math.nan), "time_step: must be a finite number"),
-        (lambda: bp.simulate(bp.read_scene(SCENE), particles=3), "particles: must not be given with a scene"),
+        (
+            lambda: bp.simulate(SCENE, record=None),
+            "record: must be a name or a list of names, not None",
+        ),
+        (
+            lambda: bp.simulate(SCENE, engine="timestep"),
+            "time_step: missing; must be given with engine timestep",
+        ),
+        (
+            lambda: bp.simulate(SCENE, engine="timestep", time_step=math.nan),
+            "time_step: must be a finite number",
+        ),
+        (
+            lambda: bp.simulate(bp.read_scene(SCENE), particles=3),
+            "particles: must not be given with a scene",
+        ),
         (lambda: bp.analyse(bp.read_scene(SCENE)), "runs: must be what simulate or open returns"),
-        (lambda: bp.analyse("a.h5", fit_windows=[(1, 0.5)]), r"fit_windows\[0\]: must be \[t0, t1\] with t0 < t1"),
-        (lambda: bp.scan(SCENE, {"duration": [1]}, fit_windows=[(1, 0.5)], observables="no"), "fit_windows"),
+        (
+            lambda: bp.analyse("a.h5", fit_windows=[(1, 0.5)]),
+            r"fit_windows\[0\]: must be \[t0, t1\] with t0 < t1",
+        ),
+        (
+            lambda: bp.scan(SCENE, {"duration": [1]}, fit_windows=[(1, 0.5)], observables="no"),
+            "fit_windows",
+        ),
         (lambda: bp.analyse("a.h5", fit_windows=(0.1, 1)), r"fit_windows\[0\]: must be a list"),
-        (lambda: bp.run("study.yaml", config=["seeds=3"]), r"config: must be .*, not \['seeds=3'\]"),
-        (lambda: bp.save(xarray.Dataset({"failed_runs": 0}, attrs={"a": None}), "a.nc"), "data: .* attr 'a': None"),
-        (lambda: bp.save(xarray.Dataset({"failed_runs": 0, "a/b": 1}), "a.nc"), "data: cannot be written: .*slash"),
-        (lambda: bp.simulate(SCENE, observables=[partial(max, 0)]), "functools.partial.*: must be a function"),
+        (
+            lambda: bp.run("study.yaml", config=["seeds=3"]),
+            r"config: must be .*, not \['seeds=3'\]",
+        ),
+        (
+            lambda: bp.save(xarray.Dataset({"failed_runs": 0}, attrs={"a": None}), "a.nc"),
+            "data: .* attr 'a': None",
+        ),
+        (
+            lambda: bp.save(xarray.Dataset({"failed_runs": 0, "a/b": 1}), "a.nc"),
+            "data: cannot be written: .*slash",
+        ),
+        (
+            lambda: bp.simulate(SCENE, observables=[partial(max, 0)]),
+            "functools.partial.*: must be a function",
+        ),
         (lambda: bp.analyse("a.h5", rings={"dr": 0.1}), "rings.count: missing"),
-        (lambda: bp.run("a.yaml", config={"seeds": "17"}), "config: seeds: must not have a text for a number, .* '17'"),
+        (
+            lambda: bp.run("a.yaml", config={"seeds": "17"}),
+            "config: seeds: must not have a text for a number, .* '17'",
+        ),
         (lambda: bp.plot(xarray.Dataset()), "result: must be a dataset of brownpipe.analyse"),
         (lambda: bp.save("runs", "a.h5"), "data: must be"),
         (lambda: bp.save(xarray.DataTree(), "a.nc"), "path: a.nc: must end in .h5 or .hdf5"),
-        (lambda: bp.save(xarray.Dataset({"failed_runs": 0}), "a.h5"), "path: a.h5: must end in .nc"),
+        (
+            lambda: bp.save(xarray.Dataset({"failed_runs": 0}), "a.h5"),
+            "path: a.h5: must end in .nc",
+        ),
     ],
 )
 def test_an_error_names_the_argument(call, message):
@@ -375,11 +519,15 @@ def test_a_figure_is_that_of_the_command_line(runs, result, tmp_path):
         bp.plot(result, "mds")
     with pytest.raises(FigureError, match="panel: must not be given with ax"):
         bp.plot(result, panel="scene", ax=io)
-    with pytest.raises(AnalysisError, match=r"fit window \[0.1, 0.115\]: must .* have three samples"):
+    with pytest.raises(
+        AnalysisError, match=r"fit window \[0.1, 0.115\]: must .* have three samples"
+    ):
         bp.analyse(runs, fit_windows=[(0.1, 0.115)])
     with pytest.raises(FigureError, match="velocity_autocorrelation: cannot be drawn"):
         bp.plot(result, "velocity_autocorrelation")
-    with pytest.raises(FigureError, match="result: has no dimension scene, or nothing along it; take"):
+    with pytest.raises(
+        FigureError, match="result: has no dimension scene, or nothing along it; take"
+    ):
         bp.plot(result.squeeze())
     with pytest.raises(FigureError, match="result: has no dimension scene"):
         bp.plot(result.isel(scene=[]))

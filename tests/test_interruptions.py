@@ -1,4 +1,6 @@
-"""Ctrl-C, SIGTERM and kill: status, one line, no half-written file; a killed study goes on where it was."""
+"""Ctrl-C, SIGTERM and kill: status, one line, no half-written file; a killed study goes on where it
+was.
+"""
 
 import json
 import os
@@ -63,28 +65,42 @@ def test_a_signal_at_a_random_moment_ends_a_simulation(tmp_path, faults):
     """While it compiles or loads machine code, runs and writes."""
     (tmp_path / "scene.yaml").write_text(json.dumps(CROWD))
     number, status, word = faults.random.choice(ENDS)
-    ways = (["--record", "all"], {}), (["--engine", "langevin", "--friction", "enskog"], {"NUMBA_CACHE_DIR": "cache"})
+    ways = (
+        (["--record", "all"], {}),
+        (["--engine", "langevin", "--friction", "enskog"], {"NUMBA_CACHE_DIR": "cache"}),
+    )
     words, apart = faults.random.choice(ways)
     command, pipe = [*MODULE, "simulate", "scene.yaml", *words], subprocess.PIPE
-    process = subprocess.Popen(command, cwd=tmp_path, env=os.environ | apart, stderr=pipe, text=True)
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=os.environ | apart, stderr=pipe, text=True
+    )
     time.sleep(faults.random.uniform(1.0, 3.0))
     process.send_signal(number)
     _, err = process.communicate(timeout=LONGEST)
     assert process.returncode in (0, status) and "Traceback" not in err, err
     assert process.returncode == 0 or re.search(rf"^brownpipe: {word}\n\Z", err, re.MULTILINE)
-    left = {path.name for path in tmp_path.glob("*.*") if path.suffix in (".h5", ".part", ".checkpoint")}
-    assert left == {"scene.h5"} if process.returncode == 0 else left <= {"scene.h5"}, (left, process.returncode)
+    left = {
+        path.name for path in tmp_path.glob("*.*") if path.suffix in (".h5", ".part", ".checkpoint")
+    }
+    assert left == {"scene.h5"} if process.returncode == 0 else left <= {"scene.h5"}, (
+        left,
+        process.returncode,
+    )
     for file in left:
         verified(tmp_path / file)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A study of one case in four batches, and in `whole` its trajectory files, made without a workflow."""
+    """A study of one case in four batches, and in `whole` its trajectory files, made without a
+    workflow.
+    """
     folder = tmp_path_factory.mktemp("killed") / "study"
     (folder / "scenes").mkdir(parents=True)
     (folder / "scenes" / "hot.yaml").write_text(SCENE)
-    (folder / "study.yaml").write_text("scenes: scenes/hot.yaml\nseeds: 8\nbatch: 2\nfigures: [health]\n")
+    (folder / "study.yaml").write_text(
+        "scenes: scenes/hot.yaml\nseeds: 8\nbatch: 2\nfigures: [health]\n"
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         (command,) = commands(read_study("study.yaml")).values()
@@ -104,12 +120,17 @@ def test_a_killed_study_goes_on_where_it_was(folder, tmp_path, faults):
     snakemake(study, "--cores", "2")
     after = batches(study)
     assert len(after) == 4 and len(there.items() - after.items()) <= 2, kill
-    assert all(file.read_bytes() == (folder / "whole" / file.name).read_bytes() for file in trajectories(study))
+    assert all(
+        file.read_bytes() == (folder / "whole" / file.name).read_bytes()
+        for file in trajectories(study)
+    )
     assert main(["verify", str(study / "results" / "study")]) == DONE
 
 
 def killed(study, kill, wanted, pause):
-    """Start a study, kill it a while after the first `wanted` batches are there; return those that then disappear."""
+    """Start a study, kill it a while after the first `wanted` batches are there; return those that
+    then disappear.
+    """
     process = subprocess.Popen(
         command(study, "--cores", "2"),
         cwd=study,
@@ -150,7 +171,11 @@ def wait_until(condition, seconds):
 
 def members(session):
     """The processes of a session that are not zombies."""
-    alive = (one.pid for one in psutil.process_iter(["status"]) if one.info["status"] != psutil.STATUS_ZOMBIE)
+    alive = (
+        one.pid
+        for one in psutil.process_iter(["status"])
+        if one.info["status"] != psutil.STATUS_ZOMBIE
+    )
     return [pid for pid in alive if session_of(pid) == session]
 
 

@@ -1,4 +1,6 @@
-"""Kernels are compiled correctly and once: a second process finds the machine code, which is never outdated."""
+"""Kernels are compiled correctly and once: a second process finds the machine code, which is never
+outdated.
+"""
 
 import errno
 import os
@@ -54,7 +56,12 @@ def work(outer):
 def test_a_record_is_passed_by_reference():
     record = Outer(2.0, Inner(3, np.arange(4.0)), None, np.zeros(4))
     assert work(record) == 2.0 * (0 + 1 + 2 + 3) + 4 * 3
-    assert record.values.tolist() == [3.0, 5.0, 7.0, 9.0] and record.inner.values.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert record.values.tolist() == [3.0, 5.0, 7.0, 9.0] and record.inner.values.tolist() == [
+        1.0,
+        2.0,
+        3.0,
+        4.0,
+    ]
 
 
 def test_a_record_leaves_no_references_to_its_arrays():
@@ -73,7 +80,7 @@ def test_a_record_leaves_no_references_to_its_arrays():
         assert [sys.getrefcount(array) for array in (record.values, record.inner.values)] == before
 
 
-# -- machine code on disk ---------------------------------------------------------------------------------------------
+# -- machine code on disk --------------------------------------------------------------------------
 
 FOLLOW = """
 import sys
@@ -86,7 +93,9 @@ if "untested" in sys.argv:
 from brownpipe.engines import kernels
 from brownpipe.engines.langevin.simulation import follow
 progress.remark_listeners.append(lambda line: print(line.split()[1]))
-path, normal, weights = (np.random.default_rng(1).standard_normal(shape) for shape in ((50, 2, 2), (49, 2, 2), (49, 4)))
+path = np.random.default_rng(1).standard_normal((50, 2, 2))
+normal = np.random.default_rng(1).standard_normal((49, 2, 2))
+weights = np.random.default_rng(1).standard_normal((49, 4))
 for _ in range(2):
     kernels.compile_all(lambda: follow(path, normal, weights))
 print(kernels.FOLDER, JITCPUCodegen._library_class.__module__, path.tobytes().hex())
@@ -101,10 +110,14 @@ def copied(tmp_path):
 
 
 def follows(package, *words, **environment):
-    """What a process says that compiles a small kernel, unless there is machine code; folder, compiler and result."""
+    """What a process says that compiles a small kernel, unless there is machine code; folder,
+    compiler and result.
+    """
     apart = os.environ | {"PYTHONPATH": str(package.parent), "NUMBA_CACHE_DIR": ""} | environment
     command = [sys.executable, "-c", FOLLOW, *words]
-    return subprocess.run(command, env=apart, capture_output=True, text=True, check=True).stdout.split()
+    return subprocess.run(
+        command, env=apart, capture_output=True, text=True, check=True
+    ).stdout.split()
 
 
 @pytest.mark.slow
@@ -120,10 +133,14 @@ def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied,
     monkeypatch.setattr(kernels, "PACKAGE", copied)
     with open(copied / "engines" / "units.py", "a") as file:
         file.write("# edited\n")
-    assert kernels._folder().parent == copied / "__pycache__" and not [*kernels._folder().rglob("*.nb?")]
+    assert kernels._folder().parent == copied / "__pycache__" and not [
+        *kernels._folder().rglob("*.nb?")
+    ]
 
 
-def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(copied, tmp_path, monkeypatch):
+def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(
+    copied, tmp_path, monkeypatch
+):
     """Here a file is in the place of the folder, as root can write to any."""
     (copied / "__pycache__").touch()
     monkeypatch.setattr(kernels, "PACKAGE", copied)
@@ -146,7 +163,9 @@ def outer(kind=float):
 
 
 def is_compiled_again(function):
-    """Whether there is no machine code of it on disk; it calculates the same with it and without."""
+    """Whether there is no machine code of it on disk; it calculates the same with it and
+    without.
+    """
     assert function(outer()) == 24.0
     return function.stats.cache_misses != {}
 

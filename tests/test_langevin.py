@@ -1,4 +1,6 @@
-"""The tracer alone, in friction and noise: against the exact solutions of its equation, and where it is refused."""
+"""The tracer alone, in friction and noise: against the exact solutions of its equation, and where
+it is refused.
+"""
 
 import math
 
@@ -23,20 +25,27 @@ ALONE = {"standard_deviation": 2.0, "zero_momentum": False}  # no velocity is dr
 
 
 def langevin_msd(t, friction_rate, initial_square_speed, equilibrium_square_speed):
-    """Return the MSD [length^2] of the Langevin equation, G. E. Uhlenbeck & L. S. Ornstein, Phys. Rev. 36, 823 (1930).
+    """Return the MSD [length^2] of the Langevin equation, G. E. Uhlenbeck & L. S. Ornstein, Phys.
+    Rev. 36, 823 (1930).
 
-    In the plane; square speeds count both components. `friction_rate` is gamma [1/time], 0 allowed, and
-    `equilibrium_square_speed` 2 kT/m. With e = exp(-gamma t): (v0^2 - v_eq^2) ((1 - e)/gamma)^2 + (2 v_eq^2/gamma)
-    (t - (1 - e)/gamma); v0^2 t^2 at first, slope 2 v_eq^2/gamma = 4 kT/(m gamma) in the end.
+    In the plane; square speeds count both components. `friction_rate` is gamma [1/time], 0 allowed,
+    and `equilibrium_square_speed` 2 kT/m. With e = exp(-gamma t): (v0^2 - v_eq^2) ((1 - e)/gamma)^2
+    + (2 v_eq^2/gamma) (t - (1 - e)/gamma); v0^2 t^2 at first, slope 2 v_eq^2/gamma = 4 kT/(m gamma)
+    in the end.
     """
     t = np.asarray(t, float)
     x = friction_rate * t
-    once, twice = exprel(-x), hyp1f1(1, 3, -x) / 2  # (1 - e)/x and (x - 1 + e)/x^2, without cancellation
+    once, twice = (
+        exprel(-x),
+        hyp1f1(1, 3, -x) / 2,
+    )  # (1 - e)/x and (x - 1 + e)/x^2, without cancellation
     excess = initial_square_speed - equilibrium_square_speed
     return np.square(t) * (excess * once**2 + 2.0 * equilibrium_square_speed * twice)
 
 
-def scene_of(name="some", boundary="reflecting", width=6.0, particles=150, species=None, tracer=None, **more):
+def scene_of(
+    name="some", boundary="reflecting", width=6.0, particles=150, species=None, tracer=None, **more
+):
     """The note's scene, with what a test changes."""
     half = width / 2
     mapping = {
@@ -67,14 +76,18 @@ def mean_and_error(values):
     return values.mean(axis=-1), values.std(axis=-1, ddof=1) / math.sqrt(values.shape[-1])
 
 
-# -- the equation ---------------------------------------------------------------------------------------------------
+# -- the equation ----------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
 def test_msd_of_the_tracer(boundary):
-    """Short, middle and long times at once: gamma t from 0.07 to 29. Six numbers, 0.6 % false alarms."""
-    scene = scene_of(boundary=boundary, width=60.0, particles=15_000, duration=4.0, velocities=ALONE)
+    """Short, middle and long times at once: gamma t from 0.07 to 29. Six numbers, 0.6 % false
+    alarms.
+    """
+    scene = scene_of(
+        boundary=boundary, width=60.0, particles=15_000, duration=4.0, velocities=ALONE
+    )
     gamma = friction.friction_rate(scene, "enskog")
     assert 7.0 < gamma < 8.0
     found = langevin.simulate(scene, range(RUNS))
@@ -100,7 +113,10 @@ def test_a_step_has_the_moments_of_the_langevin_equation(x):
     matrix, covariance = one_step(x / gamma, gamma, square_speed)
     msd = langevin_msd(x / gamma, gamma, 0.0, 2 * square_speed) / 2
     decay = math.exp(-x)
-    expected = [[msd, square_speed / gamma * (1 - decay) ** 2], [0, -square_speed * math.expm1(-2 * x)]]
+    expected = [
+        [msd, square_speed / gamma * (1 - decay) ** 2],
+        [0, -square_speed * math.expm1(-2 * x)],
+    ]
     assert np.allclose(np.triu(covariance), expected, rtol=1e-12, atol=1e-22)
     assert np.allclose(matrix, [[1.0, -math.expm1(-x) / gamma], [0.0, decay]], rtol=1e-14, atol=0)
 
@@ -115,18 +131,24 @@ def free_path(gamma, square_speed, times, start, seed=1):
     return paths
 
 
-# -- walls ----------------------------------------------------------------------------------------------------------
+# -- walls -----------------------------------------------------------------------------------------
 
 
 def dense():
-    """A tracer whose path forgets its direction within 0.01, in a box where it can go 2.7 each way."""
+    """A tracer whose path forgets its direction within 0.01, in a box where it can go 2.7 each
+    way.
+    """
     bath = [{"name": "bath", "count": "rest", "radius": 0.05, "mass": 0.4}]
-    return scene_of(particles=2000, species=bath, duration=2000.0, sample_interval=20.0, velocities=ALONE)
+    return scene_of(
+        particles=2000, species=bath, duration=2000.0, sample_interval=20.0, velocities=ALONE
+    )
 
 
 @pytest.mark.slow
 def test_between_walls_it_diffuses_as_in_the_reflecting_square():
-    """The whole curve, to 2 a^2/3; what flight at first leaves out is 1/(gamma t) < 1e-3. Six times, 0.6 %."""
+    """The whole curve, to 2 a^2/3; what flight at first leaves out is 1/(gamma t) < 1e-3. Six
+    times, 0.6 %.
+    """
     scene = dense()
     gamma = friction.friction_rate(scene, "enskog")
     found = langevin.simulate(scene, range(RUNS))
@@ -141,11 +163,15 @@ def test_between_walls_it_diffuses_as_in_the_reflecting_square():
 
 
 def reflected_by_small_steps(start, gamma, square_speed, duration, width, steps=4000):
-    """The obvious twin: Euler's step, and whoever is beyond a wall is put back with the velocity turned."""
+    """The obvious twin: Euler's step, and whoever is beyond a wall is put back with the velocity
+    turned.
+    """
     rng, dt = np.random.default_rng(3), duration / steps
     x, v = (part.copy() for part in start)
     for _ in range(steps):
-        v += -gamma * v * dt + math.sqrt(2 * gamma * square_speed * dt) * rng.standard_normal(x.shape)
+        v += -gamma * v * dt + math.sqrt(2 * gamma * square_speed * dt) * rng.standard_normal(
+            x.shape
+        )
         x += v * dt
         beyond = (x < 0) | (x > width)
         x, v = np.where(beyond, np.where(x < 0, -x, 2 * width - x), x), np.where(beyond, -v, v)
@@ -154,7 +180,9 @@ def reflected_by_small_steps(start, gamma, square_speed, duration, width, steps=
 
 @pytest.mark.slow
 def test_mirrored_paths_are_reflected_paths():
-    """Where the wall matters most: one bounce or two in the time of friction. Euler's error is below 0.1 %; 1 %."""
+    """Where the wall matters most: one bounce or two in the time of friction. Euler's error is
+    below 0.1 %; 1 %.
+    """
     scene = scene_of()
     gamma, square_speed, duration, width = 1.0, 4.0, 2.0, 5.4
     start = np.zeros((RUNS, 2, 2))
@@ -180,14 +208,18 @@ def test_mirrored_paths_are_reflected_paths():
 
 @pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
 def test_a_path_is_folded_into_the_box(boundary):
-    """Wrapped and counted, or mirrored: a triangle wave of the free path, and the velocity turns with its slope."""
+    """Wrapped and counted, or mirrored: a triangle wave of the free path, and the velocity turns
+    with its slope.
+    """
     path = 20.0 * np.random.default_rng(4).standard_normal((1000, 2, 2))
     path[0, 0] = (-2.0, 2.5)
     track, _ = langevin.folded(scene_of(boundary=boundary), path)
     position, velocity = track.position[:, 0], track.velocity[:, 0]
     if boundary == "periodic":
         assert np.all(np.abs(position) <= 3.0) and track.image[0].tolist() == [[0, 0]]
-        np.testing.assert_allclose(position + 6.0 * track.image[:, 0], path[:, 0], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            position + 6.0 * track.image[:, 0], path[:, 0], rtol=0, atol=1e-12
+        )
         assert np.array_equal(velocity, path[:, 1])
     else:
         rising = (path[:, 0] + 2.7) % 10.8
@@ -202,7 +234,7 @@ def test_a_tracer_as_wide_as_the_box_does_not_move():
     assert np.all(langevin.simulate(scene, [1], friction="boltzmann").tracer.position == 0.0)
 
 
-# -- the run --------------------------------------------------------------------------------------------------------
+# -- the run ---------------------------------------------------------------------------------------
 
 
 def test_bits_do_not_depend_on_the_batch():
@@ -216,7 +248,12 @@ def test_bits_do_not_depend_on_the_batch():
 
 
 @pytest.mark.parametrize(
-    "velocities", [{"standard_deviation": 2.0}, {"temperature": 1.6}, {"temperature": 1.6, "zero_momentum": True}]
+    "velocities",
+    [
+        {"standard_deviation": 2.0},
+        {"temperature": 1.6},
+        {"temperature": 1.6, "zero_momentum": True},
+    ],
 )
 def test_it_begins_with_the_velocity_of_the_exact_engine(velocities):
     scene = scene_of(velocities=velocities)
@@ -225,7 +262,9 @@ def test_it_begins_with_the_velocity_of_the_exact_engine(velocities):
         state = draw(scene, seed)
         assert velocity.tobytes() == state.velocity[0].tobytes()
         assert np.array_equal(position, state.position[0])
-        assert np.array_equal(draw_tracer(scene.replace(equilibrate=1.0), scene.mass, seed, None)[1], velocity)
+        assert np.array_equal(
+            draw_tracer(scene.replace(equilibrate=1.0), scene.mass, seed, None)[1], velocity
+        )
         one, other = velocity / noise(scene, seed).standard_normal(2)
         assert one != pytest.approx(other)  # other random numbers than those of the noise
 
@@ -245,7 +284,9 @@ def test_without_a_place_it_begins_anywhere_it_can_be():
 @pytest.mark.parametrize(("tracer", "square_speed"), [("free", 1.6), ("pinned", 4.0)])
 def test_a_tracer_that_is_free_while_the_scene_equilibrates_cools(tracer, square_speed):
     """<r^2> = <v0^2> t^2 to 1 % in the first 0.001 of a run: 0.1 % false alarms each."""
-    scene = scene_of(equilibrate={"time": 3.0, "tracer": tracer}, duration=0.001, sample_interval=0.001)
+    scene = scene_of(
+        equilibrate={"time": 3.0, "tracer": tracer}, duration=0.001, sample_interval=0.001
+    )
     r = unwrapped(scene, langevin.simulate(scene, range(RUNS)))[-1] / 0.001
     mean, error = mean_and_error(np.square(r).sum(axis=-1))
     assert abs(mean / (2 * square_speed) - 1) < 0.01 + FAR * error / mean
@@ -257,23 +298,29 @@ def test_a_cold_bath_does_nothing():
         assert np.all(langevin.simulate(scene, [0], friction=which).tracer.position == 0.0)
 
 
-# -- friction -------------------------------------------------------------------------------------------------------
+# -- friction --------------------------------------------------------------------------------------
 
 
 def test_friction_of_the_note():
-    """By hand: n = 149/36, sigma = 0.4, mu = 0.4/1.4, kT = 0.4 x 2^2; the tracer covers a part of the box, too."""
+    """By hand: n = 149/36, sigma = 0.4, mu = 0.4/1.4, kT = 0.4 x 2^2; the tracer covers a part of
+    the box, too.
+    """
     covered = (149 * 0.1**2 + 0.3**2) * math.pi / 36
     surface = math.pi / 4 * (149 * 0.2 + 0.6) / 36
     chi = 1 / (1 - covered) + 9 / 8 * (0.6 * 0.2 / 0.8) * surface / (1 - covered) ** 2
     thin = 2 * 149 / 36 * 0.4 * math.sqrt(2 * math.pi * 0.4 / 1.4 * 1.6)
     assert friction.friction_rate(scene_of(), "boltzmann") == pytest.approx(thin, rel=1e-14)
     assert friction.friction_rate(scene_of(), "enskog") == pytest.approx(chi * thin, rel=1e-14)
-    assert friction.friction_rate(scene_of(velocities={"temperature": 1.6}), "boltzmann") == pytest.approx(thin)
+    assert friction.friction_rate(
+        scene_of(velocities={"temperature": 1.6}), "boltzmann"
+    ) == pytest.approx(thin)
 
 
 @pytest.mark.slow
 def test_a_bath_without_other_momentum_recoils():
-    """With half of the mass in the tracer of a thin gas D is a quarter of kT/(m gamma), as measured by exact runs."""
+    """With half of the mass in the tracer of a thin gas D is a quarter of kT/(m gamma), as measured
+    by exact runs.
+    """
     given = {
         "box": {"x": [0, 30], "y": [0, 30], "boundary": "periodic"},
         "disks": {
@@ -284,14 +331,18 @@ def test_a_bath_without_other_momentum_recoils():
         "equilibrate": {"time": 200.0, "tracer": "free"},
     }
     scene = bp.Scene(**given, duration=1500.0, sample_interval=10.0)
-    runs = bp.simulate(scene, 100, observables=["square_displacement"], average="origins", quiet=True)
+    runs = bp.simulate(
+        scene, 100, observables=["square_displacement"], average="origins", quiet=True
+    )
     found = bp.analyse(runs, fit_windows=[(300, 700)], quiet=True).squeeze()
     free = 1.0 / (30.0 * friction.friction_rate(scene, "enskog"))
     assert found.enskog_diffusion == pytest.approx(free / 4, rel=1e-12)
     error = found.diffusion_coefficient_standard_error
     assert error < 0.15 * free / 4
     assert abs(found.diffusion_coefficient - free / 4) < 4 * error
-    runs = langevin.simulate(scene.replace(duration=1e5, sample_interval=1e4), range(RUNS), {"tracer", "velocity"})
+    runs = langevin.simulate(
+        scene.replace(duration=1e5, sample_interval=1e4), range(RUNS), {"tracer", "velocity"}
+    )
     square, error = mean_and_error(np.square(unwrapped(scene, runs)[-1]).sum(axis=-1))
     assert abs(square - free * 1e5) < FAR * error, "the tracer alone: 4 D t"
     speed, error = mean_and_error(np.square(runs.tracer.velocity).sum(axis=-1).mean(axis=0))
@@ -299,7 +350,9 @@ def test_a_bath_without_other_momentum_recoils():
 
 
 def test_a_tagged_disk_has_the_friction_of_one_fluid():
-    """Equal radii: Luding's contact value at the packing fraction of all disks, whether or not one has a name."""
+    """Equal radii: Luding's contact value at the packing fraction of all disks, whether or not one
+    has a name.
+    """
     bath = [{"name": "bath", "count": "rest", "radius": 0.1, "mass": 1.0}]
     scene = scene_of(species=bath, tracer={"radius": 0.1, "mass": 4.0}, particles=400)
     chi = theory.contact_value(400 * math.pi * 0.1**2 / 36)
@@ -307,18 +360,25 @@ def test_a_tagged_disk_has_the_friction_of_one_fluid():
     zeta = theory.enskog_friction(399 / 36, 0.2, chi, 0.8, 4.0)
     assert friction.friction_rate(scene, "enskog") == pytest.approx(zeta / 4.0, rel=1e-14)
     often = 1.5 * friction.partners_of(scene).rate.sum()
-    assert friction.friction_rate(scene, "measured", often) == pytest.approx(1.5 * zeta / 4.0, rel=1e-14)
+    assert friction.friction_rate(scene, "measured", often) == pytest.approx(
+        1.5 * zeta / 4.0, rel=1e-14
+    )
 
 
 def test_a_bath_of_several_species_has_the_mean_energy_of_its_disks():
-    kinds = [{"name": f"s{n}", "count": n, "radius": 0.05, "mass": mass} for n, mass in ((100, 0.2), (20, 0.4))]
+    kinds = [
+        {"name": f"s{n}", "count": n, "radius": 0.05, "mass": mass}
+        for n, mass in ((100, 0.2), (20, 0.4))
+    ]
     hot = friction.bath_of(scene_of(species=kinds, particles=121))
     assert hot.temperature == pytest.approx(4 * (100 * 0.2 + 20 * 0.4) / 120, rel=1e-14)
 
 
 @pytest.mark.slow
 def test_measured_friction_is_that_of_theory_in_a_thin_bath():
-    """4,000 collisions are 1.6 % if they come at random; walls take 0.7 % of the room, chi is 1.001. 0.1 %."""
+    """4,000 collisions are 1.6 % if they come at random; walls take 0.7 % of the room, chi is
+    1.001. 0.1 %.
+    """
     scene = scene_of(width=60.0, particles=100)
     measured, expected = (langevin.rate_of(scene, which) for which in ("measured", "enskog"))
     assert measured == langevin.rate_of(scene.replace(duration=5.0), "measured")
@@ -329,7 +389,9 @@ def test_measured_friction_is_that_of_theory_in_a_thin_bath():
 def test_the_measured_collision_rate_is_the_mean_over_runs_drawn_at_its_temperature(monkeypatch):
     """In a periodic box, where two degrees of freedom are missing: without that 22 % too high."""
     monkeypatch.setattr(langevin, "RATE_RUNS", 400)
-    scene = scene_of(width=4.0, boundary="periodic", particles=3, velocities={"temperature": 1.0}, duration=100.0)
+    scene = scene_of(
+        width=4.0, boundary="periodic", particles=3, velocities={"temperature": 1.0}, duration=100.0
+    )
     counts = exact.simulate(scene, range(400), {"none"}).observables["tracer_collisions"]
     mean, error = mean_and_error(counts / scene.duration)
     assert abs(langevin._collision_rate(scene) - mean) < FAR * error < 0.08 * mean
@@ -337,13 +399,18 @@ def test_the_measured_collision_rate_is_the_mean_over_runs_drawn_at_its_temperat
 
 @pytest.mark.slow
 def test_the_note_by_langevin_and_by_collisions():
-    """With the measured friction the first steps agree, MSD(0.1) to 1 % (9,600 runs each: 0.0496(5) and 0.0501(5)).
+    """With the measured friction the first steps agree, MSD(0.1) to 1 % (9,600 runs each: 0.0496(5)
+    and 0.0501(5)).
 
-    Later the bath gives momentum back, which has no place in the Langevin equation: MSD(1) is 0.917(9) by collisions
-    and 0.816(8) so, 0.848(9) with Enskog's friction. Bounds: these differences and 0.1 % false alarms.
+    Later the bath gives momentum back, which has no place in the Langevin equation: MSD(1) is
+    0.917(9) by collisions and 0.816(8) so, 0.848(9) with Enskog's friction. Bounds: these
+    differences and 0.1 % false alarms.
     """
     scene = scene_of()
-    runs = langevin.simulate(scene, range(RUNS), friction="measured"), exact.simulate(scene, range(2400))
+    runs = (
+        langevin.simulate(scene, range(RUNS), friction="measured"),
+        exact.simulate(scene, range(2400)),
+    )
     for k, least, most in ((10, 0.0, 0.02), (100, 0.05, 0.17)):
         (one, error), (other, more) = (
             mean_and_error(np.square(unwrapped(scene, found)[k]).sum(axis=-1)) for found in runs
@@ -359,7 +426,10 @@ def in_units(length=0, time=0, mass=0, **more):
     """The note's scene in units smaller by these powers of two."""
     tracer, bath = {"radius": 0.3, "mass": 1.0}, {"radius": 0.1, "mass": 0.4}
     for kind in (tracer, bath):
-        kind["radius"], kind["mass"] = math.ldexp(kind["radius"], length), math.ldexp(kind["mass"], mass)
+        kind["radius"], kind["mass"] = (
+            math.ldexp(kind["radius"], length),
+            math.ldexp(kind["mass"], mass),
+        )
     return scene_of(
         width=math.ldexp(6.0, length),
         tracer=tracer | {"position": [0.0, 0.0]},
@@ -376,7 +446,9 @@ def in_units(length=0, time=0, mass=0, **more):
 @pytest.mark.parametrize("time", [-400, 0, 400])
 @pytest.mark.parametrize("mass", [-900, 0, 900])
 def test_units_are_powers_of_two_or_refused(boundary, length, time, mass):
-    """The path to the square root of odd powers, 4 units of round-off; kT and kT/m must be numbers with all digits."""
+    """The path to the square root of odd powers, 4 units of round-off; kT and kT/m must be numbers
+    with all digits.
+    """
     scene, usual = in_units(length, time, mass, boundary=boundary), in_units(boundary=boundary)
     if abs(2 * (length - time) + mass) > 1018 or abs(2 * (length - time)) > 1018:
         with pytest.raises(RequestError, match="needs kT and kT/m from"):
@@ -392,7 +464,9 @@ def test_units_are_powers_of_two_or_refused(boundary, length, time, mass):
 
 @pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
 def test_a_path_too_long_to_be_known_fails(boundary):
-    """Periodic images, or reflections, beyond 2^30: sqrt(2 D t) of duration 1e18 is 5e8 boxes, of 1e22 it is 5e10."""
+    """Periodic images, or reflections, beyond 2^30: sqrt(2 D t) of duration 1e18 is 5e8 boxes, of
+    1e22 it is 5e10.
+    """
     for duration, failed in ((1e14, [0, 0]), (1e22, [1, 1])):
         scene = scene_of(boundary=boundary, duration=duration, sample_interval=duration)
         found = langevin.simulate(scene, [1, 2])
@@ -407,15 +481,19 @@ def test_a_path_too_long_to_be_known_fails(boundary):
 
 
 def test_steps_of_any_length_diffuse():
-    """Position adds 2 kT/(m gamma) t, whatever gamma t: to 1e-12, where the start no longer counts."""
+    """Position adds 2 kT/(m gamma) t, whatever gamma t: to 1e-12, where the start no longer
+    counts.
+    """
     for x in (1e20, 1e154, 1e160, 1e300):
         middle, loose = step_weights(x, 1.0, 1.0)[2:]
         assert loose / math.sqrt(2 * x) == pytest.approx(1.0, abs=1e-12)
         assert middle == pytest.approx(1.0, abs=1e-12)
-    assert step_weights(1e-200, 1e-100, 1e-250)[1] == pytest.approx(math.sqrt(2) * 1e-275, rel=1e-12)
+    assert step_weights(1e-200, 1e-100, 1e-250)[1] == pytest.approx(
+        math.sqrt(2) * 1e-275, rel=1e-12
+    )
 
 
-# -- where it is refused --------------------------------------------------------------------------------------------
+# -- where it is refused ---------------------------------------------------------------------------
 
 
 LIGHT = {"tracer": {"mass": 0.7}}
@@ -434,12 +512,29 @@ LISTED = {"particles": 1, "disks": [DISK], "velocities": None}
 @pytest.mark.parametrize(
     ("changes", "record", "message"),
     [
-        (LIGHT, "tracer", "some, N = 150: --engine langevin is for a heavy tracer: the disk that is followed has 1.75"),
-        (NO_TRACER, "tracer", "followed has 1 times the mass of the heaviest of the others; must be at least 2"),
-        (CROWD, "tracer", "has no contact value for --friction enskog: the packing fraction is 0.79"),
+        (
+            LIGHT,
+            "tracer",
+            "some, N = 150: --engine langevin is for a heavy tracer: the disk that is followed "
+            "has 1.75",
+        ),
+        (
+            NO_TRACER,
+            "tracer",
+            "followed has 1 times the mass of the heaviest of the others; must be at least 2",
+        ),
+        (
+            CROWD,
+            "tracer",
+            "has no contact value for --friction enskog: the packing fraction is 0.79",
+        ),
         (LISTED, "tracer", "some, N = 1: --engine langevin needs a scene with species"),
         ({"particles": 1}, "tracer", "needs a bath, and there is a single disk"),
-        ({"velocities": {"standard_deviation": 1e300}}, "tracer", "needs kT and kT/m from 2.23e-308 to 1.8e308"),
+        (
+            {"velocities": {"standard_deviation": 1e300}},
+            "tracer",
+            "needs kT and kT/m from 2.23e-308 to 1.8e308",
+        ),
         ({}, "all", "the langevin engine has no bath; must be tracer or none"),
         ({}, "events", "the langevin engine has no bath; must be tracer or none"),
     ],
@@ -454,5 +549,10 @@ def test_where_friction_and_noise_are_no_bath(changes, record, message):
 
 @pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])
 def test_a_tracer_that_is_not_very_heavy(mass, said):
-    species = [{"name": name, "count": 9, "radius": 0.1, "mass": one} for name, one in (("light", 0.1), ("heavy", 0.4))]
-    assert (caution(scene_of(tracer={"mass": mass}, species=species, particles=19)) is not None) == said
+    species = [
+        {"name": name, "count": 9, "radius": 0.1, "mass": one}
+        for name, one in (("light", 0.1), ("heavy", 0.4))
+    ]
+    assert (
+        caution(scene_of(tracer={"mass": mass}, species=species, particles=19)) is not None
+    ) == said

@@ -1,4 +1,6 @@
-"""What is measured in the runs: as by plain loops, as theory has it, and the same however runs are batched."""
+"""What is measured in the runs: as by plain loops, as theory has it, and the same however runs are
+batched.
+"""
 
 from itertools import product
 
@@ -54,14 +56,17 @@ def made_up(scene, seed=1):
     size = np.array([scene.box.width, scene.box.height])
     position = scene.box.origin + rng.random(shape) * size
     if scene.box.periodic:
-        position[:, 1], position[:, 2] = scene.box.origin - np.array([1e-16, 1e-17]), scene.box.origin + size
+        position[:, 1], position[:, 2] = (
+            scene.box.origin - np.array([1e-16, 1e-17]),
+            scene.box.origin + size,
+        )
     velocity = rng.normal(size=shape) * np.sqrt(1.5 / scene.mass)[:, None]
     image = rng.integers(-3, 4, shape).astype(np.int32) if scene.box.periodic else None
     whole = Track(position, velocity, image)
     return Run(Track(*(None if one is None else one[:, :1] for one in whole)), whole)
 
 
-# -- against plain loops --------------------------------------------------------------------------------------------
+# -- against plain loops ---------------------------------------------------------------------------
 
 
 def plain_pair_counts(scene, positions):
@@ -94,13 +99,19 @@ def test_pairs_are_counted_as_one_by_one(boundary, tracer, kinds):
     found = observe(scene, run, ("pair_distribution",))
     assert found["pair_snapshots"] == len(scene.times)
     expected = plain_pair_counts(scene, run.whole.position)
-    assert 200 < expected.sum() == pytest.approx(run.whole.position[..., 0].size * pairs.pairs_in_reach(scene), rel=0.5)
+    assert (
+        200
+        < expected.sum()
+        == pytest.approx(run.whole.position[..., 0].size * pairs.pairs_in_reach(scene), rel=0.5)
+    )
     assert np.array_equal(found["pair_counts"], expected)
 
 
 @pytest.mark.parametrize("small", [0.1, 0.5])
 def test_pairs_expected_around_the_tracer_are_those_of_many_points(small):
-    """In all samples, against 20,000 points a sample; with 0.5 it is nearer the walls than the others can be."""
+    """In all samples, against 20,000 points a sample; with 0.5 it is nearer the walls than the
+    others can be.
+    """
     scene = make(W, [BATH[0] | {"radius": small}, BATH[1]], {"radius": 0.3, "mass": 2.0})
     run, rng = made_up(scene), np.random.default_rng(3)
     found = observe(scene, run, ("pair_distribution",))["pair_expected"]
@@ -113,30 +124,53 @@ def test_pairs_expected_around_the_tracer_are_those_of_many_points(small):
             points = [1.5, 4.0] + (rng.random((20_000, 2)) - 0.5) * [5 - 2 * radius, 4 - 2 * radius]
             counts = counts + np.histogram(np.hypot(*(points - at).T), edges)[0]
         points_expected = expected / number * 20_000
-        assert 1e5 < points_expected.sum() == pytest.approx(counts.sum(), rel=0.02)  # 6 standard errors
+        assert (
+            1e5 < points_expected.sum() == pytest.approx(counts.sum(), rel=0.02)
+        )  # 6 standard errors
         assert (np.abs(counts - points_expected) < SIGMAS * np.sqrt(points_expected) + 4).all()
 
 
 def test_reach_of_the_pair_distribution():
-    """The smallest contact distance is the 40th edge; the last edge is where a pair may have two distances."""
+    """The smallest contact distance is the 40th edge; the last edge is where a pair may have two
+    distances.
+    """
     for scene, contact, reach in (
         (make(P), 0.2, 2.0),  # half the shorter side, below 5 * 0.5
         (make(W), 0.2, 2.5),  # 5 * 0.5, below the accessible 4 - 0.6
-        (make(W, BATH[:1], box={"x": [0, 3.0], "y": [0, 2.0]}), 0.4, 1.4),  # accessible to the largest
-        (make(P, BATH[:1], {"radius": 0.12, "mass": 1}, box={"x": [0, 9], "y": [0, 9], "boundary": P}), 0.32, 2.0),
+        (
+            make(W, BATH[:1], box={"x": [0, 3.0], "y": [0, 2.0]}),
+            0.4,
+            1.4,
+        ),  # accessible to the largest
+        (
+            make(
+                P,
+                BATH[:1],
+                {"radius": 0.12, "mass": 1},
+                box={"x": [0, 9], "y": [0, 9], "boundary": P},
+            ),
+            0.32,
+            2.0,
+        ),
     ):
         middles = AXES["distance"].coordinates(scene)
         width = contact / 40
         assert middles[:2] == pytest.approx([width / 2, 3 * width / 2], rel=1e-14)
         assert middles[-1] + width / 2 == pytest.approx(reach, rel=1e-14)
-    assert len(AXES["wall_distance"].coordinates(scene)) == 333  # of 0.006, 40 to the smallest diameter, up to 5 * 0.4
+    assert (
+        len(AXES["wall_distance"].coordinates(scene)) == 333
+    )  # of 0.006, 40 to the smallest diameter, up to 5 * 0.4
 
 
 def plain_mean_over(scene, average, product_of):
-    """For each sample time the mean of a product of two samples, by the definition of the average."""
+    """For each sample time the mean of a product of two samples, by the definition of the
+    average.
+    """
     last, multiple = len(scene.times) - 1, scene.duration == 2.0
     if average == "origins":
-        pairs = {lag: [(i, i + lag) for i in range(last + multiple - lag)] for lag in range(last)} | {last: [(0, last)]}
+        pairs = {
+            lag: [(i, i + lag) for i in range(last + multiple - lag)] for lag in range(last)
+        } | {last: [(0, last)]}
     else:
         pairs = {lag: [(0, lag)] for lag in range(last + 1)}
     return [np.mean([product_of(i, k) for i, k in pairs[lag]]) for lag in range(last + 1)]
@@ -144,9 +178,15 @@ def plain_mean_over(scene, average, product_of):
 
 @pytest.mark.parametrize("boundary", [W, P])
 def test_density_profile_is_that_of_plain_loops(boundary):
-    """Each disk at the nearer of two opposite walls, in both directions, over the area along all walls."""
+    """Each disk at the nearer of two opposite walls, in both directions, over the area along all
+    walls.
+    """
     scene = make(boundary, sample_interval=0.03)  # 70 samples, of which 64 are counted at a time
-    run, width, number = made_up(scene), 0.005, 340 if boundary == W else 400  # to the middle for the largest
+    run, width, number = (
+        made_up(scene),
+        0.005,
+        340 if boundary == W else 400,
+    )  # to the middle for the largest
     low, high = np.array([-1.0, 2.0]), np.array([4.0, 6.0])
     expected = np.zeros((3, number))
     for k, (radius, disks) in enumerate(((0.3, [0]), (0.2, range(1, 13)), (0.1, range(13, 16)))):
@@ -163,9 +203,20 @@ def test_density_profile_is_that_of_plain_loops(boundary):
 @pytest.mark.parametrize("average", observables.AVERAGES)
 @pytest.mark.parametrize("boundary", [W, P])
 def test_averages_are_those_of_plain_loops(boundary, average):
-    same = {"name": "same", "count": 13, "radius": 0.2, "mass": 4}  # others have this radius, or this mass
-    kinds = (same, *BATH[::-1], same | {"name": "more", "count": 2})  # the bath, most of the others, is not first
-    scene = make(boundary, kinds, None, duration=2.0 if boundary == W else 2.05)  # a multiple of 0.1, or none
+    same = {
+        "name": "same",
+        "count": 13,
+        "radius": 0.2,
+        "mass": 4,
+    }  # others have this radius, or this mass
+    kinds = (
+        same,
+        *BATH[::-1],
+        same | {"name": "more", "count": 2},
+    )  # the bath, most of the others, is not first
+    scene = make(
+        boundary, kinds, None, duration=2.0 if boundary == W else 2.05
+    )  # a multiple of 0.1, or none
     run = made_up(scene)
     found = observe(scene, run, (*TRACER_ALONE, "bath_velocity_autocorrelation"), average)
     unwrapped = run.whole.position
@@ -182,23 +233,34 @@ def test_averages_are_those_of_plain_loops(boundary, average):
         ("bath_velocity_autocorrelation", range(16, 28), run.whole.velocity, np.vdot),
     ):
         by_disk = [
-            plain_mean_over(scene, average, lambda i, k, one=values[:, disk], what=what: what(one[i], one[k]))
+            plain_mean_over(
+                scene, average, lambda i, k, one=values[:, disk], what=what: what(one[i], one[k])
+            )
             for disk in disks
         ]
-        # sums of some 100 products of size 100: round-off below 1e-12; fourth powers are larger and do not cancel
-        np.testing.assert_allclose(found[name], np.mean(by_disk, axis=0), rtol=1e-13, atol=1e-12 * 100)
+        # sums of some 100 products of size 100: round-off below 1e-12; fourth powers are larger and
+        # do not cancel
+        np.testing.assert_allclose(
+            found[name], np.mean(by_disk, axis=0), rtol=1e-13, atol=1e-12 * 100
+        )
 
 
 def plain_bonds(scene, position):
-    """Pairs of disks whose Voronoi cells share an edge inside the box, and the vectors between them, one by one.
+    """Pairs of disks whose Voronoi cells share an edge inside the box, and the vectors between
+    them, one by one.
 
-    A point of the edge is as far from both disks and no nearer to any other: a segment of their bisector, cut by one
-    line for each other disk. Periodic: all disks and those of the 24 nearest boxes; walls: the sides cut it, too.
+    A point of the edge is as far from both disks and no nearer to any other: a segment of their
+    bisector, cut by one line for each other disk. Periodic: all disks and those of the 24 nearest
+    boxes; walls: the sides cut it, too.
     """
     size = np.array([scene.box.width, scene.box.height])
-    shifts = np.array(sorted(product(range(-2, 3), repeat=2), key=lambda shift: shift != (0, 0)))  # its own box first
+    shifts = np.array(
+        sorted(product(range(-2, 3), repeat=2), key=lambda shift: shift != (0, 0))
+    )  # its own box first
     sites = position - scene.box.origin
-    every = np.concatenate([sites + shift * size for shift in shifts]) if scene.box.periodic else sites
+    every = (
+        np.concatenate([sites + shift * size for shift in shifts]) if scene.box.periodic else sites
+    )
     for i, j in product(range(len(sites)), range(len(every))):
         if i == j:
             continue
@@ -206,19 +268,27 @@ def plain_bonds(scene, position):
         along = np.array([-bond[1], bond[0]])
         others = np.delete(every, (i, j), axis=0)
         # |middle + t along - other|^2 >= |middle + t along - site|^2 for each other
-        slope, limit = 2 * (others - sites[i]) @ along, ((others - middle) ** 2).sum(axis=1) - bond @ bond / 4
+        slope, limit = (
+            2 * (others - sites[i]) @ along,
+            ((others - middle) ** 2).sum(axis=1) - bond @ bond / 4,
+        )
         if not scene.box.periodic:
             slope = np.concatenate([slope, along, -along])
             limit = np.concatenate([limit, size - middle, middle])
         low, high = (limit[side] / slope[side] for side in (slope < 0, slope > 0))
-        if np.max(low, initial=-np.inf) < np.min(high, initial=np.inf) and (limit[slope == 0] >= 0).all():
+        if (
+            np.max(low, initial=-np.inf) < np.min(high, initial=np.inf)
+            and (limit[slope == 0] >= 0).all()
+        ):
             yield i, bond
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("boundary", [W, P])
 def test_orientational_order_is_that_of_neighbours_one_by_one(boundary, monkeypatch):
-    monkeypatch.setattr(orientation, "MARGIN", 0.1)  # of images at first; it is to grow until there are enough
+    monkeypatch.setattr(
+        orientation, "MARGIN", 0.1
+    )  # of images at first; it is to grow until there are enough
     scene = make(boundary, duration=0.4)
     run = made_up(scene)
     if boundary == P:
@@ -230,7 +300,9 @@ def test_orientational_order_is_that_of_neighbours_one_by_one(boundary, monkeypa
             angles[disk].append(np.exp(6j * np.arctan2(y, x)))
         assert boundary == W or np.mean([len(one) for one in angles]) == 6  # Euler's formula
         roots.append(abs(np.mean([np.mean(one) for one in angles])))
-    assert found["orientational_order_squared"] == pytest.approx(np.mean(np.square(roots)), rel=1e-10)
+    assert found["orientational_order_squared"] == pytest.approx(
+        np.mean(np.square(roots)), rel=1e-10
+    )
     assert found["orientational_order"] == pytest.approx(np.mean(roots), rel=1e-10)
     assert found["quarter_order"] == pytest.approx(roots[1:], rel=1e-10)  # a sample each
 
@@ -238,7 +310,9 @@ def test_orientational_order_is_that_of_neighbours_one_by_one(boundary, monkeypa
 def test_orientational_order_of_a_triangular_lattice_is_1():
     side = 12.0 * np.array([1.0, np.sqrt(0.75)])
     box = {"x": [-side[0] / 2, side[0] / 2], "y": [-side[1] / 2, side[1] / 2], "boundary": P}
-    scene = make(kinds=[{"name": "gas", "count": 144, "radius": 0.1, "mass": 1.0}], tracer=None, box=box)
+    scene = make(
+        kinds=[{"name": "gas", "count": 144, "radius": 0.1, "mass": 1.0}], tracer=None, box=box
+    )
     row, column = np.divmod(np.arange(144), 12)
     lattice = np.stack([column + row % 2 / 2, row * np.sqrt(0.75)], axis=1) - side / 2
     assert orientation.square_order(scene, lattice) == pytest.approx(1.0, abs=1e-12)
@@ -258,11 +332,15 @@ def test_energies_and_the_temperature_of_a_scene_without_one():
         for label, value in zip([0, *[1] * 12, *[2] * 3], values, strict=True):
             for component in value:
                 counts[label, np.argmin(abs(middles - component))] += 1
-        assert np.array_equal(found[f"{name}_counts"], counts)  # of the last sample, as the scene is not stationary
+        assert np.array_equal(
+            found[f"{name}_counts"], counts
+        )  # of the last sample, as the scene is not stationary
 
 
 def test_what_lies_beyond_the_bins_is_in_the_outermost(monkeypatch):
-    monkeypatch.setattr("brownpipe.observables.velocity.VALUES_AT_ONCE", 100)  # three samples of these disks
+    monkeypatch.setattr(
+        "brownpipe.observables.velocity.VALUES_AT_ONCE", 100
+    )  # three samples of these disks
     scene = make()
     run = made_up(scene)
     run.whole.velocity[:, :2] = [[1e3, -1e3], [1e300, 0.0]]
@@ -280,22 +358,39 @@ def test_kinds_in_a_list_of_disks():
         {"position": [i, 3.0], "velocity": [i, 0.0], "radius": radius, "mass": mass}
         for i, (radius, mass) in enumerate(kinds)
     ]
-    scene = make(W, disks=disks, velocities=None, equilibrate=None, duration=1e-3, sample_interval=None)
-    found = simulate(scene, [0], {"none"}, observables=("species_energy", "pair_distribution")).observables
+    scene = make(
+        W, disks=disks, velocities=None, equilibrate=None, duration=1e-3, sample_interval=None
+    )
+    found = simulate(
+        scene, [0], {"none"}, observables=("species_energy", "pair_distribution")
+    ).observables
     assert AXES["species"].coordinates(scene) == ["kind-1", "kind-2", "kind-3"]
     assert found["species_energy"][0, 0].tolist() == [1.0, 0.5, 13.5]
     pairs = dict(
-        zip(AXES["species_pair"].coordinates(scene), found["pair_counts"][0].sum(axis=1).tolist(), strict=True)
+        zip(
+            AXES["species_pair"].coordinates(scene),
+            found["pair_counts"][0].sum(axis=1).tolist(),
+            strict=True,
+        )
     )
-    expected = {"1:1": 0, "1:2": 2, "1:3": 1, "2:2": 0, "2:3": 0, "3:3": 0}  # nearer than 5 * 0.3 = 1.5
+    expected = {
+        "1:1": 0,
+        "1:2": 2,
+        "1:3": 1,
+        "2:2": 0,
+        "2:3": 0,
+        "3:3": 0,
+    }  # nearer than 5 * 0.3 = 1.5
     assert pairs == {f"kind-{name[0]}:kind-{name[2]}": count for name, count in expected.items()}
 
 
-# -- against nature -------------------------------------------------------------------------------------------------
+# -- against nature --------------------------------------------------------------------------------
 
 
 def test_ballistic_flight():
-    """Disks that do not meet: <r^2> = v0^2 t^2, and the autocorrelation stays v0^2, but for round-off."""
+    """Disks that do not meet: <r^2> = v0^2 t^2, and the autocorrelation stays v0^2, but for
+    round-off.
+    """
     lone = [{"name": "bath", "count": 1, "radius": 1e-4, "mass": 1.0}]
     scene = make(kinds=lone, tracer={"radius": 1e-4, "mass": 2.0})
     found = simulate(
@@ -303,15 +398,29 @@ def test_ballistic_flight():
     ).observables
     assert not found["pair_collisions"].any()
     v2 = found["initial_square_speed"][:, None]
-    np.testing.assert_allclose(found["velocity_autocorrelation"], np.tile(v2, len(scene.times)), rtol=1e-14)
-    np.testing.assert_allclose(found["square_displacement"], v2 * scene.times**2, rtol=1e-12, atol=1e-14)
-    for name in ("displacement_velocity", "velocity_displacement"):  # positions of size 6 have round-off 1e-15
-        np.testing.assert_allclose(found[name], v2 * scene.times, rtol=1e-12, atol=1e-14 * np.sqrt(v2.max()))
+    np.testing.assert_allclose(
+        found["velocity_autocorrelation"], np.tile(v2, len(scene.times)), rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        found["square_displacement"], v2 * scene.times**2, rtol=1e-12, atol=1e-14
+    )
+    for name in (
+        "displacement_velocity",
+        "velocity_displacement",
+    ):  # positions of size 6 have round-off 1e-15
+        np.testing.assert_allclose(
+            found[name], v2 * scene.times, rtol=1e-12, atol=1e-14 * np.sqrt(v2.max())
+        )
 
 
 def test_logarithmic_samples_see_the_same_run():
     """From ballistic flight on: the run does not know when it is looked at."""
-    log = make(sample_interval=None, samples={"per_decade": 4, "first": 1e-6}, equilibrate=None, duration=2.0)
+    log = make(
+        sample_interval=None,
+        samples={"per_decade": 4, "first": 1e-6},
+        equilibrate=None,
+        duration=2.0,
+    )
     lin = make(sample_interval=None, equilibrate=None, duration=2.0)
     seen, once = (simulate(scene, range(4), {"tracer"}, observables=SQUARE) for scene in (log, lin))
     assert seen.times.tolist() == log.times.tolist() and len(log.times) > 25
@@ -321,7 +430,7 @@ def test_logarithmic_samples_see_the_same_run():
     np.testing.assert_allclose(early, seen.observables["initial_square_speed"] * 1e-12, rtol=1e-7)
 
 
-# -- the same however runs are batched and recorded -----------------------------------------------------------------
+# -- the same however runs are batched and recorded ------------------------------------------------
 
 
 @pytest.mark.parametrize("average", ["runs", "origins"])
@@ -335,7 +444,9 @@ def test_the_same_to_the_bit(boundary, average):
     assert list(kept.whole) == list(range(5))
     for name, values in once.observables.items():
         assert values.tobytes() == kept.observables[name].tobytes()
-        assert values.tobytes() == np.concatenate([part.observables[name] for part in parts]).tobytes()
+        assert (
+            values.tobytes() == np.concatenate([part.observables[name] for part in parts]).tobytes()
+        )
     case = Case(scene, Engine("exact"), scene.times)
     assert squared_of(case, kept) is kept.observables["square_displacement"]
     if average == "runs":
@@ -352,7 +463,10 @@ def test_an_observable_alone_is_what_it_is_among_all(name):
         every = [one for one in ALL if OBSERVABLES[one].unfit(scene) is None]
         if name not in every:
             continue
-        alone, among = (simulate(scene, [0, 1], {"none"}, observables=names).observables for names in ((name,), every))
+        alone, among = (
+            simulate(scene, [0, 1], {"none"}, observables=names).observables
+            for names in ((name,), every)
+        )
         found = [array for array in OBSERVABLES[name].arrays if array in alone]
         assert found == [array for array in MEASURED if array in alone]
         assert all(np.array_equal(alone[array], among[array], equal_nan=True) for array in found)
@@ -370,7 +484,7 @@ def test_histograms_are_of_the_last_sample_unless_the_scene_is_stationary(name):
         assert same == (OBSERVABLES[name].is_over_samples and not observables.is_stationary(scene))
 
 
-# -- in files -------------------------------------------------------------------------------------------------------
+# -- in files --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("boundary", [W, P])
@@ -393,10 +507,14 @@ def test_arrays_in_a_file(boundary, tmp_path):
                 assert np.array_equal(run[dim], AXES[dim].coordinates(scene))
         tracer = run.species_energy.sel(seed=9, species="tracer").sel(time=0.5, method="nearest")
         assert tracer == ensemble.observables["species_energy"][2, 5, 0]
-        assert run.species_pair.values.tolist()[:3] == ["tracer:tracer", "tracer:bath", "tracer:rare"]
+        assert run.species_pair.values.tolist()[:3] == [
+            "tracer:tracer",
+            "tracer:bath",
+            "tracer:rare",
+        ]
 
 
-# -- what is refused ------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 LISTED = [{"position": [0.0, 3.0], "velocity": [1.0, 0.0], "radius": 0.1, "mass": 1.0}]
 EXPLICIT = {"disks": LISTED, "velocities": None, "equilibrate": None}
@@ -408,21 +526,61 @@ LOGARITHMIC = {"sample_interval": None, "samples": {"per_decade": 5}}
 @pytest.mark.parametrize(
     ("more", "names", "average", "message"),
     [
-        ({}, ("msd",), "runs", "observables: 'msd' is unknown; must be of square_displacement, velocity_auto"),
+        (
+            {},
+            ("msd",),
+            "runs",
+            "observables: 'msd' is unknown; must be of square_displacement, velocity_auto",
+        ),
         ({}, SQUARE * 2, "runs", "observables: must have names that differ"),
         (EXPLICIT | {"kinds": (), "tracer": None, "disks": []}, SQUARE, "runs", "no disk"),
-        (EXPLICIT, ("pair_distribution",), "runs", "observables: pair_distribution needs two disks"),
-        ({"boundary": W, "kinds": (), "tracer": HUGE}, ("density_profile",), "runs", "needs walls farther apart"),
+        (
+            EXPLICIT,
+            ("pair_distribution",),
+            "runs",
+            "observables: pair_distribution needs two disks",
+        ),
+        (
+            {"boundary": W, "kinds": (), "tracer": HUGE},
+            ("density_profile",),
+            "runs",
+            "needs walls farther apart",
+        ),
         ({"kinds": [DUST, BATH[0]]}, ("pair_distribution",), "runs", "more than 1000000 bins"),
         ({}, SQUARE, "all", "average: 'all' is unknown; must be runs or origins or disks"),
-        ({}, ("species_energy",), "origins", "average: origins needs square_displacement or velocity_autocorrelation"),
+        (
+            {},
+            ("species_energy",),
+            "origins",
+            "average: origins needs square_displacement or velocity_autocorrelation",
+        ),
         (EXPLICIT, SQUARE, "origins", "stationary from t = 0, but its disks are listed one by one"),
-        ({"velocities": {"standard_deviation": 1}}, SQUARE, "origins", "velocities.temperature is not given"),
-        ({"equilibrate": None}, SQUARE, "origins", "stationary from t = 0, but equilibrate.time is 0"),
+        (
+            {"velocities": {"standard_deviation": 1}},
+            SQUARE,
+            "origins",
+            "velocities.temperature is not given",
+        ),
+        (
+            {"equilibrate": None},
+            SQUARE,
+            "origins",
+            "stationary from t = 0, but equilibrate.time is 0",
+        ),
         ({"equilibrate": 3.0}, SQUARE, "disks", "but its tracer is pinned while it equilibrates"),
-        ({}, SQUARE, "disks", "average: disks needs disks of the tracer's radius and mass, and there is no"),
+        (
+            {},
+            SQUARE,
+            "disks",
+            "average: disks needs disks of the tracer's radius and mass, and there is no",
+        ),
         (LOGARITHMIC, SQUARE, "origins", "average: origins needs sample_interval, not samples"),
-        ({"duration": 2000.1}, SQUARE, "origins", "average: origins needs at most 20000 samples; there are"),
+        (
+            {"duration": 2000.1},
+            SQUARE,
+            "origins",
+            "average: origins needs at most 20000 samples; there are",
+        ),
     ],
 )
 def test_what_a_scene_does_not_have_is_refused(more, names, average, message):

@@ -1,6 +1,7 @@
 """The same numbers from programs of others: docs/other_programs.md, smaller.
 
-The tests import these programs themselves: every process that runs tests imports this file to list them.
+The tests import these programs themselves: every process that runs tests imports this file to list
+them.
 """
 
 import numpy as np
@@ -14,21 +15,32 @@ pytestmark = pytest.mark.slow
 
 
 def test_pymunk_comes_nearer_with_its_time_step():
-    """40 disks of different masses between walls, 5 runs. Distances were 0.0126 and 0.0023, with equal masses 0.20."""
+    """40 disks of different masses between walls, 5 runs. Distances were 0.0126 and 0.0023, with
+    equal masses 0.20.
+    """
     scene = note_scene(40, 0.4)
     masses = np.random.default_rng(1).uniform(0.2, 2.0, (5, 40))
     states = [draw(scene, seed)._replace(mass=mass) for seed, mass in enumerate(masses)]
     exact = [by_brownpipe(scene, state) for state in states]
     coarse, fine = ([by_pymunk(scene, state, step) for state in states] for step in (1e-3, 1e-4))
-    delays = np.array([delay for pair in zip(exact, fine, strict=True) for delay in first_delays(*pair)])
+    delays = np.array(
+        [delay for pair in zip(exact, fine, strict=True) for delay in first_delays(*pair)]
+    )
     assert len(delays) > 50
-    assert np.all((delays > 0) & (delays < 1e-4))  # a collision is found at the end of the step that it falls in
-    far, near = (np.median([distance(*pair)[-1] for pair in zip(exact, runs, strict=True)]) for runs in (coarse, fine))
+    assert np.all(
+        (delays > 0) & (delays < 1e-4)
+    )  # a collision is found at the end of the step that it falls in
+    far, near = (
+        np.median([distance(*pair)[-1] for pair in zip(exact, runs, strict=True)])
+        for runs in (coarse, fine)
+    )
     assert near < 4e-3 and 3 < far / near < 30  # first order: 10
 
 
 def test_freud_finds_the_means_over_runs_of_the_dataset():
-    """Mean squared displacement with its standard error, and g(r), of 6 runs. freud has single precision."""
+    """Mean squared displacement with its standard error, and g(r), of 6 runs. freud has single
+    precision.
+    """
     import freud
 
     scene = bp.Scene(

@@ -19,8 +19,13 @@ from brownpipe.study.run_sets import commands, files_of, run_sets
 from test_plan import SCENE
 
 GUIDE = Path(__file__).parents[1] / "docs" / "guide.md"
-EXAMPLE = re.search(r"```python\n(.*?)```", GUIDE.read_text().partition("An observable of your own")[2], re.DOTALL)[1]
-STUDY = "scenes: few.yaml\nseeds: 12\nbatch: 6\nobservables: [square_displacement, my_module:my_function]\n"
+EXAMPLE = re.search(
+    r"```python\n(.*?)```", GUIDE.read_text().partition("An observable of your own")[2], re.DOTALL
+)[1]
+STUDY = (
+    "scenes: few.yaml\nseeds: 12\nbatch: 6\nobservables: [square_displacement, "
+    "my_module:my_function]\n"
+)
 
 
 @pytest.fixture
@@ -38,11 +43,16 @@ def made(study):
     for file in files_of(study):
         words = commands(study)[file.path.parent.name[-8:]].split()
         file.path.parent.mkdir(parents=True, exist_ok=True)
-        assert cli.main(["simulate", *words, *["--seeds", file.path.stem, "--output", str(file.path)]]) == DONE
+        assert (
+            cli.main(["simulate", *words, *["--seeds", file.path.stem, "--output", str(file.path)]])
+            == DONE
+        )
     return [file.path for file in files_of(study)]
 
 
-def test_the_example_of_the_guide_is_measured_stored_and_averaged_without_its_module_being_read_again(here):
+def test_the_example_of_the_guide_is_measured_and_averaged_without_reading_its_module_again(
+    here,
+):
     files = made(read_study("sub/study.yaml"))
     Path("sub/my_module.py").write_text("raise SystemExit('read')")
     whole = bp.simulate("sub/few.yaml", "0-11", record="all").disks
@@ -50,10 +60,16 @@ def test_the_example_of_the_guide_is_measured_stored_and_averaged_without_its_mo
     for file in files:
         with xr.open_datatree(file) as tree:
             assert tree.left_disks.dims == ("seed", "time") and "time" in tree.left_disks.coords
-            described = {"units": "1", "long_name": "disks in the left half", "observable": "my_module:my_function"}
+            described = {
+                "units": "1",
+                "long_name": "disks in the left half",
+                "observable": "my_module:my_function",
+            }
             assert tree.left_disks.attrs == described
             assert tree.turned.dims == ("seed",)
-            assert "--observables square_displacement,my_module:my_function" in tree.attrs["command"]
+            assert (
+                "--observables square_displacement,my_module:my_function" in tree.attrs["command"]
+            )
     result = bp.analyse(files)
     np.testing.assert_allclose(result.left_disks.squeeze(), left.mean("seed"), rtol=1e-14)
     error = left.std("seed", ddof=1) / np.sqrt(12)
@@ -62,14 +78,23 @@ def test_the_example_of_the_guide_is_measured_stored_and_averaged_without_its_mo
     assert (result.left_disks_low <= result.left_disks).all() and result.turned_low.notnull().all()
     bp.save(bp.open(files[0]), "again.h5")
     xr.testing.assert_equal(bp.open("again.h5").left_disks, bp.open(files[0]).left_disks)
-    rows = own_observables.table([*cases_of(result), *cases_of(result.assign(left_disks=np.nan * result.left_disks))])
-    assert {"time", "left_disks", "left_disks_low", "turned", "turned_standard_error"} <= {*rows.columns}
+    rows = own_observables.table(
+        [*cases_of(result), *cases_of(result.assign(left_disks=np.nan * result.left_disks))]
+    )
+    assert {"time", "left_disks", "left_disks_low", "turned", "turned_standard_error"} <= {
+        *rows.columns
+    }
     assert bp.plot(result, "own_observables").axes
 
 
-def test_an_edited_function_makes_other_runs_wherever_the_study_is_called_and_must_be_there(here, monkeypatch):
+def test_an_edited_function_makes_other_runs_wherever_the_study_is_called_and_must_be_there(
+    here, monkeypatch
+):
     Path("sub/wrong.yaml").write_text(STUDY.replace("my_function]", "my_funktion]"))
-    with pytest.raises(RequestError, match=r"sub/wrong.yaml: line 4: observables: .*my_module.py has no function my_f"):
+    with pytest.raises(
+        RequestError,
+        match=r"sub/wrong.yaml: line 4: observables: .*my_module.py has no function my_f",
+    ):
         read_study("sub/wrong.yaml")
     (one,) = run_sets(read_study("sub/study.yaml"))
     monkeypatch.chdir("sub")
@@ -78,7 +103,17 @@ def test_an_edited_function_makes_other_runs_wherever_the_study_is_called_and_mu
         file.write("# edited\n")
     (edited,) = run_sets(read_study("study.yaml"))
     assert one.digest == same.digest != edited.digest
-    assert cli.main(["simulate", *commands(read_study("study.yaml"))[edited.key].split(), "--output", "x.h5"]) == DONE
+    assert (
+        cli.main(
+            [
+                "simulate",
+                *commands(read_study("study.yaml"))[edited.key].split(),
+                "--output",
+                "x.h5",
+            ]
+        )
+        == DONE
+    )
 
 
 def test_a_function_is_given_in_python_and_every_engine_of_all_disks_measures_it(here):
@@ -87,11 +122,18 @@ def test_a_function_is_given_in_python_and_every_engine_of_all_disks_measures_it
         return {"in_cells": (("time", "cell"), np.array(counts))}
 
     engines = {}, {"engine": "timestep", "time_step": 1e-3}
-    result = bp.analyse([bp.simulate("sub/few.yaml", 12, observables=[in_cells], **engine) for engine in engines])
+    result = bp.analyse(
+        [bp.simulate("sub/few.yaml", 12, observables=[in_cells], **engine) for engine in engines]
+    )
     assert result.in_cells.dims[-2:] == ("time", "cell") and "cell" not in result.coords
     np.testing.assert_allclose(result.in_cells.sum("cell"), 12.0, rtol=1e-14)
-    with pytest.warns(match="does not measure .*in_cells$"), pytest.warns(match="langevin is rough here"):
-        langevin = bp.simulate("sub/few.yaml", 3, observables=[in_cells], engine="langevin", friction="enskog")
+    with (
+        pytest.warns(match="does not measure .*in_cells$"),
+        pytest.warns(match="langevin is rough here"),
+    ):
+        langevin = bp.simulate(
+            "sub/few.yaml", 3, observables=[in_cells], engine="langevin", friction="enskog"
+        )
     assert "in_cells" not in langevin
 
 
@@ -116,24 +158,66 @@ FUNCTION = "def f(scene, run):\n    return "
         ("def f(scene, run)", r"SyntaxError: .*\(my.py, line 1\)"),
         ("import nothing_such", r"ModuleNotFoundError: .*\(my.py, line 1\)"),
         ("def g(scene, run): return {}", r"my.py has no function f"),
-        ("def f(scene): return {}", r"seed 0: my:f: TypeError: f\(\) takes 1 positional argument but 2 were given"),
-        (FUNCTION + "{'mine': 1 / 0}", r"seed 0: my:f: ZeroDivisionError: division by zero \(my.py, line 2\)"),
+        (
+            "def f(scene): return {}",
+            r"seed 0: my:f: TypeError: f\(\) takes 1 positional argument but 2 were given",
+        ),
+        (
+            FUNCTION + "{'mine': 1 / 0}",
+            r"seed 0: my:f: ZeroDivisionError: division by zero \(my.py, line 2\)",
+        ),
         (FUNCTION + "3", r"my:f: TypeError: must return a mapping of names to arrays, not 3"),
-        (FUNCTION + "{'mine': 'text'}", r"my:f: ValueError: could not convert string to float: 'text'"),
-        (FUNCTION + "{'a b': 1}", r"my:f: ValueError: a b: names of arrays and dimensions must be words"),
-        (FUNCTION + "{'mine': ('time', [1, 2])}", r"my:f: ValueError: mine: must have \(11,\) values along"),
-        (FUNCTION + "{'mine': (('x', 'y'), [1, 2])}", r"my:f: ValueError: mine: must be \(dims, values\) with a dim"),
-        (FUNCTION + "{'pair_collisions': 1}", r"my:f: ValueError: pair_collisions: pair_collisions is a name in runs"),
-        ("n = [1]\n" + FUNCTION + "{'msd': n.pop()}", r"my:f: ValueError: msd: msd is a name in runs or datasets"),
-        (FUNCTION + "{'mine': ('window', [1, 2])}", r"my:f: ValueError: mine: window is a name in runs or datasets"),
-        (FUNCTION + "{'mine': run.whole.position.fill(0)}", r"my:f: ValueError: .*read-only \(my.py, line 2\)"),
-        ("n = []\n" + FUNCTION + "{'mine': ('x', n.append(1) or n)}", r"seed 1: my:f: ValueError: mine: must be al"),
+        (
+            FUNCTION + "{'mine': 'text'}",
+            r"my:f: ValueError: could not convert string to float: 'text'",
+        ),
+        (
+            FUNCTION + "{'a b': 1}",
+            r"my:f: ValueError: a b: names of arrays and dimensions must be words",
+        ),
+        (
+            FUNCTION + "{'mine': ('time', [1, 2])}",
+            r"my:f: ValueError: mine: must have \(11,\) values along",
+        ),
+        (
+            FUNCTION + "{'mine': (('x', 'y'), [1, 2])}",
+            r"my:f: ValueError: mine: must be \(dims, values\) with a dim",
+        ),
+        (
+            FUNCTION + "{'pair_collisions': 1}",
+            r"my:f: ValueError: pair_collisions: pair_collisions is a name in runs",
+        ),
+        (
+            "n = [1]\n" + FUNCTION + "{'msd': n.pop()}",
+            r"my:f: ValueError: msd: msd is a name in runs or datasets",
+        ),
+        (
+            FUNCTION + "{'mine': ('window', [1, 2])}",
+            r"my:f: ValueError: mine: window is a name in runs or datasets",
+        ),
+        (
+            FUNCTION + "{'mine': run.whole.position.fill(0)}",
+            r"my:f: ValueError: .*read-only \(my.py, line 2\)",
+        ),
+        (
+            "n = []\n" + FUNCTION + "{'mine': ('x', n.append(1) or n)}",
+            r"seed 1: my:f: ValueError: mine: must be al",
+        ),
     ],
 )
 def test_mistakes_are_one_line_and_nothing_is_written(here, capsys, text, message):
     if text is not None:
         Path("my.py").write_text(text)
-    words = ["simulate", "sub/few.yaml", "--seeds", "0-2", "--observables", "my:f", "--output", "x.h5"]
+    words = [
+        "simulate",
+        "sub/few.yaml",
+        "--seeds",
+        "0-2",
+        "--observables",
+        "my:f",
+        "--output",
+        "x.h5",
+    ]
     assert cli.main(words) == WRONG_REQUEST
     said = capsys.readouterr().err
     assert re.search(message, said) and said.count("\n") == 1
@@ -144,13 +228,18 @@ def test_a_function_given_in_python_is_itself_alone_and_others_are_not_joined_wi
     def of(value):
         return lambda scene, run: {"mine": ("x", [value])}
 
-    exec(compile(FUNCTION + "{'mine': ('x', [1.0])}", "obs.py", "exec"), imported := {"__name__": "obs"})
+    exec(
+        compile(FUNCTION + "{'mine': ('x', [1.0])}", "obs.py", "exec"),
+        imported := {"__name__": "obs"},
+    )
     Path("obs.py").write_text(FUNCTION + "{'mine': ('x', [2.0])}")  # after it was imported
     functions = enumerate((imported["f"], "obs:f", of(3.0), of(4.0)), 12)
     runs = [bp.simulate("sub/few.yaml", 3, particles=n, observables=[f]) for n, f in functions]
     assert [one.mine.values[0, 0] for one in runs] == [1.0, 2.0, 3.0, 4.0]
     for k in range(3):
-        with pytest.raises(ValueError, match="mine: has other dimensions in other runs, or was measured by"):
+        with pytest.raises(
+            ValueError, match="mine: has other dimensions in other runs, or was measured by"
+        ):
             bp.analyse(runs[k : k + 2])
 
 
@@ -166,7 +255,11 @@ def test_runs_of_a_case_whose_arrays_differ_in_shape_are_not_joined(here):
 
 def test_a_name_like_that_of_a_quantity_which_may_drift_is_ones_own(here):
     def mine(scene, run):
-        return {"quarter_mine": ("x", [1.0, 2.0, 3.0]), "kinetic_energy_of_mine": 1.0, "sometimes": next(numbers)}
+        return {
+            "quarter_mine": ("x", [1.0, 2.0, 3.0]),
+            "kinetic_energy_of_mine": 1.0,
+            "sometimes": next(numbers),
+        }
 
     scene = bp.read_scene("sub/few.yaml").replace(equilibrate={"time": 1.0, "tracer": "free"})
     numbers = iter([0.0])

@@ -1,4 +1,6 @@
-"""Plans: so many runs for a tolerance, the same each time; the cheapest engine; what cannot be is refused."""
+"""Plans: so many runs for a tolerance, the same each time; the cheapest engine; what cannot be is
+refused.
+"""
 
 import math
 from pathlib import Path
@@ -35,7 +37,9 @@ sample_interval: 0.05
 
 
 def measured(engine, runs, seconds, scene=None):
-    return Performance(scene or make_scene(), engine, 0.0, 0.0, runs, Cost(0.0, 0.0, seconds, 0.0, 0.0, 0.0))
+    return Performance(
+        scene or make_scene(), engine, 0.0, 0.0, runs, Cost(0.0, 0.0, seconds, 0.0, 0.0, 0.0)
+    )
 
 
 @pytest.fixture
@@ -58,18 +62,24 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-# -- the choice -----------------------------------------------------------------------------------------------------
+# -- the choice ------------------------------------------------------------------------------------
 
 
 def test_cheapest_that_meets_the_tolerance_comes_first():
-    """Biases of 1 % in half the time: for 2 % it is cheaper, 1/(1 - 1/4) = 4/3 of the runs; for 1 % it cannot do."""
+    """Biases of 1 % in half the time: for 2 % it is cheaper, 1/(1 - 1/4) = 4/3 of the runs; for 1 %
+    it cannot do.
+    """
     first, second = offers([measured(EXACT, 2500, 0.02), measured(COARSE, 3334, 0.01)])
     assert (first.engine, first.runs, second.engine, second.runs) == (COARSE, 3334, EXACT, 2500)
-    assert [one.engine for one in offers([measured(EXACT, 2500, 0.02), measured(COARSE, None, 0.01)])] == [EXACT]
+    assert [
+        one.engine for one in offers([measured(EXACT, 2500, 0.02), measured(COARSE, None, 0.01)])
+    ] == [EXACT]
 
 
 def test_bias_and_what_is_not_known_of_it_count_as_error(study_file, here, monkeypatch):
-    """Each alone is below the tolerance of 2 %; together they are sqrt(0.015^2 + 0.018^2) = 2.3 %."""
+    """Each alone is below the tolerance of 2 %; together they are sqrt(0.015^2 + 0.018^2) = 2.3
+    %.
+    """
     monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 10)
     values = {"msd_bias": 0.015, "msd_bias_standard_error": 0.018, "msd_spread": 1.0}
     compared = []
@@ -77,21 +87,28 @@ def test_bias_and_what_is_not_known_of_it_count_as_error(study_file, here, monke
     engine = {"name": "timestep", "time_step": 0.01}
     study = read_study(study_file(seeds=5, engines=engine, fit_windows=[[0.1, 0.4], [0.2, 0.5]]))
     needed = [plan.performance_of(study, "msd", tolerance)[0][0].runs for tolerance in (0.02, 0.03)]
-    assert needed == [None, math.ceil((2.26216 / 1.95996) ** 2 / (0.03**2 - 0.018**2 - 0.015**2))]  # Student's, normal
+    assert needed == [
+        None,
+        math.ceil((2.26216 / 1.95996) ** 2 / (0.03**2 - 0.018**2 - 0.015**2)),
+    ]  # Student's, normal
     asked = {(runs.engine.name, exact.engine.name, window) for runs, exact, window, _ in compared}
     assert asked == {("timestep", "exact", (0.1, 0.4))}
 
 
 def test_one_engine_for_all_cases_has_the_most_runs_of_any():
     others = make_scene(name="other")
-    found = [measured(EXACT, 2500, 0.02), measured(COARSE, 3334, 0.01), measured(EXACT, 3600, 0.05, others)]
+    found = [
+        measured(EXACT, 2500, 0.02),
+        measured(COARSE, 3334, 0.01),
+        measured(EXACT, 3600, 0.05, others),
+    ]
     (only,) = offers(found)
     assert (only.engine, only.runs) == (EXACT, 3600)
     assert 3600 * 0.07 < only.seconds < 3600 * 0.07 + 20 * START_UP  # with its jobs
     assert "3,600 runs in each case" in plan.recommendation(found, [], "msd", 0.02)
 
 
-# -- the number of runs of a study ----------------------------------------------------------------------------------
+# -- the number of runs of a study -----------------------------------------------------------------
 
 
 def counted(study):
@@ -104,7 +121,11 @@ def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, 
     runs, text = counted(study), Path("counted.yaml").read_bytes()
     assert counted(study) == runs and Path("counted.yaml").read_bytes() == text
     assert plan.settled(study, "counted.yaml").seeds == range(runs)
-    for others in ({"tolerance": "5%"}, {"tolerance": "4%", "target": "d"}, {"tolerance": "4%", "particles": 9}):
+    for others in (
+        {"tolerance": "5%"},
+        {"tolerance": "4%", "target": "d"},
+        {"tolerance": "4%", "particles": 9},
+    ):
         with pytest.raises(RequestError, match=r"counted.yaml: is the plan of another study"):
             plan.settled(read_study(study_file(**others)), "counted.yaml")
     with monkeypatch.context() as patch:
@@ -136,9 +157,15 @@ def test_runs_that_fail_are_made_up_for(study_file, here, monkeypatch):
 
 
 @pytest.mark.parametrize("target", ["msd", "d", "displacement_distribution"])
-def test_a_tracer_that_does_not_move_has_no_relative_error(study_file, tmp_path, here, capsys, target):
-    (tmp_path / "scenes" / "few.yaml").write_text(SCENE.replace("standard_deviation: 2.0", "temperature: 0.0"))
-    with pytest.raises(RequestError, match="tolerance: few leaves nothing to chance; must be seeds: 1"):
+def test_a_tracer_that_does_not_move_has_no_relative_error(
+    study_file, tmp_path, here, capsys, target
+):
+    (tmp_path / "scenes" / "few.yaml").write_text(
+        SCENE.replace("standard_deviation: 2.0", "temperature: 0.0")
+    )
+    with pytest.raises(
+        RequestError, match="tolerance: few leaves nothing to chance; must be seeds: 1"
+    ):
         read_study(study_file(tolerance=0.05, target=target))
     path = study_file(seeds=5)
     assert cli.main(["plan", str(path), "--tolerance", "5%", "--target", target]) == WRONG_REQUEST
@@ -151,23 +178,41 @@ def test_a_tracer_that_does_not_move_has_no_relative_error(study_file, tmp_path,
 
 
 def test_a_study_that_stores_no_displacements_has_no_plan_for_them(study_file, here):
-    for target, measured in (("msd", "species_energy"), ("displacement_distribution", "square_displacement")):
-        with pytest.raises(RequestError, match=f"the target {target} needs record: tracer, or square_displacement"):
-            counted(read_study(study_file(tolerance=0.1, target=target, record="none", observables=[measured])))
+    for target, measured in (
+        ("msd", "species_energy"),
+        ("displacement_distribution", "square_displacement"),
+    ):
+        with pytest.raises(
+            RequestError, match=f"the target {target} needs record: tracer, or square_displacement"
+        ):
+            counted(
+                read_study(
+                    study_file(tolerance=0.1, target=target, record="none", observables=[measured])
+                )
+            )
     (here / "scenes" / "few.yaml").write_text(SCENE.replace("sample_interval: 0.05", ""))
-    with pytest.raises(AnalysisError, match=r"fit window \[0.25, 0.5\]: must .* have three samples or more"):
+    with pytest.raises(
+        AnalysisError, match=r"fit window \[0.25, 0.5\]: must .* have three samples or more"
+    ):
         counted(read_study(study_file(tolerance=0.1, target="d")))
 
 
-@pytest.mark.parametrize("measured", [{}, {"record": "none", "observables": ["square_displacement", "my:f"]}])
-def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file, here, capsys, measured, monkeypatch):
+@pytest.mark.parametrize(
+    "measured", [{}, {"record": "none", "observables": ["square_displacement", "my:f"]}]
+)
+def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(
+    study_file, here, capsys, measured, monkeypatch
+):
     """And a plan that is asked again makes none, and says the same."""
     (here / "my.py").write_text("def f(scene, run):\n    return {'mine': 1.0}\n")
     path = study_file(tolerance=0.04, **measured).relative_to(here)
     monkeypatch.setattr(plan, "digests", lambda _: {"plan": "502393894986"})  # as a number in YAML
     runs, (pilot,) = plan.write_plan(study := read_study(path), "counted.yaml")
     (file,) = Path("results/runs").rglob("*.h5")
-    assert (file.name, pilot.made, len(pilot.runs.seeds)) == (f"0-{MOST_PILOT_RUNS - 1}.h5", *2 * [MOST_PILOT_RUNS])
+    assert (file.name, pilot.made, len(pilot.runs.seeds)) == (
+        f"0-{MOST_PILOT_RUNS - 1}.h5",
+        *2 * [MOST_PILOT_RUNS],
+    )
     first, *others = files_of(plan.settled(study, "counted.yaml"))
     ends = "-".join(one.path.stem for one in others).split("-")
     assert first.path == file and (ends[0], ends[-1]) == (f"{MOST_PILOT_RUNS}", f"{runs - 1}")
@@ -177,18 +222,35 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(study_file,
     said = capsys.readouterr().out
     assert f"exact: {runs:,} runs" in said and "0 pilot runs made" in said
     assert files_of(read_study("planned.yaml"))[0].path == file
-    others = ["--tolerance=9%", "--target=d", "--write=plans/other.yaml", "--config", "particles=09"]
+    others = [
+        "--tolerance=9%",
+        "--target=d",
+        "--write=plans/other.yaml",
+        "--config",
+        "particles=09",
+    ]
     assert cli.main(["plan", str(path), *others, "fit_windows=[[.1, .4]]"]) == DONE
     assert "\nd to 9 %:" in capsys.readouterr().out and Path("results/runs/few/N9").is_dir()
-    assert ((other := read_study("plans/other.yaml")).particles, other.fit_windows) == ((9,), ((0.1, 0.4),))
+    assert ((other := read_study("plans/other.yaml")).particles, other.fit_windows) == (
+        (9,),
+        ((0.1, 0.4),),
+    )
 
 
-def test_only_engines_of_the_study_are_considered_in_their_order(study_file, here, monkeypatch, capsys):
+def test_only_engines_of_the_study_are_considered_in_their_order(
+    study_file, here, monkeypatch, capsys
+):
     monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 20)
     (here / "scenes" / "few.yaml").write_text(SCENE.replace("mass: 1.0", "mass: 5.0"))
     langevin = {"name": "langevin", "friction": "enskog"}
-    for first, engines in ((7, ["exact"]), (9, [langevin]), (5, [langevin, "exact"])):  # some runs are stored
-        found, pilots = plan.performance_of(read_study(study_file(seeds=f"{first}-12", engines=engines)), "msd", 0.05)
+    for first, engines in (
+        (7, ["exact"]),
+        (9, [langevin]),
+        (5, [langevin, "exact"]),
+    ):  # some runs are stored
+        found, pilots = plan.performance_of(
+            read_study(study_file(seeds=f"{first}-12", engines=engines)), "msd", 0.05
+        )
         names = [engine if engine == "exact" else "langevin" for engine in engines]
         assert [one.engine.name for one in found] == names
         assert {pilot.runs.engine.name for pilot in pilots} == {"exact", *names}
@@ -204,7 +266,9 @@ def test_intervals_cover_the_truth_although_pilot_runs_decide_their_number(fewer
     rng, covered, means = np.random.default_rng(5), [], []
     for _ in range(400):
         pilot = rng.exponential(size=100)
-        more = rng.exponential(size=max(0, math.ceil((pilot.std(ddof=1) / pilot.mean() / 0.04) ** 2) - 100))
+        more = rng.exponential(
+            size=max(0, math.ceil((pilot.std(ddof=1) / pilot.mean() / 0.04) ** 2) - 100)
+        )
         found = resample(np.append(pilot, more))
         covered.append(found.low < 1.0 < found.high)
         means.append(found.mean)
@@ -213,7 +277,9 @@ def test_intervals_cover_the_truth_although_pilot_runs_decide_their_number(fewer
 
 
 def test_achieved_error_is_the_tolerance(study_file, tmp_path, here):
-    """400 runs of the pilot and those of the study each know a spread of exponential r^2 to sqrt(2/n): 8 % here."""
+    """400 runs of the pilot and those of the study each know a spread of exponential r^2 to
+    sqrt(2/n): 8 % here.
+    """
     study = read_study(study_file(tolerance=0.05))
     (scene,) = study.cases
     track = exact.simulate(scene, range(counted(study))).tracer
@@ -225,7 +291,9 @@ def test_achieved_error_is_the_tolerance(study_file, tmp_path, here):
 
 @pytest.mark.slow
 def test_an_average_within_runs_needs_fewer_of_them(study_file, tmp_path, here):
-    """Over twelve equal disks, which hardly know of each other: some twelfth of the runs of one disk."""
+    """Over twelve equal disks, which hardly know of each other: some twelfth of the runs of one
+    disk.
+    """
     text = """\
 box: {x: [0.0, 6.0], y: [0.0, 6.0], boundary: periodic}
 disks:
@@ -246,11 +314,13 @@ sample_interval: 0.5
     assert 5 < runs["runs"] / runs["disks"] < 15
 
 
-# -- engines --------------------------------------------------------------------------------------------------------
+# -- engines ---------------------------------------------------------------------------------------
 
 
 def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_path):
-    (tmp_path / "scenes" / "equal.yaml").write_text(SCENE.replace("radius: 0.3, mass: 1.0", "radius: 0.1, mass: 0.4"))
+    (tmp_path / "scenes" / "equal.yaml").write_text(
+        SCENE.replace("radius: 0.3, mass: 1.0", "radius: 0.1, mass: 0.4")
+    )
     engines = ["exact", {"name": "langevin", "friction": "enskog", "scenes": "few", "seeds": 3}]
     keys = {"scenes": ["scenes/few.yaml", "scenes/equal.yaml"], "seeds": 7}
     study = read_study(study_file(**keys, engines=engines))
@@ -260,19 +330,35 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
     substituted = read_study(study_file(**keys, instead_of={"few": "equal"}))
     assert study.tradeoff_cases == substituted.tradeoff_cases == ["few_N12"]
     with pytest.raises(RequestError, match="langevin is for a heavy tracer"):  # equal disks
-        read_study(study_file(**keys, engines=["exact", {"name": "langevin", "friction": "enskog"}]))
+        read_study(
+            study_file(**keys, engines=["exact", {"name": "langevin", "friction": "enskog"}])
+        )
 
 
-# -- the command ----------------------------------------------------------------------------------------------------
+# -- the command -----------------------------------------------------------------------------------
 
 
 def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, here):
-    path, engine = study_file(seeds="7-9", figures=["thermodynamics"]), requested("langevin", {"friction": "enskog"})
+    path, engine = (
+        study_file(seeds="7-9", figures=["thermodynamics"]),
+        requested("langevin", {"friction": "enskog"}),
+    )
     keys = read_keys(path, {"particles": 9})
-    plan.write_study(read_study(path, {"particles": 9}), keys, "other.yaml", plan.Offer(engine, 20, 1.0), "planned")
+    plan.write_study(
+        read_study(path, {"particles": 9}),
+        keys,
+        "other.yaml",
+        plan.Offer(engine, 20, 1.0),
+        "planned",
+    )
     assert "msd" in read_study("other.yaml").figures
-    assert (read_study("other.yaml").particles, [*read_study("other.yaml").seeds]) == ((9,), [*range(7, 27)])
-    assert cli.main(["plan", str(path), "--tolerance", "9%", "--write", "other.yaml"]) == WRONG_REQUEST
+    assert (read_study("other.yaml").particles, [*read_study("other.yaml").seeds]) == (
+        (9,),
+        [*range(7, 27)],
+    )
+    assert (
+        cli.main(["plan", str(path), "--tolerance", "9%", "--write", "other.yaml"]) == WRONG_REQUEST
+    )
 
 
 @pytest.mark.parametrize(
@@ -307,9 +393,14 @@ sample_interval: 0.5
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("time", "said"),
-    [("0.1", "within the runs: not equilibrated; try equilibrate.time: "), ("10", "no drift found")],
+    [
+        ("0.1", "within the runs: not equilibrated; try equilibrate.time: "),
+        ("10", "no drift found"),
+    ],
 )
-def test_a_plan_says_whether_its_pilot_runs_are_settled(study_file, here, capsys, monkeypatch, time, said):
+def test_a_plan_says_whether_its_pilot_runs_are_settled(
+    study_file, here, capsys, monkeypatch, time, said
+):
     monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 50)
     path = study_file(seeds=10)
     (path.parent / "scenes" / "few.yaml").write_text(LATTICE.replace("TIME", time))

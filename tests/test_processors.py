@@ -1,4 +1,6 @@
-"""The same trajectories on every processor, for any number of threads, in every folder, language and time zone."""
+"""The same trajectories on every processor, for any number of threads, in every folder, language
+and time zone.
+"""
 
 import json
 import os
@@ -17,7 +19,8 @@ from brownpipe.errors import DONE
 
 SCENE = """\
 box: {x: [-1.5, 1.5], y: [-1.0, 1.0], boundary: reflecting}
-disks: {tracer: {radius: 0.2, mass: 3.0}, species: [{name: bath, count: 24, radius: 0.1, mass: 0.5}]}
+disks: {tracer: {radius: 0.2, mass: 3.0},
+  species: [{name: bath, count: 24, radius: 0.1, mass: 0.5}]}
 velocities: {temperature: 1.3}
 equilibrate: {time: 0.5, tracer: free}
 duration: 1.0
@@ -27,12 +30,26 @@ OBSERVABLES = ",".join(observables.OBSERVABLES)
 RUNS = ["simulate", "scene.yaml", "--seeds", "0-11", "--observables", OBSERVABLES]
 STUDY = [
     [*RUNS, "--record", "all", "--output", "exact.h5"],
-    [*RUNS, "--engine", "timestep", "--time-step", "0.004", "--record", "all", "--output", "timestep.h5"],
+    [
+        *RUNS,
+        "--engine",
+        "timestep",
+        "--time-step",
+        "0.004",
+        "--record",
+        "all",
+        "--output",
+        "timestep.h5",
+    ],
     [*RUNS, "--engine", "langevin", "--friction", "enskog", "--output", "langevin.h5"],
     ["aggregate", "exact.h5", "--fit-windows", "0.2:1", "--output", "dataset.nc"],
 ]
-CHILD = "import json, sys; from brownpipe.cli import main; sys.exit(any([main(w) for w in json.loads(sys.argv[1])]))"
-# Sets of instructions for which NumPy has versions of its functions; each set contains those before it.
+CHILD = (
+    "import json, sys; from brownpipe.cli import main; sys.exit(any([main(w) for w in "
+    "json.loads(sys.argv[1])]))"
+)
+# Sets of instructions for which NumPy has versions of its functions; each set contains those before
+# it.
 INSTRUCTIONS = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
 OLD = {  # variables of a process; none changes a result
     "OPENBLAS_CORETYPE": "Prescott",
@@ -51,13 +68,21 @@ def in_old_surroundings(folder):
     (folder / "scene.yaml").write_text(SCENE)
     command = [sys.executable, "-c", CHILD, json.dumps(STUDY)]
     done = subprocess.run(
-        command, cwd=folder, env=os.environ | OLD, umask=0o077, capture_output=True, text=True, timeout=600
+        command,
+        cwd=folder,
+        env=os.environ | OLD,
+        umask=0o077,
+        capture_output=True,
+        text=True,
+        timeout=600,
     )
     assert done.returncode == DONE, done.stderr
 
 
 @pytest.mark.slow
-def test_trajectories_have_the_same_bits_on_an_old_processor_elsewhere_and_other_numbers_agree(tmp_path, monkeypatch):
+def test_trajectories_have_the_same_bits_on_an_old_processor_elsewhere_and_other_numbers_agree(
+    tmp_path, monkeypatch
+):
     here, there = tmp_path / "here", tmp_path / "there" / "elsewhere"
     here.mkdir()
     there.mkdir(parents=True)
@@ -70,10 +95,19 @@ def test_trajectories_have_the_same_bits_on_an_old_processor_elsewhere_and_other
         one, other = (bp.open(folder / file) for folder in (here, there))
         if file != "langevin.h5":
             for name in ("position", "velocity"):
-                assert one.disks[name].values.tobytes() == other.disks[name].values.tobytes(), (file, name)
+                assert one.disks[name].values.tobytes() == other.disks[name].values.tobytes(), (
+                    file,
+                    name,
+                )
         for name, values in one.data_vars.items():
-            assert np.allclose(values, other[name], rtol=1e-9, atol=1e-12, equal_nan=True), (file, name)
-    xarray.testing.assert_allclose(bp.open(here / "dataset.nc"), bp.open(there / "dataset.nc"), rtol=1e-9, atol=1e-12)
+            assert np.allclose(values, other[name], rtol=1e-9, atol=1e-12, equal_nan=True), (
+                file,
+                name,
+            )
+    xarray.testing.assert_allclose(
+        bp.open(here / "dataset.nc"), bp.open(there / "dataset.nc"), rtol=1e-9, atol=1e-12
+    )
 
 
-# Functions of NumPy and Python whose last bit depends on the processor or on its linear algebra library.
+# Functions of NumPy and Python whose last bit depends on the processor or on its linear algebra
+# library.

@@ -1,4 +1,6 @@
-"""How much of a long calculation is done: what is reported, and what a terminal or a log shows of it."""
+"""How much of a long calculation is done: what is reported, and what a terminal or a log shows of
+it.
+"""
 
 import io
 import logging
@@ -35,14 +37,16 @@ def reported(monkeypatch):
     return found
 
 
-# -- what is reported -----------------------------------------------------------------------------------------------
+# -- what is reported ------------------------------------------------------------------------------
 
 
 def test_what_is_reported_within_a_piece_is_a_fraction_of_it(reported):
     for _ in progress.tracked("ab", "cases"):
         for _ in progress.tracked("cd", "engines"):
             progress.report("runs", 1, 2)
-    assert reported == [("cases", case + share, 2) for case in (0, 1) for share in (0.25, 0.5, 0.75, 1, 1)]
+    assert reported == [
+        ("cases", case + share, 2) for case in (0, 1) for share in (0.25, 0.5, 0.75, 1, 1)
+    ]
 
 
 def test_what_a_killed_process_leaves_is_done_here():
@@ -66,12 +70,16 @@ def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypa
     done = np.array([done for _, done, _ in found])
     inside = done % 1
     assert np.all(np.diff(done) >= 0) and {1.0, 2.0} <= set(done) and done[0] < 0.2
-    assert np.count_nonzero((inside > 0) & (inside < 0.5)) > 2 < np.count_nonzero(inside > 0.5)  # half equilibrates
+    assert (
+        np.count_nonzero((inside > 0) & (inside < 0.5)) > 2 < np.count_nonzero(inside > 0.5)
+    )  # half equilibrates
 
 
 @pytest.mark.slow
 def test_analysis_reports_files_and_then_cases(reported, tmp_path):
-    write_trajectories(tmp_path / "runs.h5", SCENE, EXACT, EXACT.simulate(SCENE, range(12), {"tracer"}))
+    write_trajectories(
+        tmp_path / "runs.h5", SCENE, EXACT, EXACT.simulate(SCENE, range(12), {"tracer"})
+    )
     dataset = analysis.aggregate([tmp_path / "runs.h5"])
     assert reported[-3:] == [("files verified", 1, 1), ("cases", 1.0, 1), ("cases", 1, 1)]
     reported.clear()
@@ -79,7 +87,7 @@ def test_analysis_reports_files_and_then_cases(reported, tmp_path):
     assert reported == [("figures", 1, 2), ("figures", 2, 2)]
 
 
-# -- the screen of one command ----------------------------------------------------------------------------------------
+# -- the screen of one command ---------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -115,12 +123,18 @@ def test_a_line_is_cut_to_the_width_of_a_terminal(monkeypatch):
 @pytest.mark.parametrize(
     ("reports", "total", "left"),
     [
-        ((5, 6, 10), 20, 2 * 10 / 5),  # 5 were done before, as the runs of a checkpoint: they took no time
+        (
+            (5, 6, 10),
+            20,
+            2 * 10 / 5,
+        ),  # 5 were done before, as the runs of a checkpoint: they took no time
         ((0.5, 5, 0.2, 1.2), 10, 8.8),  # begun again
         ((1, 10), 10, None),
     ],
 )
-def test_the_time_left_follows_from_the_pace_since_the_stage_began(clock, capsys, reports, total, left):
+def test_the_time_left_follows_from_the_pace_since_the_stage_began(
+    clock, capsys, reports, total, left
+):
     display = progress.Display()
     for done in reports:
         display.due = clock.now = clock.now + 1.0
@@ -129,7 +143,7 @@ def test_the_time_left_follows_from_the_pace_since_the_stage_began(clock, capsys
     assert last == f"x, {len(reports)} s" + (f", about {left:.0f} s to go" if left else "")
 
 
-# -- the screen of a study: messages as Snakemake sends them ---------------------------------------------------------
+# -- the screen of a study: messages as Snakemake sends them ---------------------------------------
 
 
 def display(monkeypatch, terminal=False, term="xterm", **changed):
@@ -160,7 +174,9 @@ def fail(handler, number, log="log", command="brownpipe simulate x.yaml", **more
 
 
 def start(handler, runs=400, seconds=None):
-    """Announce the runs of a study, 100 in each job, and the times expected of the jobs, as the Snakefile does."""
+    """Announce the runs of a study, 100 in each job, and the times expected of the jobs, as the
+    Snakefile does.
+    """
     seconds = seconds or {f"file {number}": 100.0 for number in range(1, 1 + runs // 100)}
     send(handler, message="brownpipe: the study", runs=dict.fromkeys(seconds, 100), seconds=seconds)
 
@@ -169,7 +185,9 @@ def last_line(screen):
     return screen.getvalue().rpartition("\r")[2].rstrip()
 
 
-def test_the_time_left_follows_from_expected_times_and_remarks_are_shown_once(monkeypatch, clock, tmp_path):
+def test_the_time_left_follows_from_expected_times_and_remarks_are_shown_once(
+    monkeypatch, clock, tmp_path
+):
     """Of 100 s in all, 10 s were of the first job; by the number of runs, 4.5 s would be left."""
     handler, screen = display(monkeypatch, terminal=True)
     start(handler, seconds={"file 1": 10.0, "file 2": 90.0})
@@ -187,7 +205,9 @@ def test_the_time_left_follows_from_expected_times_and_remarks_are_shown_once(mo
     assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 21 s to go"  # 5 s / 19 x 81
 
 
-def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_interruption(monkeypatch):
+def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_interruption(
+    monkeypatch,
+):
     handler, screen = display(monkeypatch)
     for number in (7, 8, 9, 7, 9):
         begin(handler, number)
@@ -195,14 +215,18 @@ def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_
     begin(handler, 9)
     send(handler, LogEvent.JOB_FINISHED, job_id=9)
     handler.close()
-    explained = "brownpipe: the rule simulate failed: brownpipe simulate x.yaml\n    SLURM sbatch failed. "
+    explained = (
+        "brownpipe: the rule simulate failed: brownpipe simulate x.yaml\n    SLURM sbatch failed. "
+    )
     explained += "'invalid partition\\x1b[2J: long'.\n"
     assert screen.getvalue() == 2 * explained
     handler, screen = display(monkeypatch)
     send(handler, message="Terminating processes on user request, this might take some time.")
     fail(handler, 1)
     handler.close()
-    assert screen.getvalue().splitlines()[1:] == ["brownpipe: interrupted; the same command goes on from here"]
+    assert screen.getvalue().splitlines()[1:] == [
+        "brownpipe: interrupted; the same command goes on from here"
+    ]
 
 
 WARNING, ERROR = logging.WARNING, logging.ERROR
@@ -230,9 +254,15 @@ def test_chatter_is_left_out_and_no_warning_and_no_error(monkeypatch, message, m
 @pytest.mark.parametrize(
     ("log", "reason"),
     [
-        ("brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\nbrownpipe: no\n", "brownpipe: no"),
+        (
+            "brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\nbrownpipe: no\n",
+            "brownpipe: no",
+        ),
         ("", "brownpipe: killed, most likely out of memory, or the disk is full; "),
-        ("brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\n", "brownpipe: killed, most likely out of me"),
+        (
+            "brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\n",
+            "brownpipe: killed, most likely out of me",
+        ),
     ],
 )
 def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path, log, reason):
@@ -240,7 +270,12 @@ def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path, log, reason
     (tmp_path / "log").write_text(log)
     begin(handler, 1, log=tmp_path / "log")
     fail(handler, 1, log=tmp_path / "log")
-    send(handler, LogEvent.ERROR, 'RuleException:\nCalledProcessError in file "Snakefile", line 3', ERROR)
+    send(
+        handler,
+        LogEvent.ERROR,
+        'RuleException:\nCalledProcessError in file "Snakefile", line 3',
+        ERROR,
+    )
     handler.close()
     command, explained = screen.getvalue().splitlines()
     assert command == "brownpipe: the rule simulate failed: brownpipe simulate x.yaml"
@@ -248,5 +283,7 @@ def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path, log, reason
 
 
 def test_what_a_command_says_is_passed_on(capsys):
-    assert progress.relayed([sys.executable, "-c", "import sys; print(1, file=sys.stderr); sys.exit(3)"]) == (3, "1\n")
+    assert progress.relayed(
+        [sys.executable, "-c", "import sys; print(1, file=sys.stderr); sys.exit(3)"]
+    ) == (3, "1\n")
     assert capsys.readouterr().err == "1\n"

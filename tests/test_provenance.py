@@ -38,14 +38,23 @@ def finished(tmp_path_factory):
             simulate = ["simulate", str(SCENE), "--particles", "10", "--seeds", seeds]
             assert main([*simulate, "--output", f"{CASE}/{seeds}.h5"]) == DONE
         files = map(str, Path(CASE).iterdir())
-        analysis = ["--fit-windows", "0.1:1", "--ring-width", "0.3", "--rings", "7", "--displacement-times", "0.4,0.7"]
+        analysis = [
+            "--fit-windows",
+            "0.1:1",
+            "--ring-width",
+            "0.3",
+            "--rings",
+            "7",
+            "--displacement-times",
+            "0.4,0.7",
+        ]
         assert main(["aggregate", *files, "--output", PRODUCTS[0], *analysis]) == DONE
         words = ["--output", "results/s/figures", "--figures", "msd", "--page", PAGE]
         assert main(["figures", PRODUCTS[0], *words]) == DONE
     return folder
 
 
-# -- what a product says --------------------------------------------------------------------------------------------
+# -- what a product says ---------------------------------------------------------------------------
 
 
 def test_a_dataset_has_scenes_seeds_engines_options_and_installation(finished):
@@ -53,8 +62,16 @@ def test_a_dataset_has_scenes_seeds_engines_options_and_installation(finished):
     (entry,) = json.loads(attributes["made_from"])
     assert parse_scene(entry["scene"], "harrison2020.yaml") == read_scene(SCENE, 10)
     assert entry["source_digest"] == read_trajectories(finished / CASE / "0-11.h5").source
-    assert entry["command"] == "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
-    options = {"fit_windows": [[0.1, 1.0]], "ring_width": 0.3, "rings": 7, "displacement_times": [0.4, 0.7]}
+    assert (
+        entry["command"]
+        == "brownpipe simulate harrison2020.yaml --particles 10 --seeds 0-19 --engine exact"
+    )
+    options = {
+        "fit_windows": [[0.1, 1.0]],
+        "ring_width": 0.3,
+        "rings": 7,
+        "displacement_times": [0.4, 0.7],
+    }
     assert json.loads(attributes["options"]) == options
     assert attributes["python"] == platform.python_version() and attributes["scipy_version"]
 
@@ -81,7 +98,13 @@ def test_figures_tables_summary_and_page_say_what_their_dataset_says(finished, c
 @pytest.mark.parametrize("product", PRODUCTS)
 def test_products_name_no_machine_user_folder_or_date(product, finished):
     contents = (finished / product).read_bytes()
-    private = {str(finished), str(Path.home()), socket.gethostname(), str(SCENE.parent), f"/{getpass.getuser()}/"}
+    private = {
+        str(finished),
+        str(Path.home()),
+        socket.gethostname(),
+        str(SCENE.parent),
+        f"/{getpass.getuser()}/",
+    }
     assert [word for word in private if len(word) > 3 and word.encode() in contents] == []
     assert not re.search(rb'"?(date|time_stamp|created)"?[=:]', contents, re.IGNORECASE)
 
@@ -89,21 +112,42 @@ def test_products_name_no_machine_user_folder_or_date(product, finished):
 def test_movies_and_exports_say_how_their_run_is_made_again(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     simulate = ["simulate", str(SCENE), "--particles", "3", "--record", "all", "--seeds"]
-    assert main([*simulate, "4-5"]) == DONE and main([*simulate, "6"]) == WRONG_REQUEST  # the file is there
-    command = "brownpipe simulate harrison2020.yaml --particles 3 --seeds 5 --engine exact --record all"
+    assert (
+        main([*simulate, "4-5"]) == DONE and main([*simulate, "6"]) == WRONG_REQUEST
+    )  # the file is there
+    command = (
+        "brownpipe simulate harrison2020.yaml --particles 3 --seeds 5 --engine exact --record all"
+    )
     for name in ("m.gif", "m.png"):
-        assert main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", name]) == DONE
+        assert (
+            main(["movie", "harrison2020.h5", "--seed", "5", "--frames", "2", "--output", name])
+            == DONE
+        )
         assert origin.read_record(name)["movie"] == {"seed": 5, "frames": 2, "fps": 25.0}
         capsys.readouterr()
-        assert main(["inspect", name]) == DONE and f"runs         {command}\nscenes       " in capsys.readouterr().out
+        assert (
+            main(["inspect", name]) == DONE
+            and f"runs         {command}\nscenes       " in capsys.readouterr().out
+        )
     assert main(["export", "harrison2020.h5", "--seed", "5", "--to", "xyz"]) == DONE
     assert Path("harrison2020.xyz").read_text().count(f'command="{command}"') == 1
 
 
 def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypatch):
     def git(*words):
-        command = ["git", "-c", "user.name=a", "-c", "user.email=b", "-c", "init.defaultBranch=main", *words]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.strip()
+        command = [
+            "git",
+            "-c",
+            "user.name=a",
+            "-c",
+            "user.email=b",
+            "-c",
+            "init.defaultBranch=main",
+            *words,
+        ]
+        return subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout.strip()
 
     package = tmp_path / "src" / PACKAGE.name
     package.mkdir(parents=True)
@@ -117,7 +161,9 @@ def test_the_commit_of_a_checkout_and_whether_it_was_modified(tmp_path, monkeypa
     assert commit_of(package) == commit
     (package / "a.py").write_text("2\n")
     assert commit_of(package) == f"{commit}, modified"
-    inside = tmp_path / ".venv" / "lib" / PACKAGE.name  # installed in a folder that somebody keeps in git
+    inside = (
+        tmp_path / ".venv" / "lib" / PACKAGE.name
+    )  # installed in a folder that somebody keeps in git
     inside.mkdir(parents=True)
     assert commit_of(inside) == ""
     monkeypatch.setenv("PATH", "")

@@ -1,4 +1,6 @@
-"""Whether a D is one of diffusion: the centre of mass at rest, fit windows after the tracer's velocity has decayed."""
+"""Whether a D is one of diffusion: the centre of mass at rest, fit windows after the tracer's
+velocity has decayed.
+"""
 
 import numpy as np
 import pytest
@@ -38,7 +40,9 @@ def scene(boundary="periodic", velocities=None, **keys):
         ("reflecting", {"species": [BATH]}, True, True),
     ],
 )
-def test_the_centre_of_mass_rests_in_a_periodic_box_unless_asked_otherwise(boundary, disks, asked, found):
+def test_the_centre_of_mass_rests_in_a_periodic_box_unless_asked_otherwise(
+    boundary, disks, asked, found
+):
     velocities = {"temperature": 1.0} | ({} if asked is None else {"zero_momentum": asked})
     one, rests = scene(boundary, velocities, disks=disks), found and boundary == "periodic"
     assert one.velocities.zero_momentum is found
@@ -50,9 +54,14 @@ def test_the_centre_of_mass_rests_in_a_periodic_box_unless_asked_otherwise(bound
 @pytest.mark.parametrize("mass", [8.0, 0.1])
 @pytest.mark.parametrize("width", [{"temperature": 1.5}, {"standard_deviation": 0.7}])
 def test_the_drift_of_the_centre_of_mass_is_that_of_the_disks_at_the_start(width, mass, start):
-    bath = [BATH | {"count": 3, "radius": 0.8}, BATH | {"name": "heavy", "count": 1, "radius": 0.8, "mass": 4.0}]
+    bath = [
+        BATH | {"count": 3, "radius": 0.8},
+        BATH | {"name": "heavy", "count": 1, "radius": 0.8, "mass": 4.0},
+    ]
     disks = {"tracer": TRACER | {"mass": mass}, "species": bath}
-    free = scene(velocities=width | {"zero_momentum": False}, equilibrate=start, disks=disks, duration=0.2)
+    free = scene(
+        velocities=width | {"zero_momentum": False}, equilibrate=start, disks=disks, duration=0.2
+    )
     found = bp.simulate(free, seeds=1000, record="all", quiet=True)["disks"].isel(time=0)
     square = (((found.velocity * found.mass).sum("disk") / found.mass.sum()) ** 2).sum("component")
     error = float(square.std()) / np.sqrt(len(square))
@@ -75,15 +84,27 @@ def test_check_says_what_the_centre_of_mass_does_to_d(tmp_path):
 def test_a_window_before_is_marked(window, ring):
     long = scene(duration=4.0 if ring else 60.0)
     result = bp.analyse(bp.simulate(long, seeds=8), fit_windows=window and [window])
-    (label,) = [line.get_label() for line in bp.plot(result, "msd").axes[0].lines if "slope" in str(line.get_label())]
+    (label,) = [
+        line.get_label()
+        for line in bp.plot(result, "msd").axes[0].lines
+        if "slope" in str(line.get_label())
+    ]
     assert label.endswith(" °") == ring
     text = summary(result)
-    assert ("° the fit window [0.2, 4] begins before 3/gamma of the tracer" in text) == (" °" in text) == ring
+    assert (
+        ("° the fit window [0.2, 4] begins before 3/gamma of the tracer" in text)
+        == (" °" in text)
+        == ring
+    )
 
 
 @pytest.mark.filterwarnings("ignore:.*langevin is rough here")
 def test_the_engines_own_friction_says_when_motion_is_diffusive_and_an_integral_before_is_marked():
-    asked = {"engine": "langevin", "friction": "boltzmann", "observables": ["velocity_autocorrelation"]}
+    asked = {
+        "engine": "langevin",
+        "friction": "boltzmann",
+        "observables": ["velocity_autocorrelation"],
+    }
     drifting = scene(duration=1.0, velocities={"temperature": 1.5, "zero_momentum": False})
     runs = bp.simulate(drifting, 8, **asked)
     result = bp.analyse(runs)
@@ -98,11 +119,18 @@ def test_windows_begin_when_motion_is_diffusive(tmp_path):
     start = friction.diffusive_from(long)
     assert start == pytest.approx(3 * 24 / 32 / friction.friction_rate(scene(), "enskog"))
     faster = scene(duration=50.0, disks={"tracer": TRACER | {"mass": 1.0}, "species": [BATH]})
-    assert friction.default_windows([faster, long]) == tuple((pytest.approx(k * start, rel=0.05), 40.0) for k in (1, 2))
-    crystal = scene(disks={"species": [BATH | {"count": 400}], "placement": "lattice"})  # packing fraction 0.785
+    assert friction.default_windows([faster, long]) == tuple(
+        (pytest.approx(k * start, rel=0.05), 40.0) for k in (1, 2)
+    )
+    crystal = scene(
+        disks={"species": [BATH | {"count": 400}], "placement": "lattice"}
+    )  # packing fraction 0.785
     assert friction.partners_of(crystal).contact_value == pytest.approx([theory.contact_value(0.7)])
     alone = scene(disks={"tracer": TRACER})
-    assert np.isnan(friction.diffusive_from(alone)) and friction.default_windows([alone]) == ((0.4, 4), (2, 4))
+    assert np.isnan(friction.diffusive_from(alone)) and friction.default_windows([alone]) == (
+        (0.4, 4),
+        (2, 4),
+    )
     late = scene(disks={"tracer": THIN, "species": [BATH]})
     assert friction.default_windows([late]) == ((2, 4), (3, 4))
     (tmp_path / "one.yaml").write_text(yaml_text(late.as_mapping()))

@@ -1,4 +1,6 @@
-"""The replay of a run: flown from its data it is the run, in Python and as a browser draws it; controls; refusals."""
+"""The replay of a run: flown from its data it is the run, in Python and as a browser draws it;
+controls; refusals.
+"""
 
 import json
 import re
@@ -30,18 +32,26 @@ LISTED = [
 def listed(disks, boundary):
     """A scene of disks at given places, in a box of which neither side is the other."""
     box = {"x": [-2.0, 2.0], "y": [-1.0, 2.0], "boundary": boundary}
-    return parse_scene({"box": box, "duration": 4.0, "sample_interval": 0.1, "disks": disks}, "listed.yaml")
+    return parse_scene(
+        {"box": box, "duration": 4.0, "sample_interval": 0.1, "disks": disks}, "listed.yaml"
+    )
 
 
 CHANNEL = {
     "box": {"x": [-50.0, 50.0], "y": [-1.0, 2.0], "boundary": "reflecting"},
     "duration": 4.0,
     "sample_interval": 0.5,
-    "disks": [LISTED[0] | {"velocity": [12.0, 0.5]}, LISTED[1], LISTED[1] | {"position": [49.0, 0.0]}],
+    "disks": [
+        LISTED[0] | {"velocity": [12.0, 0.5]},
+        LISTED[1],
+        LISTED[1] | {"position": [49.0, 0.0]},
+    ],
 }
 SCENES = {
     "walls": lambda: make_scene("walls", 40),
-    "periodic": lambda: make_scene("periodic", 40, boundary="periodic", disks=UNEQUAL, duration=3.0),
+    "periodic": lambda: make_scene(
+        "periodic", 40, boundary="periodic", disks=UNEQUAL, duration=3.0
+    ),
     "equilibrated": lambda: make_scene("later", 40, equilibrate={"time": 0.3, "tracer": "pinned"}),
     "listed": lambda: listed(LISTED, "reflecting"),
     "channel": lambda: parse_scene(CHANNEL, "channel.yaml"),
@@ -71,15 +81,21 @@ def page_of(run):
 
 def data_of(page):
     """The data of a page's first replay."""
-    (text,) = re.findall(r'<script type="application/json" class="brownpipe-replay-data">(.*?)</script>', page)
+    (text,) = re.findall(
+        r'<script type="application/json" class="brownpipe-replay-data">(.*?)</script>', page
+    )
     return json.loads(text)
 
 
 def flown(data, times):
-    """Positions (T, N, 2) inside the box at each of the times, all disks moved from one collision to the next."""
+    """Positions (T, N, 2) inside the box at each of the times, all disks moved from one collision
+    to the next.
+    """
     mass = np.array(data["mass"])
     position, velocity = np.array(data["position"]), np.array(data["velocity"])
-    collisions = [*zip(*(data["collisions"][name] for name in ("time", "a", "b", "impulse")), strict=True)]
+    collisions = [
+        *zip(*(data["collisions"][name] for name in ("time", "a", "b", "impulse")), strict=True)
+    ]
     now, done, frames = 0.0, 0, []
     for time in times:
         while done < len(collisions) and collisions[done][0] <= time:
@@ -96,7 +112,9 @@ def flown(data, times):
 
 
 def farthest(scene, positions, recorded):
-    """Largest distance of positions (T, N, 2) from the recorded ones, across the edges if that is shorter."""
+    """Largest distance of positions (T, N, 2) from the recorded ones, across the edges if that is
+    shorter.
+    """
     gap, edges = positions - recorded, np.array([scene.box.width, scene.box.height])
     gap -= edges * np.round(gap / edges) if scene.box.periodic else 0.0
     return np.hypot(gap[..., 0], gap[..., 1]).max()
@@ -107,7 +125,10 @@ def test_flown_positions_are_those_of_the_run(name, runs):
     scene, ensemble = runs[name].scene, runs[name].ensemble
     assert len(ensemble.events[SEED].time) > 5 or scene.particles == 1
     data = data_of(section_of(runs[name]))
-    error = farthest(scene, flown(data, ensemble.times), ensemble.whole[SEED].position) / scene.radius.min()
+    error = (
+        farthest(scene, flown(data, ensemble.times), ensemble.whole[SEED].position)
+        / scene.radius.min()
+    )
     assert error <= 1e-9
 
 
@@ -119,7 +140,9 @@ def test_a_replay_with_too_many_collisions_ends_earlier_and_says_so(runs, monkey
     data, shown = data_of(page), ensemble.times <= events.time[20]
     assert len(data["collisions"]["time"]) == 20 and data["end"] == events.time[20] < scene.duration
     assert f"(the first 20 of {len(events.time)} collisions, until t = {data['end']:.3g})" in page
-    error = farthest(scene, flown(data, ensemble.times[shown]), ensemble.whole[SEED].position[shown])
+    error = farthest(
+        scene, flown(data, ensemble.times[shown]), ensemble.whole[SEED].position[shown]
+    )
     assert error <= 1e-9 * scene.radius.min()
 
 
@@ -130,10 +153,14 @@ def test_a_page_of_the_note_is_small_and_says_what_it_was_made_from(tmp_path, mo
     page = (tmp_path / "run.html").read_bytes()
     assert len(page) < 100_000
     count = len(data_of(page.decode())["collisions"]["time"])
-    assert count > 500 and re.fullmatch(rf"run.html: {count} collisions, \d+ kB\n", capsys.readouterr().out)
+    assert count > 500 and re.fullmatch(
+        rf"run.html: {count} collisions, \d+ kB\n", capsys.readouterr().out
+    )
     record = read_record("run.html")
     assert record["movie"]["seed"] == SEED
-    assert record["made_from"][0]["command"].endswith(f"--seeds {SEED} --engine exact --record all,events")
+    assert record["made_from"][0]["command"].endswith(
+        f"--seeds {SEED} --engine exact --record all,events"
+    )
     assert main(["inspect", "run.html"]) == DONE
     assert record["made_from"][0]["command"] in capsys.readouterr().out
     assert main(["movie", "run.h5", "--output", "again.html"]) == DONE
@@ -141,9 +168,15 @@ def test_a_page_of_the_note_is_small_and_says_what_it_was_made_from(tmp_path, mo
 
 
 def test_refusals(tmp_path, capsys, runs):
-    again = f"record them: brownpipe simulate walls.yaml --particles 40 --seeds {SEED} --engine exact"
+    again = (
+        f"record them: brownpipe simulate walls.yaml --particles 40 --seeds {SEED} --engine exact"
+    )
     scene, engine, ensemble = runs["walls"][:3]
-    files = {"whole": ensemble._replace(events={}), "events": ensemble._replace(whole={}), "both": ensemble}
+    files = {
+        "whole": ensemble._replace(events={}),
+        "events": ensemble._replace(whole={}),
+        "both": ensemble,
+    }
     for name, kept in files.items():
         write_trajectories(tmp_path / f"{name}.h5", scene, engine, kept)
     asked = {
@@ -187,17 +220,25 @@ def chromium(tmp_path_factory):
 def page(tmp_path_factory, runs):
     """A page with two replays: with walls, and in a periodic box."""
     path = tmp_path_factory.mktemp("page") / "two.html"
-    head = '<!DOCTYPE html><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>two</title>'
+    head = (
+        '<!DOCTYPE html><meta charset="utf-8"><meta name="viewport" '
+        'content="width=device-width"><title>two</title>'
+    )
     walls, periodic = (section_of(runs[name]) for name in ("walls", "periodic"))
     path.write_text(f"{head}{walls}<div style='height: 1000px'></div>{periodic}")
     return path
 
 
 COLOURS = """(place, points) => {
-  const section = document.querySelectorAll(".brownpipe-replay")[place], canvas = section.querySelector("canvas");
-  const pen = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", {willReadFrequently: true});
+  const section = document.querySelectorAll(".brownpipe-replay")[place];
+  const canvas = section.querySelector("canvas");
+  const copy = new OffscreenCanvas(canvas.width, canvas.height);
+  const pen = copy.getContext("2d", {willReadFrequently: true});
   pen.drawImage(canvas, 0, 0);
-  return points.map(([x, y]) => [...pen.getImageData(...section.brownpipe.pixel(x, y).map(Math.floor), 1, 1).data]);
+  return points.map(([x, y]) => {
+    const [column, row] = section.brownpipe.pixel(x, y).map(Math.floor);
+    return [...pen.getImageData(column, row, 1, 1).data];
+  });
 }"""
 
 
@@ -216,8 +257,14 @@ def test_the_browser_draws_the_run(name, chromium, page, runs):
         assert farthest(scene, positions, recorded) < 1e-9 * scene.radius.min()
         chromium.value(f"{section}.brownpipe.go({time})")
         seen = chromium.value(f"({COLOURS})({place}, {recorded[1:].tolist()})")
-        different = [i for i, (colour, face) in enumerate(zip(seen, faces, strict=True)) if colour != [*face, 255]]
-        assert len(different) <= 2, "the path of the tracer may cross the centres of so many other disks"
+        different = [
+            i
+            for i, (colour, face) in enumerate(zip(seen, faces, strict=True))
+            if colour != [*face, 255]
+        ]
+        assert len(different) <= 2, (
+            "the path of the tracer may cross the centres of so many other disks"
+        )
         x, y = recorded[0] + (0.0, 0.6 * scene.radius[0])
         (tracer,) = chromium.value(f"({COLOURS})({place}, [[{x}, {y if y < 3 else y - 6}]])")
         assert tracer[:3] in ([0xB5, 0xDA, 0xF0], [0x00, 0x72, 0xB2])
@@ -231,8 +278,12 @@ def test_a_disk_that_reaches_over_an_edge_is_drawn_at_the_opposite_one_too(chrom
     k, i = next((k, i) for k, i in np.argwhere(over).tolist() if i > 0)
     x, y = ensemble.whole[SEED].position[k, i]
     chromium.show(page)
-    chromium.value(f"document.querySelectorAll('.brownpipe-replay')[1].brownpipe.go({ensemble.times[k]})")
-    (colour,) = chromium.value(f"({COLOURS})(1, [[{x + scene.box.width - 0.6 * scene.radius[i]}, {y}]])")
+    chromium.value(
+        f"document.querySelectorAll('.brownpipe-replay')[1].brownpipe.go({ensemble.times[k]})"
+    )
+    (colour,) = chromium.value(
+        f"({COLOURS})(1, [[{x + scene.box.width - 0.6 * scene.radius[i]}, {y}]])"
+    )
     assert colour == [*([0xDA] * 3 if scene.radius[i] == 0.1 else [0xA9] * 3), 255]
 
 
@@ -249,7 +300,9 @@ def test_the_picture_follows_the_tracer_along_a_channel(chromium, tmp_path, runs
         chromium.value(f"document.querySelector('.brownpipe-replay').brownpipe.go({time})")
         seen = chromium.value(f"({COLOURS})(0, {(position + np.array([0.0, 0.15])).tolist()})")
         in_view.append([colour[3] > 0 for colour in seen])
-        (beside,) = chromium.value(f"({COLOURS})(0, {[(position[0] + np.array([0.0, 0.35])).tolist()]})")
+        (beside,) = chromium.value(
+            f"({COLOURS})(0, {[(position[0] + np.array([0.0, 0.35])).tolist()]})"
+        )
         assert beside[:3] == [0xB5, 0xDA, 0xF0], "the tracer's face"
     assert in_view == [[True, True, False], [True, False, True]]
 
@@ -258,8 +311,13 @@ def test_the_picture_follows_the_tracer_along_a_channel(chromium, tmp_path, runs
 def test_numbers_beside_the_picture_are_those_of_the_run(chromium, page, runs):
     scene, ensemble = runs["walls"].scene, runs["walls"].ensemble
     chromium.show(page)
-    shown = "[...document.querySelectorAll('.brownpipe-replay')[0].querySelectorAll('td')].map((td) => td.textContent)"
-    chromium.value(f"document.querySelector('.brownpipe-replay').brownpipe.go({ensemble.times[10]})")
+    shown = (
+        "[...document.querySelectorAll('.brownpipe-replay')[0].querySelectorAll('td')].map((td) "
+        "=> td.textContent)"
+    )
+    chromium.value(
+        f"document.querySelector('.brownpipe-replay').brownpipe.go({ensemble.times[10]})"
+    )
     track, events = ensemble.whole[SEED], ensemble.events[SEED]
     energy = 0.5 * scene.mass * np.sum(track.velocity[10] ** 2, axis=1)
     until = events.time <= ensemble.times[10]
@@ -275,10 +333,19 @@ def test_numbers_beside_the_picture_are_those_of_the_run(chromium, page, runs):
 @pytest.mark.slow
 def test_keys_move_the_replay(chromium, page):
     chromium.show(page)
-    times = "[...document.querySelectorAll('.brownpipe-replay-time')].map((input) => Number(input.value))"
-    labels = "[...document.querySelectorAll('.brownpipe-replay-play')].map((button) => button.textContent)"
+    times = (
+        "[...document.querySelectorAll('.brownpipe-replay-time')].map((input) => "
+        "Number(input.value))"
+    )
+    labels = (
+        "[...document.querySelectorAll('.brownpipe-replay-play')].map((button) => "
+        "button.textContent)"
+    )
     focused = "document.activeElement.className + document.activeElement.matches(':focus-visible')"
-    assert (chromium.value(times), chromium.value(labels)) == ([0, 0], ["Play", "Play"])  # reduced motion
+    assert (chromium.value(times), chromium.value(labels)) == (
+        [0, 0],
+        ["Play", "Play"],
+    )  # reduced motion
     chromium.press("Tab")
     assert chromium.value(focused) == "brownpipe-replay-boxtrue"
     for key, value in (("ArrowRight", 5), ("End", 1000), ("ArrowLeft", 995), ("Home", 0)):
@@ -295,7 +362,10 @@ def test_keys_move_the_replay(chromium, page):
     chromium.value("document.querySelector('.brownpipe-replay').brownpipe.go(0.5)")
     chromium.press("Tab")
     chromium.press(" ")
-    assert chromium.value(focused) == "brownpipe-replay-restarttrue" and chromium.value(times) == [0, 0]
+    assert chromium.value(focused) == "brownpipe-replay-restarttrue" and chromium.value(times) == [
+        0,
+        0,
+    ]
     assert chromium.value(labels) == ["Play", "Play"]
     rate = "document.querySelector('.brownpipe-replay-rate').textContent"
     assert chromium.value(rate) == "0.033 time units per second"
@@ -314,8 +384,13 @@ def test_it_plays_when_it_comes_into_view_and_stops_at_the_end(chromium, page):
     chromium.show(page, still=False)
     first = "document.querySelector('.brownpipe-replay')"
     label = f"{first}.querySelector('.brownpipe-replay-play').textContent"
-    chromium.until(f"{label} === 'Pause' && {first}.querySelector('.brownpipe-replay-time').value > 1")
-    assert chromium.value("document.querySelectorAll('.brownpipe-replay-play')[1].textContent") == "Play"
+    chromium.until(
+        f"{label} === 'Pause' && {first}.querySelector('.brownpipe-replay-time').value > 1"
+    )
+    assert (
+        chromium.value("document.querySelectorAll('.brownpipe-replay-play')[1].textContent")
+        == "Play"
+    )
     chromium.value(f"{first}.brownpipe.go(0.9999)")
     chromium.until(f"{label} === 'Play'")
     assert chromium.value(f"{first}.querySelector('.brownpipe-replay-time').value") == "1000"
@@ -329,8 +404,12 @@ def test_it_plays_when_it_comes_into_view_and_stops_at_the_end(chromium, page):
 def test_it_fits_the_window_in_its_colours(width, dark, chromium, page):
     chromium.show(page, width, dark=dark)
     assert chromium.value("document.documentElement.scrollWidth") <= width
-    wide = "[...document.querySelectorAll('canvas')].map((canvas) => canvas.getBoundingClientRect())"
-    assert chromium.value(f"{wide}.every((r) => r.width >= 200 && r.left >= 0 && r.right <= innerWidth)")
+    wide = (
+        "[...document.querySelectorAll('canvas')].map((canvas) => canvas.getBoundingClientRect())"
+    )
+    assert chromium.value(
+        f"{wide}.every((r) => r.width >= 200 && r.left >= 0 && r.right <= innerWidth)"
+    )
     (ground,) = chromium.value(f"({COLOURS})(0, [[-2.95, -2.95]])")
     assert ground == ([0x1D, 0x21, 0x26, 255] if dark else [255] * 4)
     assert chromium.console == []

@@ -41,7 +41,9 @@ RECORD = {"made_by": {"brownpipe_version": "0"}, "dataset": {"sha256": "0" * 64,
 def results(tmp_path_factory):
     """A folder with a dataset, two figures and the page, as the workflow makes them."""
     folder = tmp_path_factory.mktemp("results")
-    write_dataset(folder / "s.nc", aggregate(study(folder, runs=20, failed=(7, 13)), displacement_times=[1.0]))
+    write_dataset(
+        folder / "s.nc", aggregate(study(folder, runs=20, failed=(7, 13)), displacement_times=[1.0])
+    )
     assert main(words(folder, "figures")) == DONE
     return folder
 
@@ -50,7 +52,14 @@ def words(results, folder, *further):
     """The arguments that draw the dataset of `results`, with the page, into a folder of it."""
     output = results / folder
     files = [str(results / "s.nc"), "--output", str(output), "--page", f"{output}/report.html"]
-    said = ["--figures", ",".join(SHOWN), "--title", "Two baths", "--note", "A hot one.\n\nSecond <part>."]
+    said = [
+        "--figures",
+        ",".join(SHOWN),
+        "--title",
+        "Two baths",
+        "--note",
+        "A hot one.\n\nSecond <part>.",
+    ]
     return ["figures", *files, *said, "--panel", "scene", *further]
 
 
@@ -60,7 +69,9 @@ def written(results):
 
 
 class Elements(HTMLParser):
-    """Elements with their attributes and text; asserts that every one is closed where it should be."""
+    """Elements with their attributes and text; asserts that every one is closed where it should
+    be.
+    """
 
     def __init__(self, text):
         super().__init__()
@@ -70,7 +81,9 @@ class Elements(HTMLParser):
         assert self.open == []
 
     def handle_starttag(self, tag, attributes):
-        assert len({name for name, _ in attributes}) == len(attributes), f"an attribute of {tag} is there twice"
+        assert len({name for name, _ in attributes}) == len(attributes), (
+            f"an attribute of {tag} is there twice"
+        )
         element = (tag, dict(attributes), [])
         self.found.append(element)
         self.open += [element] if tag not in VOID else []
@@ -90,8 +103,16 @@ class Elements(HTMLParser):
 def check(text):
     """Everything that must be true of any page."""
     elements = Elements(text)
-    assert text.startswith("<!DOCTYPE html>\n") and elements.found[0][:2] == ("html", {"lang": "en"})
-    assert len(elements.named("title")) == len(elements.named("h1")) == len(elements.named("main")) == 1
+    assert text.startswith("<!DOCTYPE html>\n") and elements.found[0][:2] == (
+        "html",
+        {"lang": "en"},
+    )
+    assert (
+        len(elements.named("title"))
+        == len(elements.named("h1"))
+        == len(elements.named("main"))
+        == 1
+    )
     names = [attributes["id"] for _, attributes, _ in elements.found if "id" in attributes]
     assert len({*names}) == len(names)
     levels = [int(tag[1]) for tag, _, _ in elements.found if re.fullmatch("h[1-6]", tag)]
@@ -111,14 +132,21 @@ def test_the_page_is_well_formed_and_loads_nothing(written):
     assert "N = 10, 20; 72 runs" in written  # 18 of 20 in each of four cases
     elements = check(written)
     assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
-    assert elements.named("h1")[0][1] == "Two baths" and '<p class="note">Second &lt;part&gt;.</p>' in written
+    assert (
+        elements.named("h1")[0][1] == "Two baths"
+        and '<p class="note">Second &lt;part&gt;.</p>' in written
+    )
     assert len(elements.named("img")) == len(SHOWN)
 
 
 @pytest.mark.slow
 def test_files_of_the_user_stay(results, tmp_path, capsys, monkeypatch):
-    """Those of figures that are not drawn are left alone; in the place of a product they are refused."""
-    monkeypatch.setattr("brownpipe.figures.render.image_bytes", lambda *_: b"Made by brownpipe")  # pictures take 1 s
+    """Those of figures that are not drawn are left alone; in the place of a product they are
+    refused.
+    """
+    monkeypatch.setattr(
+        "brownpipe.figures.render.image_bytes", lambda *_: b"Made by brownpipe"
+    )  # pictures take 1 s
     words = ["figures", str(results / "s.nc"), "--output", str(tmp_path), "--figures", "health"]
     words += ["--page", str(tmp_path / "report.html")]
     (tmp_path / "msd.csv").write_text("mine, all mine\n")
@@ -128,14 +156,20 @@ def test_files_of_the_user_stay(results, tmp_path, capsys, monkeypatch):
         refused = capsys.readouterr().err
         assert refused.startswith(f"brownpipe: {tmp_path / name}: ") and refused.count("\n") == 1
         assert {*os.listdir(tmp_path)} == {name, "msd.csv"}
-        assert (tmp_path / name).read_text() == (tmp_path / "msd.csv").read_text() == "mine, all mine\n"
+        assert (
+            (tmp_path / name).read_text()
+            == (tmp_path / "msd.csv").read_text()
+            == "mine, all mine\n"
+        )
         (tmp_path / name).unlink()
     assert main(words) == DONE
     assert (tmp_path / "msd.csv").read_text() == "mine, all mine\n"
 
 
 def test_figures_that_are_not_drawn_again_go(results, tmp_path):
-    """Files that the earlier drawing did not list are the user's, and so is a listed one that she has replaced."""
+    """Files that the earlier drawing did not list are the user's, and so is a listed one that she
+    has replaced.
+    """
     shutil.copytree(results / "figures", tmp_path, dirs_exist_ok=True)
     mine = dict.fromkeys(("energy.csv", "diffusion.png", "msd.csv"), "mine, all mine\n")
     mine["diffusion.svg"] = (tmp_path / "msd.svg").read_text()  # brownpipe's, but of another folder
@@ -144,7 +178,9 @@ def test_figures_that_are_not_drawn_again_go(results, tmp_path):
     words = ["figures", str(results / "s.nc"), "--output", str(tmp_path), "--figures", "health"]
     assert main(words) == DONE, "its own files are replaced"
     assert {name: (tmp_path / name).read_text() for name in mine} == mine
-    assert origin.read_record(tmp_path / "energy.csv") is None, "the record beside it is of other files"
+    assert origin.read_record(tmp_path / "energy.csv") is None, (
+        "the record beside it is of other files"
+    )
     drawn = json.loads((tmp_path / origin.RECORD).read_text())["files"]
     assert {*os.listdir(tmp_path)} == {*drawn, *mine, origin.RECORD, "report.html"}
 
@@ -153,7 +189,9 @@ def test_the_answer_is_that_of_the_summary(results, written):
     table = written.partition('id="answer"')[2].partition("</table>")[0]
     found = [re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<t[hd][ >].*?</t[hd]>", table)]
     columns = answer(read_dataset(results / "s.nc")).columns
-    assert [*map(html.unescape, found)] == [cell for row in zip(*columns, strict=True) for cell in row]
+    assert [*map(html.unescape, found)] == [
+        cell for row in zip(*columns, strict=True) for cell in row
+    ]
     said = (results / "figures" / "summary.txt").read_text().splitlines()
     assert all(html.escape(line) in written for line in said[-8:-2])
     assert "failed and left out" in said[-4] and 'class="warning"' in written
@@ -163,13 +201,19 @@ def test_a_figure_has_its_caption_and_its_numbers(written):
     for name in SHOWN:
         title, paragraphs = page.caption_of(name)
         shown = [text for text in paragraphs if not text.startswith("The note ")]
-        assert all(str(escape(text)) in written for text in (title, *shown)), "but for what the note found"
-        assert not re.search(r"[*`_]{2}|::", title + "".join(paragraphs)), "marks that the page does not know"
+        assert all(str(escape(text)) in written for text in (title, *shown)), (
+            "but for what the note found"
+        )
+        assert not re.search(r"[*`_]{2}|::", title + "".join(paragraphs)), (
+            "marks that the page does not know"
+        )
     assert len(re.findall(r"The numbers: (\d+) rows", written)) == len(SHOWN)
 
 
 def test_names_of_others_are_escaped(results, tmp_path):
-    """Neither HTML nor control characters get through: in names of scenes, labels, tables, records and commands."""
+    """Neither HTML nor control characters get through: in names of scenes, labels, tables, records
+    and commands.
+    """
     hostile = "</script><img src=x onerror=alert(1)>'\"&\x1b[2J\u202e"
     dataset = read_dataset(results / "s.nc").assign_coords(scene=[hostile, "b"])
     with drawing():
@@ -177,7 +221,10 @@ def test_names_of_others_are_escaped(results, tmp_path):
         axes[0, 0].plot([0, 1], [0, 1], label=hostile.replace("\x1b", ""))
         shown = drawing_of("msd", figure, DataFrame({hostile: [hostile], "b": [1.0]}), {})
     origins = [{"command": hostile, "seeds": hostile}]
-    record = {"made_by": {"x_version": hostile}, "dataset": {"sha256": hostile, "made_from": origins}}
+    record = {
+        "made_by": {"x_version": hostile},
+        "dataset": {"sha256": hostile, "made_from": origins},
+    }
     made = page.page_of_study(dataset, [shown], record)
     text = made.decode()
     elements = check(text)
@@ -190,7 +237,9 @@ def test_names_of_others_are_escaped(results, tmp_path):
 def test_a_long_table_is_cut(results):
     rows = 100_000
     table = DataFrame({"scene": "a", "N": range(rows), "x": np.arange(rows) / 7, "y": np.nan})
-    text = page.page_of_study(read_dataset(results / "s.nc"), [Drawing("msd", {"svg": SVG}, table)], RECORD).decode()
+    text = page.page_of_study(
+        read_dataset(results / "s.nc"), [Drawing("msd", {"svg": SVG}, table)], RECORD
+    ).decode()
     assert "the first 400 of 100,000 rows" in text and len(text) < 200_000
     shown = text.partition("The numbers")[2].partition("</table>")[0]
     assert shown.count("<tr>") == 1 + 400 and ">0.142857<" in shown and ">nan<" not in shown
@@ -199,19 +248,25 @@ def test_a_long_table_is_cut(results):
 @pytest.mark.slow
 def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    exact = [make_runs(make_scene(name, count), range(30)) for name, count in (("full", 20), ("few", 10))]
+    exact = [
+        make_runs(make_scene(name, count), range(30)) for name, count in (("full", 20), ("few", 10))
+    ]
     other = [runs._replace(engine=Engine("langevin", (("friction", "enskog"),))) for runs in exact]
     cost = {"exact": 1e-3, "langevin": 3e-4}
     files = [write(tmp_path, runs) for runs in (*exact, *other)]
-    write_dataset("t.nc", tradeoff.measure(files, seconds_per_run=lambda engine, _: cost[engine.name]))
+    write_dataset(
+        "t.nc", tradeoff.measure(files, seconds_per_run=lambda engine, _: cost[engine.name])
+    )
     assert main(["figures", "t.nc", "--output", "figures", "--page", "figures/report.html"]) == DONE
     elements = check((tmp_path / "figures/report.html").read_text(encoding="utf-8"))
     assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
-    assert len({text for _, text in elements.named("table")[:2]}) == 2  # each scene has its own numbers
+    assert (
+        len({text for _, text in elements.named("table")[:2]}) == 2
+    )  # each scene has its own numbers
     assert not re.search(r"\\[nx]", elements.named("main")[0][1].partition("Scenes, seeds")[0])
 
 
-# -- on several cores -----------------------------------------------------------------------------------------------
+# -- on several cores ------------------------------------------------------------------------------
 
 DRAWS_LONG = """\
 import os, sys, time
@@ -239,15 +294,19 @@ def test_a_signal_ends_drawing_on_several_cores_without_a_trace(results, tmp_pat
         os.kill(int(found[0].suffix[1:]), 0)
 
 
-# -- style and caption -----------------------------------------------------------------------------------------------
+# -- style and caption -----------------------------------------------------------------------------
 
 
 def test_an_edit_of_style_template_or_caption_is_another_source(tmp_path):
-    package = shutil.copytree(provenance.PACKAGE, tmp_path / "p", ignore=shutil.ignore_patterns("__pycache__"))
+    package = shutil.copytree(
+        provenance.PACKAGE, tmp_path / "p", ignore=shutil.ignore_patterns("__pycache__")
+    )
     digests = []
     for name in (None, "report/page.css", "report/page.html", "figures/tradeoff.rst"):
         if name is not None:
-            (package / name).write_text((package / name).read_text(encoding="utf-8") + "\n", encoding="utf-8")
+            (package / name).write_text(
+                (package / name).read_text(encoding="utf-8") + "\n", encoding="utf-8"
+            )
         provenance.source_digest.cache_clear()
         digests.append(provenance.source_digest("figures", folder=package))
     assert len({*digests}) == 4

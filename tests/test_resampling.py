@@ -1,4 +1,6 @@
-"""Errors over runs: intervals that cover, weights that belong to seeds, the same bits on any number of threads."""
+"""Errors over runs: intervals that cover, weights that belong to seeds, the same bits on any number
+of threads.
+"""
 
 import math
 import tracemalloc
@@ -27,7 +29,9 @@ def ensembles_of_diffusers(runs, count, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(("runs", "count"), [(20, 1000), (50, 1000), (400, 600), (2400, 600)])
 def test_interval_covers_the_truth(runs, count):
-    """95 +- 4 % of the ensembles, for MSD(1) and for the slope: 4.5 standard errors of 600 ensembles, 5.8 of 1,000."""
+    """95 +- 4 % of the ensembles, for MSD(1) and for the slope: 4.5 standard errors of 600
+    ensembles, 5.8 of 1,000.
+    """
     estimate = resampling.resample(ensembles_of_diffusers(runs, count, seed=runs))
     covered = (estimate.low < 4 * DIFFUSION) & (estimate.high > 4 * DIFFUSION)
     assert covered.mean(axis=0) == pytest.approx([0.95, 0.95], abs=0.04)
@@ -39,7 +43,9 @@ def test_sums_over_resampled_runs_have_no_round_off():
     columns[3, 0] = 1e6
     values, unit = resampling._on_a_grid(columns)
     weights = resampling._weights(0)[:20, :777]
-    exact = np.array([[math.fsum(w * v) for v in values.T.astype(float)] for w in weights.astype(float)])
+    exact = np.array(
+        [[math.fsum(w * v) for v in values.T.astype(float)] for w in weights.astype(float)]
+    )
     assert np.array_equal(weights @ values, exact)
     assert np.array_equal(weights[:, ::-1] @ values[::-1], exact)
     assert (np.abs(values * unit - columns) <= unit / 2).all()
@@ -47,18 +53,25 @@ def test_sums_over_resampled_runs_have_no_round_off():
 
 
 def test_weights_are_poisson_and_of_each_seed_alone():
-    """Mean, variance and correlation of 2e6 weights within 4.5 standard errors; no replicate is near the bound."""
+    """Mean, variance and correlation of 2e6 weights within 4.5 standard errors; no replicate is
+    near the bound.
+    """
     one, other = resampling._weights(7), resampling._weights(8)
     n = one.size
     assert abs(one.mean() - 1) < SIGMAS / np.sqrt(n)
-    assert abs(np.square(one - 1).mean() - 1) < SIGMAS * np.sqrt(3 / n)  # the fourth central moment is 4
+    assert abs(np.square(one - 1).mean() - 1) < SIGMAS * np.sqrt(
+        3 / n
+    )  # the fourth central moment is 4
     assert abs(((one - 1) * (other - 1)).mean()) < SIGMAS / np.sqrt(n)
     assert np.square(one).sum(axis=1).max() < 0.75 * resampling._LONGEST**2
 
 
 def test_blocks_add_up():
     """Mean and error of many blocks are those of all runs at once, to round-off."""
-    samples, seeds = np.random.default_rng(10).exponential(1.0, 5000) + 1e6, np.arange(5000) * 3 + 17
+    samples, seeds = (
+        np.random.default_rng(10).exponential(1.0, 5000) + 1e6,
+        np.arange(5000) * 3 + 17,
+    )
     estimate = resampling.resample(samples, seeds)
     assert estimate.mean == pytest.approx(samples.mean(), rel=1e-14)
     assert estimate.standard_error == pytest.approx(samples.std(ddof=1) / np.sqrt(5000), rel=1e-9)
@@ -76,10 +89,15 @@ def test_too_few_runs():
 
 
 def test_events_of_up_to_three_runs_have_no_interval_and_those_of_more_one_that_covers():
-    """Whatever their unit. The bootstrap-t of runs with three of 20 events on average covers in 82 % of ensembles."""
+    """Whatever their unit. The bootstrap-t of runs with three of 20 events on average covers in 82
+    % of ensembles.
+    """
     share, unit = np.repeat([0.1, 0.15, 0.2, 0.8], 1000), np.tile([1.0, 0.7, 2.17, 1e-9], 1000)
     seen = np.random.default_rng(3).random((20, 4000)) < share
-    rare, events = resampling.resample(unit * seen), np.minimum(seen.sum(axis=0), 20 - seen.sum(axis=0))
+    rare, events = (
+        resampling.resample(unit * seen),
+        np.minimum(seen.sum(axis=0), 20 - seen.sum(axis=0)),
+    )
     assert np.isnan([rare.low, rare.high])[:, (events > 0) & (events < 4)].all()
     assert np.isfinite([rare.low, rare.high])[:, events > 4].all()
     assert ((rare.low > unit * share) | (rare.high < unit * share))[events > 0].mean() < 0.05
@@ -102,13 +120,17 @@ def test_rare_pairs_have_an_interval_that_covers(expected, runs):
     counts = np.random.default_rng(7).poisson(expected, (runs, 600)).astype(float)
     low, high = resampling.wilson_interval(counts.sum(axis=0))
     estimate = resampling.resample(counts)
-    covered = (np.fmin(low / runs, estimate.low) <= expected) & (expected <= np.fmax(high / runs, estimate.high))
+    covered = (np.fmin(low / runs, estimate.low) <= expected) & (
+        expected <= np.fmax(high / runs, estimate.high)
+    )
     assert covered.mean() > 0.914
 
 
 def test_intervals_of_many_quantities_take_little_memory_beside_their_sums():
     """MSD and autocorrelation at 10,000 times would otherwise take gigabytes."""
-    sums = resampling._added_up(np.arange(20), np.random.default_rng(1).random((20, 8 * resampling._AT_ONCE)))
+    sums = resampling._added_up(
+        np.arange(20), np.random.default_rng(1).random((20, 8 * resampling._AT_ONCE))
+    )
     tracemalloc.start()
     resampling.estimate(sums)
     _, peak = tracemalloc.get_traced_memory()

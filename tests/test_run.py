@@ -1,4 +1,6 @@
-"""`brownpipe new` and `brownpipe run`: a study in any folder. (That the workflow itself is right: test_workflow.)"""
+"""`brownpipe new` and `brownpipe run`: a study in any folder. (That the workflow itself is right:
+test_workflow.)
+"""
 
 import os
 import re
@@ -32,18 +34,27 @@ def started(monkeypatch):
     return calls
 
 
-# -- new ------------------------------------------------------------------------------------------------------------
+# -- new -------------------------------------------------------------------------------------------
 
 
 def test_new_writes_a_scene_and_a_study_that_are_valid_and_names_the_next_commands(said, started):
     status, out, err = said("new", "first", "--folder", "my studies")
     assert (status, err) == (DONE, "")
-    assert sorted(path.name for path in Path("my studies").iterdir()) == ["first.yaml", "first_scene.yaml"]
-    next_commands = [shlex.split(line, comments=True) for line in out.splitlines() if line.startswith("brownpipe ")]
+    assert sorted(path.name for path in Path("my studies").iterdir()) == [
+        "first.yaml",
+        "first_scene.yaml",
+    ]
+    next_commands = [
+        shlex.split(line, comments=True)
+        for line in out.splitlines()
+        if line.startswith("brownpipe ")
+    ]
     assert [words[1] for words in next_commands] == ["check", "run"]
     described = [said(*words[1:]) for words in next_commands]
     assert [status for status, _, _ in described] == [DONE, DONE] and len(started) == 1
-    seconds = re.search(r"^total     600 runs in 2 jobs: some ([0-9.]+) s of CPU", described[0][1], re.MULTILINE)
+    seconds = re.search(
+        r"^total     600 runs in 2 jobs: some ([0-9.]+) s of CPU", described[0][1], re.MULTILINE
+    )
     assert float(seconds[1]) < 15  # a wall time below 30 s on two cores, with kernels to compile
     assert said("check", "my studies/first_scene.yaml")[0] == DONE
     assert Path(out.rpartition("all keys: ")[2].strip()) == CONFIG / "README.md"
@@ -59,7 +70,7 @@ def test_new_replaces_no_file_and_refuses_what_is_no_name(said, name, there):
     assert [path.name for path in Path().iterdir()] == [there]
 
 
-# -- run ------------------------------------------------------------------------------------------------------------
+# -- run -------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -69,12 +80,17 @@ def study(capsys):
     return "my studies/first.yaml"
 
 
-def test_run_starts_the_workflow_of_this_installation_and_passes_other_options_on(said, study, started, monkeypatch):
+def test_run_starts_the_workflow_of_this_installation_and_passes_other_options_on(
+    said, study, started, monkeypatch
+):
     monkeypatch.setenv("PATH", "/nowhere")
     further = ["tradeoff_figures", "-n", "--config", "seeds=3"]
     assert said("run", study, "-j", "3", *further) == (DONE, "", "")
     ((command, environment),) = started
-    assert command[1:4] == ["-P", "-m", "snakemake"] and command[4:6] == ["--snakefile", str(ROOT / "Snakefile")]
+    assert command[1:4] == ["-P", "-m", "snakemake"] and command[4:6] == [
+        "--snakefile",
+        str(ROOT / "Snakefile"),
+    ]
     assert command[6:] == ["--configfile", study, "--cores", "3", *further]
     own, _, rest = environment["PATH"].partition(":")
     assert rest == "/nowhere" and os.access(f"{own}/brownpipe", os.X_OK)
@@ -85,7 +101,11 @@ def test_run_refuses_at_once(said, study, started, monkeypatch):
     line = "brownpipe: absent.yaml: cannot be read: No such file or directory\n"
     assert said("run", "absent.yaml") == (WRONG_REQUEST, "", line)
     line = f"brownpipe: {study}: must be the only study; --config KEY=VALUE replaces its keys\n"
-    for other in (["other.yaml"], ["-n", "--configfile", "other.yaml"], ["--configfile=other.yaml"]):
+    for other in (
+        ["other.yaml"],
+        ["-n", "--configfile", "other.yaml"],
+        ["--configfile=other.yaml"],
+    ):
         assert said("run", study, *other) == (WRONG_REQUEST, "", line)
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # to root every folder is writable
     line = f"brownpipe: {Path.cwd()}: cannot be written to; run the study from another folder\n"
@@ -109,19 +129,26 @@ def test_a_lock_of_a_study_that_runs_outlives_a_dry_run_that_began_before(monkey
     os.close(workflow._held[-1])
 
 
-# -- on a cluster ---------------------------------------------------------------------------------------------------
+# -- on a cluster ----------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def plugin(monkeypatch):
     """Snakemake's plugin for Slurm, as if it were installed."""
-    monkeypatch.setattr(workflow, "find_spec", lambda name: name if name == "snakemake_executor_plugin_slurm" else None)
+    monkeypatch.setattr(
+        workflow,
+        "find_spec",
+        lambda name: name if name == "snakemake_executor_plugin_slurm" else None,
+    )
 
 
 def test_a_profile_says_where_jobs_run_and_how_many(said, study, started, plugin):
     Path("my profile").mkdir()
     Path("my profile/config.yaml").write_text("executor: slurm\n")
-    for name, folder in (("slurm", ROOT / "profiles" / "slurm"), ("my profile", Path("my profile").absolute())):
+    for name, folder in (
+        ("slurm", ROOT / "profiles" / "slurm"),
+        ("my profile", Path("my profile").absolute()),
+    ):
         assert said("run", study, "--profile", name) == (DONE, "", "")
         assert started[-1][0][-2:] == ["--profile", str(folder)]
     assert said("run", study, "--profile", "slurm", "-j", "9") == (DONE, "", "")
@@ -147,7 +174,9 @@ def test_a_profile_that_cannot_be_used(said, study, started, plugin, name, messa
 
 
 def test_a_job_asks_for_twice_the_forecast_and_twice_as_much_at_each_retry():
-    study = read_study(CONFIG / "small.yaml", {"particles": 50, "scenes": "scenes/harrison2020.yaml"})
+    study = read_study(
+        CONFIG / "small.yaml", {"particles": 50, "scenes": "scenes/harrison2020.yaml"}
+    )
     asked, (runs,) = requests(study)["simulate"], run_sets(study)
     wildcards = {"digest": runs.key, "first": "0", "last": "999999"}
     cost = forecast.of_run(study.cases[0])

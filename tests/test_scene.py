@@ -30,7 +30,11 @@ def explicit(*disks, box=BOX, **more):
 
 
 def species(*kinds, box=BOX, particles=None, **disks):
-    mapping = {"box": box, "disks": {"species": list(kinds), **disks}, "velocities": {"temperature": 1.0}}
+    mapping = {
+        "box": box,
+        "disks": {"species": list(kinds), **disks},
+        "velocities": {"temperature": 1.0},
+    }
     return parse_scene(mapping | {"duration": 1.0}, "test.yaml", particles)
 
 
@@ -44,9 +48,19 @@ def kind(count, radius=0.1, name="bath", mass=1.0):
 def test_note_as_published():
     scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml")
     tracer, bath = scene.species
-    assert (tracer.name, tracer.count, tracer.radius, tracer.mass, tracer.position) == ("tracer", 1, 0.3, 1, (0, 0))
+    assert (tracer.name, tracer.count, tracer.radius, tracer.mass, tracer.position) == (
+        "tracer",
+        1,
+        0.3,
+        1,
+        (0, 0),
+    )
     assert bath == Species(name="bath", count=149, radius=0.1, mass=0.4)
-    assert (scene.name, scene.particles, scene.velocities.standard_deviation) == ("harrison2020", 150, 2.0)
+    assert (scene.name, scene.particles, scene.velocities.standard_deviation) == (
+        "harrison2020",
+        150,
+        2.0,
+    )
     assert scene.packing_fraction == pytest.approx(math.pi * (0.09 + 149 * 0.01) / 36, rel=1e-15)
     assert scene.radius.tolist() == [0.3] + 149 * [0.1]
     assert scene.mass.tolist() == [1.0] + 149 * [0.4]
@@ -61,7 +75,12 @@ def test_digest_is_of_the_physics_alone():
     same = species(kind("rest"), tracer={"mass": 1, "radius": 0.3}, particles=150)
     assert same == scene
     assert same.digest == scene.digest == parse_scene(scene.as_mapping(), "other.yaml").digest
-    assert len({scene.digest, species(kind(149, mass=1.1), tracer={"radius": 0.3, "mass": 1.0}).digest}) == 2
+    assert (
+        len(
+            {scene.digest, species(kind(149, mass=1.1), tracer={"radius": 0.3, "mass": 1.0}).digest}
+        )
+        == 2
+    )
     assert explicit(disk(x=-0.0)).digest == explicit(disk(x=0.0)).digest
     assert len({scene, same}) == 1  # hashable
 
@@ -74,18 +93,33 @@ components = st.floats(-1e160, 1e160)
 
 @st.composite
 def scenes(draw) -> Scene:
-    """Species of any masses in boxes anywhere, and lists of disks on a grid so wide that they cannot overlap."""
+    """Species of any masses in boxes anywhere, and lists of disks on a grid so wide that they
+    cannot overlap.
+    """
     low, duration = draw(st.floats(-1e6, 1e6)), draw(st.floats(1e-150, 1e9))
-    box = {"x": [low, low + 7], "y": [0.0, 9.0], "boundary": draw(st.sampled_from(["reflecting", "periodic"]))}
-    mapping = {"box": box, "duration": duration, "sample_interval": duration / draw(st.integers(1, 1000))}
+    box = {
+        "x": [low, low + 7],
+        "y": [0.0, 9.0],
+        "boundary": draw(st.sampled_from(["reflecting", "periodic"])),
+    }
+    mapping = {
+        "box": box,
+        "duration": duration,
+        "sample_interval": duration / draw(st.integers(1, 1000)),
+    }
     most = draw(heaviest)
     masses = ratios.map(lambda ratio: max(ratio * most, 1.001e-200 * most))
     if draw(st.booleans()):
         disks = [
-            disk(low + 1 + i, 1.0, draw(lengths), draw(masses), (draw(components), draw(components))) for i in range(3)
+            disk(
+                low + 1 + i, 1.0, draw(lengths), draw(masses), (draw(components), draw(components))
+            )
+            for i in range(3)
         ]
         return parse_scene(mapping | {"disks": disks[: draw(st.integers(0, 3))]}, "drawn.yaml")
-    kinds = [kind(draw(st.integers(0, 9)), draw(lengths), f"kind-{i}", draw(masses)) for i in range(2)]
+    kinds = [
+        kind(draw(st.integers(0, 9)), draw(lengths), f"kind-{i}", draw(masses)) for i in range(2)
+    ]
     disks = {"species": kinds, "placement": draw(st.sampled_from(["random", "lattice"]))}
     if draw(st.booleans()):
         disks["tracer"] = {"radius": draw(lengths), "mass": draw(masses)}
@@ -140,19 +174,25 @@ def test_number_of_samples(duration, interval, count):
 @given(st.floats(1e-150, 1e150), st.floats(1e-12, 0.99999), st.integers(1, 300))
 @settings(max_examples=200, deadline=None)
 def test_logarithmic_times_go_up_by_one_ratio_and_end_at_the_duration(duration, part, per_decade):
-    scene = explicit(duration=duration, samples={"per_decade": per_decade, "first": part * duration})
+    scene = explicit(
+        duration=duration, samples={"per_decade": per_decade, "first": part * duration}
+    )
     times, ratio = scene.times, 10 ** (1 / per_decade)
     assert times[0] == 0 and times[-1] == duration
     assert times[1] == part * duration
     assert np.all(np.diff(times) > 0)
-    np.testing.assert_allclose(times[2:-1] / times[1:-2], ratio, rtol=1e-15 * 8)  # two roundings each of power, product
+    np.testing.assert_allclose(
+        times[2:-1] / times[1:-2], ratio, rtol=1e-15 * 8
+    )  # two roundings each of power, product
     assert times[-1] / times[-2] <= ratio * (1 + 1e-6)
     assert parse_scene(json.loads(scene.text), "test.yaml") == scene
 
 
 def test_digests_of_the_notes_scenes_do_not_change():
     """As published with the first results: files are found by them."""
-    digests = [read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml").digest for end in ("", "_thermal")]
+    digests = [
+        read_scene(CONFIG / "scenes" / f"harrison2020{end}.yaml").digest for end in ("", "_thermal")
+    ]
     assert [digest[:16] for digest in digests] == ["b6cea58f932097a2", "9c381c577af2d9a3"]
     assert explicit(samples={"per_decade": 3}).digest != explicit().digest
     assert explicit(samples={"per_decade": 3}).times[1] == 1e-4 * explicit().duration
@@ -181,7 +221,9 @@ def test_wall_contact_is_accepted_to_round_off():
     assert explicit(disk(radius=3.0)).particles == 1
     far = {"x": [1e6 - 3, 1e6 + 3], "y": [-3, 3]}
     assert explicit(disk(math.nextafter(1e6 + 2.9, 2e6)), box=far).particles == 1
-    with pytest.raises(RequestError, match=r"disks\[0\].position: must .* inside the box, -2.9 <= x <= 2.9"):
+    with pytest.raises(
+        RequestError, match=r"disks\[0\].position: must .* inside the box, -2.9 <= x <= 2.9"
+    ):
         explicit(disk(x=2.9 + 1e-9))
 
 
@@ -200,10 +242,18 @@ def test_overlap_through_a_periodic_boundary():
 def test_more_disks_than_can_fit_are_refused(boundary):
     box = BOX | {"boundary": boundary}
     assert species(kind(1039), box=box).particles == 1039
-    with pytest.raises(RequestError, match=r"disks: 1040 disks cover 0.907.*; must be at most 0.9069"):
+    with pytest.raises(
+        RequestError, match=r"disks: 1040 disks cover 0.907.*; must be at most 0.9069"
+    ):
         species(kind(1040), box=box)
-    closed = {"x": [0, 2.0], "y": [0, 2 * math.sqrt(3)], "boundary": boundary}  # hexagonal, if it is periodic
-    assert species(kind(200, radius=0.1), box=closed).packing_fraction == pytest.approx(0.9069, 1e-4)
+    closed = {
+        "x": [0, 2.0],
+        "y": [0, 2 * math.sqrt(3)],
+        "boundary": boundary,
+    }  # hexagonal, if it is periodic
+    assert species(kind(200, radius=0.1), box=closed).packing_fraction == pytest.approx(
+        0.9069, 1e-4
+    )
 
 
 # -- what floating-point numbers can tell apart ---
@@ -215,7 +265,9 @@ def test_masses_up_to_a_factor_of_1e200(masses):
     light, heavy = masses
     assert explicit(disk(mass=light), disk(x=1, mass=heavy)).particles == 2
     assert species(kind(1, mass=1.0), kind(0, name="none", mass=1e300)).particles == 1
-    with pytest.raises(RequestError, match=r"^test.yaml: disks: must be masses within a factor of 1e\+200, not "):
+    with pytest.raises(
+        RequestError, match=r"^test.yaml: disks: must be masses within a factor of 1e\+200, not "
+    ):
         explicit(disk(mass=1.01 * heavy), disk(x=1, mass=light))
 
 
@@ -224,22 +276,42 @@ def test_a_scene_with_another_value_of_a_key():
     scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml")
     assert [one.count for one in scene.replace(particles=200).species] == [1, 199]
     assert scene.replace(duration=np.float64(2)).times[-1] == 2.0
-    assert scene.replace(equilibrate=1).equilibrate == scene.replace(equilibrate={"time": 1}).equilibrate
-    heavy = scene.replace(disks={"tracer": {"radius": 0.3, "mass": 3.0}, "species": scene.disks.species})
+    assert (
+        scene.replace(equilibrate=1).equilibrate
+        == scene.replace(equilibrate={"time": 1}).equilibrate
+    )
+    heavy = scene.replace(
+        disks={"tracer": {"radius": 0.3, "mass": 3.0}, "species": scene.disks.species}
+    )
     assert (heavy.mass[0], heavy.name, heavy.particles) == (3.0, scene.name, 150)
     free = scene.replace(**{"box.boundary": "periodic"}, name="free")
     assert free.box.periodic and free.name == "free" and free != free.replace(name="other")
-    assert scene.replace(**{"disks.tracer.mass": np.float64(3), "disks.species.bath.radius": 0.05}).mass[0] == 3.0
+    assert (
+        scene.replace(
+            **{"disks.tracer.mass": np.float64(3), "disks.species.bath.radius": 0.05}
+        ).mass[0]
+        == 3.0
+    )
     assert scene.replace(**{"equilibrate.time": 1}) == scene.replace(equilibrate=1)
-    with pytest.raises(RequestError, match=r"^disks.species.bat.mass: must be .* disks.species.NAME.mass"):
+    with pytest.raises(
+        RequestError, match=r"^disks.species.bat.mass: must be .* disks.species.NAME.mass"
+    ):
         scene.replace(**{"disks.species.bat.mass": 2})
     assert species(kind(3)).replace(duration=0.5).sample_interval == 0.5
 
 
 def test_defaults_follow_another_value_of_a_key():
     """As in a file with this value, and in another scene that a part is taken from."""
-    keys = {"box": BOX, "disks": {"tracer": {"radius": 0.3, "mass": 1}, "species": [kind(9)]}, "duration": 1}
-    keys |= {"velocities": {"temperature": 1}, "samples": {"per_decade": 3}, "equilibrate": {"time": 1}}
+    keys = {
+        "box": BOX,
+        "disks": {"tracer": {"radius": 0.3, "mass": 1}, "species": [kind(9)]},
+        "duration": 1,
+    }
+    keys |= {
+        "velocities": {"temperature": 1},
+        "samples": {"per_decade": 3},
+        "equilibrate": {"time": 1},
+    }
     scene, periodic = parse_scene(keys, "test.yaml"), BOX | {"boundary": "periodic"}
     without = {"disks": {"species": [kind(9)]}}
     new = [("box.boundary", "periodic", {"box": periodic}), ("duration", 2, {"duration": 2})]
@@ -248,13 +320,15 @@ def test_defaults_follow_another_value_of_a_key():
     assert scene.replace(**{"disks.tracer": None}).equilibrate.tracer == "free"
     taken = {"velocities": scene.velocities, "equilibrate": scene.equilibrate}
     assert scene.replace(box=periodic, **taken) == scene.replace(box=periodic)
-    with pytest.raises(RequestError, match=r"equilibrate.tracer: must be free, as there is no tracer"):
+    with pytest.raises(
+        RequestError, match=r"equilibrate.tracer: must be free, as there is no tracer"
+    ):
         scene.replace(**{"disks.tracer": None, "equilibrate": {"time": 1, "tracer": "pinned"}})
     drift = [not species(kind(count), box=periodic).velocities.zero_momentum for count in (1, 2)]
     assert drift == [True, False]  # without it a single disk would stand still
 
 
-# -- scenes with known outcomes: tests/scenes/*.yaml lead to what tests/scenes/expected.yaml says --------------------
+# -- scenes with known outcomes: tests/scenes/*.yaml lead to what tests/scenes/expected.yaml says --
 
 FOLDER = Path(__file__).parent / "scenes"
 EXPECTED = yaml.load((FOLDER / "expected.yaml").read_text(), yaml.CSafeLoader)
@@ -267,7 +341,9 @@ def test_every_scene_has_an_outcome():
 @pytest.mark.parametrize("lists_from", [0.0, np.inf], ids=["lists", "cells"])
 @pytest.mark.parametrize("name", EXPECTED)
 def test_scene(name, lists_from, monkeypatch):
-    """With neighbour lists (where they can be) and with cells alone, whatever the packing fraction."""
+    """With neighbour lists (where they can be) and with cells alone, whatever the packing
+    fraction.
+    """
     monkeypatch.setattr(layout, "LISTS_FROM", lists_from)
     expected, path = EXPECTED[name], FOLDER / f"{name}.yaml"
     if "refused" in expected:
@@ -278,12 +354,16 @@ def test_scene(name, lists_from, monkeypatch):
         assert "\n" not in str(refusal.value)
         return
     scene = read_scene(path)
-    result = simulate(scene, [0], {"tracer", "all"} | ({"events"} if "collision_time" in expected else set()))
+    result = simulate(
+        scene, [0], {"tracer", "all"} | ({"events"} if "collision_time" in expected else set())
+    )
     seen = {key: column[0] for key, column in result.observables.items()}
     assert not seen["failed"]
     check_counts(expected, seen)
     if "collision_time" in expected:
-        assert result.events[0].time.tolist() == pytest.approx([expected["collision_time"]], rel=1e-14, abs=1e-15)
+        assert result.events[0].time.tolist() == pytest.approx(
+            [expected["collision_time"]], rel=1e-14, abs=1e-15
+        )
     if expected["final"]:
         check_state(expected, result.whole[0], scene.mass)
 

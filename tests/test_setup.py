@@ -1,4 +1,5 @@
-"""The set-up of a newcomer: what is installed, and one clear line for what a machine may lack. Without a network.
+"""The set-up of a newcomer: what is installed, and one clear line for what a machine may lack.
+Without a network.
 
 `python3`, pip and uv are fakes: shell scripts that say and do what the real ones do in that state.
 """
@@ -12,7 +13,12 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock", "requirements-cluster.lock")
+LOCKS = (
+    "requirements.lock",
+    "requirements-dev.lock",
+    "requirements-docs.lock",
+    "requirements-cluster.lock",
+)
 REAL = getattr(sys, "_base_executable", None) or sys.executable
 INSTALLER = """\
 #!/bin/bash
@@ -48,27 +54,38 @@ def checkout(tmp_path):
 
 
 def set_up(folder, target="ready", by="python"):
-    """The exit status of `make`, the lines of the set-up on stderr, and what pip or uv was asked for (not uv)."""
+    """The exit status of `make`, the lines of the set-up on stderr, and what pip or uv was asked
+    for (not uv).
+    """
     calls = folder / f"{by}.calls"
     calls.write_text("")
     surroundings = {"PATH": f"{folder / 'fakes'}:/usr/bin:/bin", "HOME": str(folder)}
     command = ["make", "--silent", target]
-    done = subprocess.run(command, cwd=folder, env=surroundings, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        command, cwd=folder, env=surroundings, capture_output=True, text=True, timeout=60
+    )
     lines = [line for line in done.stderr.splitlines() if not line.startswith("make")]
     return done.returncode, lines, calls.read_text().splitlines()
 
 
-@pytest.mark.parametrize(("uv", "by"), [(INSTALLER, "uv"), ("#!/bin/bash\nexit 2\n", "python")], ids=["uv", "pip"])
+@pytest.mark.parametrize(
+    ("uv", "by"), [(INSTALLER, "uv"), ("#!/bin/bash\nexit 2\n", "python")], ids=["uv", "pip"]
+)
 def test_it_installs_once_from_the_locks(checkout, uv, by):
     program(checkout / "uv", uv)
     status, lines, calls = set_up(checkout, by=by)
     assert status == 0 and len(lines) == 2 and "requirements.lock" in lines[1]
-    assert [call.split()[-2:] for call in calls] == [["--requirement", "requirements.lock"], ["--editable", "."]]
+    assert [call.split()[-2:] for call in calls] == [
+        ["--requirement", "requirements.lock"],
+        ["--editable", "."],
+    ]
     assert "--require-hashes" in calls[0] and all("--no-deps" in call for call in calls)
     assert set_up(checkout, by=by) == (0, [], [])
     for name in ("dev", "docs", "cluster"):
         status, _, (call,) = set_up(checkout, f"ready_{name}", by)
-        assert status == 0 and call.endswith(f"--require-hashes --requirement requirements-{name}.lock")
+        assert status == 0 and call.endswith(
+            f"--require-hashes --requirement requirements-{name}.lock"
+        )
         assert set_up(checkout, f"ready_{name}", by) == (0, [], [])
 
 

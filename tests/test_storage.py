@@ -29,11 +29,18 @@ def make_ensemble(scene, seeds=SEEDS, record=EVERYTHING):
 def make_dataset():
     rng = np.random.default_rng(2)
     data = {
-        "msd": (("scene", "time"), rng.random((2, 6)), {"units": "length^2", "long_name": "mean squared displacement"}),
+        "msd": (
+            ("scene", "time"),
+            rng.random((2, 6)),
+            {"units": "length^2", "long_name": "mean squared displacement"},
+        ),
         "runs": (("scene",), np.array([2400, 100])),
         "diffusion": ((), 0.2435, {"window": [0.1, 1.0]}),
     }
-    coords = {"scene": ["harrison2020", "thermal"], "time": ("time", np.arange(6.0), {"units": "time"})}
+    coords = {
+        "scene": ["harrison2020", "thermal"],
+        "time": ("time", np.arange(6.0), {"units": "time"}),
+    }
     return xarray.Dataset(data, coords, {"title": "a study", "Conventions": "CF-1.11"})
 
 
@@ -68,7 +75,11 @@ def same(one, other):
     if isinstance(one, tuple):
         return type(one) is type(other) and len(one) == len(other) and all(map(same, one, other))
     if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+        return (
+            one.dtype == other.dtype
+            and one.shape == other.shape
+            and one.tobytes() == other.tobytes()
+        )
     return one == other
 
 
@@ -79,12 +90,16 @@ def refusal(read, path):
     return str(error.value)
 
 
-# -- trajectories ---------------------------------------------------------------------------------------------------
+# -- trajectories ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     "engine",
-    [Engine("exact"), requested("timestep", {"time_step": 1e-3}), requested("langevin", {"friction": "enskog"})],
+    [
+        Engine("exact"),
+        requested("timestep", {"time_step": 1e-3}),
+        requested("langevin", {"friction": "enskog"}),
+    ],
     ids=lambda engine: engine.label,
 )
 def test_round_trip(case, engine, tmp_path):
@@ -96,7 +111,12 @@ def test_round_trip(case, engine, tmp_path):
     assert same(found[:4], (scene, engine, ensemble, source))
     assert found.header["numba_version"] == provenance.versions()["numba_version"]
     text = inspection.report(tmp_path / "new" / "runs.h5")
-    told = (f"engine       {engine.options}", f"{scene.particles} disks", "21 from t = 0 to 1", "no failed")
+    told = (
+        f"engine       {engine.options}",
+        f"{scene.particles} disks",
+        "21 from t = 0 to 1",
+        "no failed",
+    )
     assert all(word in text for word in (*told, "intact       yes", *ensemble.observables))
 
 
@@ -117,14 +137,22 @@ def test_xarray_shows_the_tree_of_brownpipe(engine, full):
             shown = runs[node.path].to_dataset().variables
             for name, variable in node.to_dataset().variables.items():
                 assert (shown[name].dims, shown[name].attrs) == (variable.dims, variable.attrs)
-            assert all({"units", "long_name"} <= variable.attrs.keys() for variable in shown.values())
-            assert shown.keys() - node.to_dataset().variables.keys() <= {"unwrapped", "box_size", "failed"}
+            assert all(
+                {"units", "long_name"} <= variable.attrs.keys() for variable in shown.values()
+            )
+            assert shown.keys() - node.to_dataset().variables.keys() <= {
+                "unwrapped",
+                "box_size",
+                "failed",
+            }
     assert runs.image.dims == ("time", "seed", "component")
     assert runs.events.impulse.dims == ("event", "component")
-    assert np.array_equal(runs.position.sel(seed=7), read_trajectories(full).ensemble.tracer.position[:, 3])
+    assert np.array_equal(
+        runs.position.sel(seed=7), read_trajectories(full).ensemble.tracer.position[:, 3]
+    )
 
 
-# -- datasets -------------------------------------------------------------------------------------------------------
+# -- datasets --------------------------------------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("error")
@@ -138,7 +166,7 @@ def test_dataset_round_trip(tmp_path):
     assert (tmp_path / "again.nc").read_bytes() == path.read_bytes()
 
 
-# -- damage ---------------------------------------------------------------------------------------------------------
+# -- damage ----------------------------------------------------------------------------------------
 
 
 def test_other_files_are_refused(tmp_path):
@@ -154,9 +182,12 @@ def test_other_files_are_refused(tmp_path):
     assert "not a dataset" in refusal(read_dataset, path)
 
 
-# -- writing whole or not at all ------------------------------------------------------------------------------------
+# -- writing whole or not at all -------------------------------------------------------------------
 
-FAILURES = [OSError(errno.ENOSPC, "No space left on device"), OSError(errno.EROFS, "Read-only file system")]
+FAILURES = [
+    OSError(errno.ENOSPC, "No space left on device"),
+    OSError(errno.EROFS, "Read-only file system"),
+]
 
 
 def test_a_file_system_that_cannot_wait_for_folders_is_used(monkeypatch, tmp_path):

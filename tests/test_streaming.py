@@ -18,10 +18,25 @@ SCENE = make_scene(sample_interval=0.25)
 def everything():
     """All runs of a study, as one record."""
     rng, n = np.random.default_rng(1), len(SEEDS)
-    counts = {name: rng.poisson(30, n) for name in ("pair_collisions", "wall_collisions", "tracer_collisions")}
-    health = {name: rng.normal(0, 1e-15, n) for name in ("energy_drift", "worst_overlap", "momentum_residual")}
+    counts = {
+        name: rng.poisson(30, n)
+        for name in ("pair_collisions", "wall_collisions", "tracer_collisions")
+    }
+    health = {
+        name: rng.normal(0, 1e-15, n)
+        for name in ("energy_drift", "worst_overlap", "momentum_residual")
+    }
     observables = counts | health | {"failed": (rng.random(n) < 0.01).astype(np.uint8)}
-    return Ensemble(SEEDS, SCENE.times, Track(walk(rng, SCENE.times, n), None, None), observables, {}, {}, {}, {})
+    return Ensemble(
+        SEEDS,
+        SCENE.times,
+        Track(walk(rng, SCENE.times, n), None, None),
+        observables,
+        {},
+        {},
+        {},
+        {},
+    )
 
 
 def written(folder, ensemble, batches):
@@ -37,7 +52,9 @@ BATCHES = np.split(np.arange(len(SEEDS)), [60, 120, 124, 300, 405])
 
 
 @pytest.mark.slow
-def test_the_layout_of_files_does_not_matter_and_other_observables_are_refused(everything, tmp_path):
+def test_the_layout_of_files_does_not_matter_and_other_observables_are_refused(
+    everything, tmp_path
+):
     shuffled = np.split(np.random.default_rng(2).permutation(len(SEEDS)), [100, 110])
     one, *others = (
         aggregate(written(tmp_path / str(k), everything, batches))
@@ -48,5 +65,7 @@ def test_the_layout_of_files_does_not_matter_and_other_observables_are_refused(e
     more = select(everything, np.arange(405, 410))
     more = more._replace(observables=more.observables | {"virial": more.seeds * 1.0})
     write_trajectories(paths[-1], SCENE, Engine("exact"), more)
-    with pytest.raises(AnalysisError, match=r"5\.h5: has other observables than .*0\.h5 \(virial\)"):
+    with pytest.raises(
+        AnalysisError, match=r"5\.h5: has other observables than .*0\.h5 \(virial\)"
+    ):
         aggregate(paths)

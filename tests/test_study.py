@@ -41,7 +41,9 @@ def test_default_study_is_the_note(tmp_path, monkeypatch):
     study = read_study(CONFIG / "harrison2020.yaml")
     assert study.name == "harrison2020"
     assert [(case.name, case.particles) for case in study.cases] == [
-        (scene, count) for scene in ("harrison2020", "harrison2020_thermal") for count in (50, 100, 150, 200)
+        (scene, count)
+        for scene in ("harrison2020", "harrison2020_thermal")
+        for count in (50, 100, 150, 200)
     ]
     assert [file.path.name for file in files_of(study)] == 8 * ["0-2399.h5"]
     assert (len(run_sets(study)), study.engines) == (8, (Engine("exact"),))
@@ -49,19 +51,29 @@ def test_default_study_is_the_note(tmp_path, monkeypatch):
     assert all(path.is_file() for path in study.scenes)
 
 
-def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_runs(tmp_path, monkeypatch):
+def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_runs(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     paths = [str(file.path) for file in files_of(small(particles=[50]))]
     assert len(set(paths)) == len(paths) == 4
     assert re.fullmatch(r"results/runs/harrison2020/N50/exact-[0-9a-f]{8}/0-29\.h5", paths[0])
-    assert paths == [str(file.path) for file in files_of(small(particles=[50], fit_windows=[[0.2, 1]], seeds="0-59"))]
+    assert paths == [
+        str(file.path)
+        for file in files_of(small(particles=[50], fit_windows=[[0.2, 1]], seeds="0-59"))
+    ]
     assert len(commands(small(particles=[50], engines=ALL_ENGINES))) == 8
     namesake = shutil.copy(SCENE, tmp_path / "of_the_same_text.yaml")
     assert len(commands(small(particles=[50], scenes=[str(SCENE), str(namesake)]))) == 2
 
 
-@given(st.sets(st.integers(0, 60), min_size=1), st.lists(st.tuples(st.integers(0, 60), st.integers(0, 20)), max_size=8))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.sets(st.integers(0, 60), min_size=1),
+    st.lists(st.tuples(st.integers(0, 60), st.integers(0, 20)), max_size=8),
+)
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
     folder = tmp_path / str(len(list(tmp_path.iterdir())))
     folder.mkdir()
@@ -74,13 +86,17 @@ def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
     left = without(wanted, chosen)
     assert sorted([*(seeds & set(held)), *left]) == wanted.tolist()
     files = [{*range(first, first + more + 1)} for first, more in stored]
-    assert all(file & set(held) for file in files if file & {*left.tolist()})  # each that can be used is
+    assert all(
+        file & set(held) for file in files if file & {*left.tolist()}
+    )  # each that can be used is
 
 
 def test_title_note_and_panel_concern_the_figures_alone():
     study = small(title="Hot and cold", note="Two baths.", panel=["scene"])
     assert figure_options(study) == ["--panel=scene", "--title=Hot and cold", "--note=Two baths."]
-    assert figure_options(small()) == [] and figure_options(small(figures=["msd"])) == ["--figures=msd"]
+    assert figure_options(small()) == [] and figure_options(small(figures=["msd"])) == [
+        "--figures=msd"
+    ]
     masses = small(vary={"disks.tracer.mass": [1, 3]}, panel="disks.tracer.mass")
     assert figure_options(masses) == ["--panel=tracer_mass"]
 
@@ -89,14 +105,29 @@ ALL = {"runs", "plan", "aggregate", "figures", "tradeoff", "tradeoff_figures"}
 LATER, ANALYSIS, FIGURE = ALL - {"runs"}, {"aggregate", "figures"}, {"figures"}
 TRADEOFF = {"tradeoff", "tradeoff_figures"}
 OTHERS = {  # keys with another value than in config/small.yaml, and what is made from it
-    "scenes": ("scenes/harrison2020.yaml", ALL), "particles": ([50], ALL), "vary": ({"duration": [1, 2]}, ALL),
-    "vary_together": (True, ANALYSIS), "shown_particles": (50, FIGURE), "seeds": (7, LATER), "tolerance": (0.1, LATER),
-    "engines": ([{"name": "timestep", "time_step": 0.001}], ALL), "target": ("d", LATER), "batch": (7, set()),
-    "record": ("none", ALL), "observables": ("species_energy", ALL), "average": ("origins", ALL),
-    "title": ("A", FIGURE), "note": ("B", FIGURE), "figures": ("msd", FIGURE), "panel": ("scene", FIGURE),
-    "displacement_times": ([0.5], ANALYSIS), "rings": ({"dr": 0.1, "count": 9}, ANALYSIS), "allow_failed": (7, set()),
-    "fit_windows": ([[0.2, 1], [0.5, 1]], LATER), "instead_of": ({"harrison2020": "harrison2020_thermal"}, TRADEOFF),
-}  # fmt: skip
+    "scenes": ("scenes/harrison2020.yaml", ALL),
+    "particles": ([50], ALL),
+    "vary": ({"duration": [1, 2]}, ALL),
+    "vary_together": (True, ANALYSIS),
+    "shown_particles": (50, FIGURE),
+    "seeds": (7, LATER),
+    "tolerance": (0.1, LATER),
+    "engines": ([{"name": "timestep", "time_step": 0.001}], ALL),
+    "target": ("d", LATER),
+    "batch": (7, set()),
+    "record": ("none", ALL),
+    "observables": ("species_energy", ALL),
+    "average": ("origins", ALL),
+    "title": ("A", FIGURE),
+    "note": ("B", FIGURE),
+    "figures": ("msd", FIGURE),
+    "panel": ("scene", FIGURE),
+    "displacement_times": ([0.5], ANALYSIS),
+    "rings": ({"dr": 0.1, "count": 9}, ANALYSIS),
+    "allow_failed": (7, set()),
+    "fit_windows": ([[0.2, 1], [0.5, 1]], LATER),
+    "instead_of": ({"harrison2020": "harrison2020_thermal"}, TRADEOFF),
+}
 
 
 def made_from(study):
@@ -110,13 +141,23 @@ def due(before, after):
 @pytest.mark.parametrize("key", Study.model_fields)
 def test_each_key_makes_the_steps_due_that_are_made_from_it_and_no_others(key):
     value, expected = OTHERS[key]
-    before, replaced, alone = small(), {key: value}, key not in ("average", "record")  # they must go with others
+    before, replaced, alone = (
+        small(),
+        {key: value},
+        key not in ("average", "record"),
+    )  # they must go with others
     after = small(**replaced) if alone else before.model_copy(update=replaced)
     assert due(made_from(before), made_from(after)) == expected
-    if key == "fit_windows":  # the first one is that of plans; a dataset says if windows were asked for
-        assert due(made_from(before), made_from(small(fit_windows=[[0.1, 1], [0.4, 1]]))) == ANALYSIS
+    if (
+        key == "fit_windows"
+    ):  # the first one is that of plans; a dataset says if windows were asked for
+        assert (
+            due(made_from(before), made_from(small(fit_windows=[[0.1, 1], [0.4, 1]]))) == ANALYSIS
+        )
         unasked = small(fit_windows=None)
-        assert due(made_from(unasked), made_from(small(fit_windows=unasked.fit_windows))) == ANALYSIS
+        assert (
+            due(made_from(unasked), made_from(small(fit_windows=unasked.fit_windows))) == ANALYSIS
+        )
 
 
 DRAWN = FIGURE | {"tradeoff_figures"}
@@ -134,7 +175,9 @@ def test_a_changed_source_makes_its_step_due_and_all_after_it(monkeypatch, chang
     assert due(before, made_from(small())) == SOURCES[changed]
 
 
-@pytest.mark.parametrize(("figure", "observables"), [("thermodynamics", []), ("energy", "species_energy")])
+@pytest.mark.parametrize(
+    ("figure", "observables"), [("thermodynamics", []), ("energy", "species_energy")]
+)
 def test_figures_are_drawn_of_engines_that_measure_what_they_show(figure, observables):
     langevin = {"name": "langevin", "friction": "enskog"}
     assert figure not in small(engines=[langevin], observables=observables).figures
@@ -143,14 +186,18 @@ def test_figures_are_drawn_of_engines_that_measure_what_they_show(figure, observ
 
 def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "one.yaml").write_text("box: {x: [0, 1], y: [0, 1]}\ndisks: []\nduration: 1\n")
+    (tmp_path / "scenes" / "one.yaml").write_text(
+        "box: {x: [0, 1], y: [0, 1]}\ndisks: []\nduration: 1\n"
+    )
     (tmp_path / "study.yaml").write_text("scenes: scenes/one.yaml\nseeds: 3\n")
     monkeypatch.chdir("/")
     study = read_study(tmp_path / "study.yaml")
     assert study.scenes == (tmp_path / "scenes" / "one.yaml",)
     (told,) = commands(study).values()
     assert told.startswith(str(tmp_path / "scenes" / "one.yaml").lstrip("/"))  # seen from here
-    assert study.figures == tuple(name for name, figure in FIGURES.items() if not figure.needs)  # nothing moves
+    assert study.figures == tuple(
+        name for name, figure in FIGURES.items() if not figure.needs
+    )  # nothing moves
     assert study.fit_windows == ((0.1, 1.0), (0.5, 1.0))
     assert study.displacement_times == ()
 
@@ -165,7 +212,11 @@ ALL_ENGINES = [
 
 def test_what_is_measured_in_the_runs(tmp_path):
     def told(study):
-        return next(iter(commands(study).values())).partition(" --record ")[2].partition(" --planned ")[0]
+        return (
+            next(iter(commands(study).values()))
+            .partition(" --record ")[2]
+            .partition(" --planned ")[0]
+        )
 
     assert told(small()) == "tracer"
     study = small(observables=["square_displacement", "species_energy"], record="none")
@@ -174,23 +225,36 @@ def test_what_is_measured_in_the_runs(tmp_path):
     assert study.figures == (*of_tracer, "energy", "thermodynamics", "scan", "health")
     study = small(observables="species_energy", record="none", fit_windows=None)
     assert study.figures == ("energy", "thermodynamics", "health")
-    vary = [{"box.boundary": boundaries} for boundaries in (["periodic"], ["periodic", "reflecting"])]
-    shown = ["density_profile" in small(observables="density_profile", vary=one).figures for one in vary]
+    vary = [
+        {"box.boundary": boundaries} for boundaries in (["periodic"], ["periodic", "reflecting"])
+    ]
+    shown = [
+        "density_profile" in small(observables="density_profile", vary=one).figures for one in vary
+    ]
     assert shown == [False, True]
-    text = (CONFIG / "scenes" / "harrison2020_thermal.yaml").read_text() + "equilibrate: {time: 1, tracer: free}\n"
+    text = (
+        CONFIG / "scenes" / "harrison2020_thermal.yaml"
+    ).read_text() + "equilibrate: {time: 1, tracer: free}\n"
     (tmp_path / "mixed.yaml").write_text(text)
-    study = small(scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins")
+    study = small(
+        scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins"
+    )
     assert told(study) == "tracer --observables square_displacement --average origins"
     assert {*study.figures} > {*of_tracer} and "displacement_distribution" not in small(
-        scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins", record="none"
+        scenes=str(tmp_path / "mixed.yaml"),
+        observables="square_displacement",
+        average="origins",
+        record="none",
     ).figures
 
 
-# -- keys replaced by `snakemake --config` --------------------------------------------------------------------------
+# -- keys replaced by `snakemake --config` ---------------------------------------------------------
 
 
 def replaced(*entries):
-    """The study with keys replaced as on the command line of Snakemake, which reads numbers in lists as text."""
+    """The study with keys replaced as on the command line of Snakemake, which reads numbers in
+    lists as text.
+    """
     from snakemake.cli import parse_config
 
     return read_study(CONFIG / "small.yaml", from_command_line(parse_config(entries)))
@@ -198,7 +262,11 @@ def replaced(*entries):
 
 def test_replaced_keys():
     study = replaced("seeds=[0-1,17]", "figures=[msd, health]", "rings={dr: 0.04, count: 24}")
-    assert (study.seeds, study.figures, study.rings) == ((0, 1, 17), ("msd", "health"), Rings(dr=0.04, count=24))
+    assert (study.seeds, study.figures, study.rings) == (
+        (0, 1, 17),
+        ("msd", "health"),
+        Rings(dr=0.04, count=24),
+    )
 
 
 def test_seeds_and_tolerance_replace_each_other(tmp_path):
@@ -217,14 +285,27 @@ def test_seeds_and_tolerance_replace_each_other(tmp_path):
 def test_seeds_written_one_by_one_or_in_ranges_are_the_same(seeds):
     one_by_one = validated(Seeds, ",".join(map(str, seeds)))
     assert list(one_by_one) == sorted(seeds)
-    assert [*validated(Seeds, ",".join(f"{first}-{last}" for first, last in ranges(one_by_one)))] == [*one_by_one]
+    assert [
+        *validated(Seeds, ",".join(f"{first}-{last}" for first, last in ranges(one_by_one)))
+    ] == [*one_by_one]
     assert [*validated(Seeds, seed_text(one_by_one))] == [*one_by_one]
 
 
 def test_seeds_as_text():
-    cases = {"": [], "17": [17], "0-599": range(600), "0-2,7,9-10": [0, 1, 2, 7, 9, 10], "0,2,4": range(0, 6, 2)}
-    assert {text: seed_text(seeds) for text, seeds in cases.items()} == {text: text for text in cases}
-    assert (list(validated(Seeds, "9,3,5,3")), list(validated(Seeds, "0-9,2-3,5"))) == ([3, 5, 9], [*range(10)])
+    cases = {
+        "": [],
+        "17": [17],
+        "0-599": range(600),
+        "0-2,7,9-10": [0, 1, 2, 7, 9, 10],
+        "0,2,4": range(0, 6, 2),
+    }
+    assert {text: seed_text(seeds) for text, seeds in cases.items()} == {
+        text: text for text in cases
+    }
+    assert (list(validated(Seeds, "9,3,5,3")), list(validated(Seeds, "0-9,2-3,5"))) == (
+        [3, 5, 9],
+        [*range(10)],
+    )
     assert validated(Seeds, "0-499999,500000-999999") == (*range(1_000_000),)
 
 
@@ -252,7 +333,9 @@ COSTS = st.builds(
 @pytest.mark.slow
 @given(COSTS, st.integers(1, 10**5), st.integers(0, 10**5), st.integers(1, 10**5))
 @settings(max_examples=60, deadline=None)
-def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(cost, runs, first, more):
+def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(
+    cost, runs, first, more
+):
     found = batches(range(first, first + runs), cost)
     assert found[0][0] == first and found[-1][1] == first + runs - 1
     assert all(before[1] + 1 == after[0] for before, after in pairwise(found))
@@ -264,12 +347,22 @@ def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(cos
 
 @pytest.mark.parametrize(
     ("seconds", "days", "most_jobs", "longest_job"),
-    [(1.0, 1 / 24, 240, 20), (1.0, 10, 2600, 3600), (1e-3, 1, 1400, 600), (10.0, 365, 4000, 2 * 86400)],
+    [
+        (1.0, 1 / 24, 240, 20),
+        (1.0, 10, 2600, 3600),
+        (1e-3, 1, 1400, 600),
+        (10.0, 365, 4000, 2 * 86400),
+    ],
 )
-def test_automatic_batches_take_tens_of_seconds_and_more_where_they_are_many(seconds, days, most_jobs, longest_job):
+def test_automatic_batches_take_tens_of_seconds_and_more_where_they_are_many(
+    seconds, days, most_jobs, longest_job
+):
     found = batches(range(int(days * 86400 / seconds)), forecast.Cost(0, 0, seconds, 0, 0, 0))
     assert 15 <= (found[0][1] + 1) * seconds <= 30
-    assert len(found) <= most_jobs and max(last - first + 1 for first, last in found) * seconds <= longest_job
+    assert (
+        len(found) <= most_jobs
+        and max(last - first + 1 for first, last in found) * seconds <= longest_job
+    )
 
 
 # -- refusals: test_wrong_input.py ---

@@ -19,7 +19,8 @@ SIGMAS = 4.5
 
 
 def propagator(r, t, diffusion):
-    """Return the probability per area [1/length^2] to be at distance `r` from the start after time `t > 0`: eq. (11).
+    """Return the probability per area [1/length^2] to be at distance `r` from the start after time
+    `t > 0`: eq. (11).
 
     It solves the diffusion equation, eqs. (13)-(16), for a start at the origin, eq. (17).
     """
@@ -40,9 +41,13 @@ def assert_mean(samples, expected):
 
 
 def square_walkers(rng, tau, runs=200_000):
-    """Distances from the centre of runs that diffuse from there in the square of half-width 1, reflected exactly."""
+    """Distances from the centre of runs that diffuse from there in the square of half-width 1,
+    reflected exactly.
+    """
     x = np.sqrt(2 * tau) * rng.standard_normal((runs, 2))
-    return np.hypot(*(np.abs((x + 1) % 4 - 2) - 1).T)  # the method of images: fold the plane into the square
+    return np.hypot(
+        *(np.abs((x + 1) % 4 - 2) - 1).T
+    )  # the method of images: fold the plane into the square
 
 
 @pytest.mark.parametrize("tau", [0.0067, 0.0069, 0.05, 0.3, 2.0])
@@ -56,12 +61,17 @@ def test_radial_law_of_the_reflecting_square(tau):
 
 def test_radial_law_has_its_limits():
     r = np.linspace(0, 1.5, 31)
-    free, first = (theory.reflecting_square_within(r, tau, 1.0, 1.0) for tau in (0.0068 - 1e-12, 0.0068 + 1e-12))
+    free, first = (
+        theory.reflecting_square_within(r, tau, 1.0, 1.0)
+        for tau in (0.0068 - 1e-12, 0.0068 + 1e-12)
+    )
     assert np.abs(free - first).max() < 1e-9  # the law itself moves by 1e-10 between the two times
     last = theory.reflecting_square_within(r, 50.0, 1.0, 1.0)
     assert last[r <= 1] == pytest.approx(np.pi * r[r <= 1] ** 2 / 4, abs=1e-13)
     assert (last[r >= 1.4143] == 1).all()
-    assert theory.reflecting_square_within(np.sqrt(2) - 1e-9, 50.0, 1.0, 1.0) == pytest.approx(1, abs=1e-12)
+    assert theory.reflecting_square_within(np.sqrt(2) - 1e-9, 50.0, 1.0, 1.0) == pytest.approx(
+        1, abs=1e-12
+    )
 
 
 @pytest.mark.slow
@@ -69,13 +79,17 @@ def test_radial_law_has_the_msd_of_the_square():
     r = np.linspace(0, np.sqrt(2), 2001)
     for tau in (0.003, 0.02, 0.4):
         beyond = 1 - theory.reflecting_square_within(r, tau, 1.0, 1.0)
-        assert np.trapezoid(2 * r * beyond, r) == pytest.approx(theory.reflecting_square_msd(tau, 1.0, 1.0), rel=1e-5)
+        assert np.trapezoid(2 * r * beyond, r) == pytest.approx(
+            theory.reflecting_square_msd(tau, 1.0, 1.0), rel=1e-5
+        )
 
 
 def test_diffusion_from_the_msd_in_the_square():
     for diffusion in (1e-3, 0.3, 2.0):
         msd = theory.reflecting_square_msd(1.3, diffusion, 2.7)
-        assert theory.reflecting_square_diffusion(msd, 1.3, 2.7) == pytest.approx(diffusion, rel=1e-9)
+        assert theory.reflecting_square_diffusion(msd, 1.3, 2.7) == pytest.approx(
+            diffusion, rel=1e-9
+        )
     assert np.isnan(theory.reflecting_square_diffusion(2 * 2.7**2 / 3, 1.3, 2.7))
     assert np.isnan(theory.reflecting_square_diffusion(0.0, 1.3, 2.7))
 
@@ -86,7 +100,9 @@ def test_ring_probability_is_the_integral_of_the_propagator():
 
 
 def test_thin_ring_keeps_its_digits():
-    assert theory.ring_probability(1.0, 1.0 + 1e-9, 0.25, 1.0) == pytest.approx(2e-9 * np.exp(-1), rel=1e-7)
+    assert theory.ring_probability(1.0, 1.0 + 1e-9, 0.25, 1.0) == pytest.approx(
+        2e-9 * np.exp(-1), rel=1e-7
+    )
 
 
 def test_reflecting_square_starts_free_and_ends_uniform():
@@ -99,7 +115,9 @@ def test_reflecting_square_starts_free_and_ends_uniform():
 
 
 def test_contact_values_of_a_thin_gas():
-    """B3 = (4/3 - sqrt(3)/pi) B2^2 gives chi = 1 + 1.5640 phi exactly; both forms have 25/16 = 1.5625 instead."""
+    """B3 = (4/3 - sqrt(3)/pi) B2^2 gives chi = 1 + 1.5640 phi exactly; both forms have 25/16 =
+    1.5625 instead.
+    """
     phi = 1e-6
     exact = 2 * (4 / 3 - np.sqrt(3) / np.pi)
     for chi in (theory.contact_value(phi), theory.contact_value_henderson(phi)):
@@ -110,7 +128,9 @@ def test_mixture_of_one_kind_is_henderson():
     n, s = 0.6, 0.9
     for densities, diameters in (([n], [s]), ([n / 3, 2 * n / 3], [s, s])):
         mixed = theory.contact_value_mixture(s, s, densities, diameters)
-        assert mixed == pytest.approx(theory.contact_value_henderson(np.pi / 4 * n * s**2), rel=1e-14)
+        assert mixed == pytest.approx(
+            theory.contact_value_henderson(np.pi / 4 * n * s**2), rel=1e-14
+        )
 
 
 @pytest.mark.parametrize(("phi", "z", "z_error", "rate", "rate_error"), [
@@ -118,23 +138,41 @@ def test_mixture_of_one_kind_is_henderson():
     (0.50, 4.10536, 0.00220, 7.00997, 0.00421),
 ])  # fmt: skip
 def test_luding_against_simulation(phi, z, z_error, rate, rate_error):
-    """Molecular dynamics of 1,024 periodic disks, s = m = temperature = 1; the form itself is good to 0.1 %."""
+    """Molecular dynamics of 1,024 periodic disks, s = m = temperature = 1; the form itself is good
+    to 0.1 %.
+    """
     chi, n = theory.contact_value(phi), 4 * phi / np.pi
     assert abs(theory.compressibility(phi, chi) - z) < SIGMAS * z_error + 1e-3 * z
-    assert abs(theory.collision_rate(n, 1.0, chi, 0.5, 1.0) - rate) < SIGMAS * rate_error + 1e-3 * rate
+    assert (
+        abs(theory.collision_rate(n, 1.0, chi, 0.5, 1.0) - rate) < SIGMAS * rate_error + 1e-3 * rate
+    )
 
 
 def test_collision_rate_against_free_flight():
-    """Rate = n sigma chi times the mean over relative velocities of the swept width 2 |u|, by Maxwell sampling."""
-    rng, n, sigma, chi, temperature, m_a, m_b = np.random.default_rng(13), 0.5, 0.4, 1.3, 1.6, 1.0, 0.4
+    """Rate = n sigma chi times the mean over relative velocities of the swept width 2 |u|, by
+    Maxwell sampling.
+    """
+    rng, n, sigma, chi, temperature, m_a, m_b = (
+        np.random.default_rng(13),
+        0.5,
+        0.4,
+        1.3,
+        1.6,
+        1.0,
+        0.4,
+    )
     size = (200_000, 2)
-    u = rng.normal(0, np.sqrt(temperature / m_a), size) - rng.normal(0, np.sqrt(temperature / m_b), size)
+    u = rng.normal(0, np.sqrt(temperature / m_a), size) - rng.normal(
+        0, np.sqrt(temperature / m_b), size
+    )
     expected = theory.collision_rate(n, sigma, chi, theory.reduced_mass(m_a, m_b), temperature)
     assert_mean(2 * n * sigma * chi * np.hypot(*u.T), expected)
 
 
 def test_mean_root_of_a_chi_square():
-    """2 degrees: the mean of a Rayleigh variate, sqrt(pi)/2; many: 1 - 1/4d + 1/32d^2. By recurrence in between."""
+    """2 degrees: the mean of a Rayleigh variate, sqrt(pi)/2; many: 1 - 1/4d + 1/32d^2. By
+    recurrence in between.
+    """
     assert theory.mean_root_chi_square(2) == pytest.approx(np.sqrt(np.pi) / 2, rel=1e-14)
     for d in range(2, 50, 2):  # Gamma(x + 1) = x Gamma(x)
         expected = theory.mean_root_chi_square(d) * (d + 1) / np.sqrt(d * (d + 2))
@@ -162,9 +200,15 @@ def test_mixture_of_equal_species_is_one_species():
     n = 0.3 / (np.pi / 4)
     rates = theory.mixture_collision_rates([n / 3, 2 * n / 3], [1.0, 1.0], [2.0, 2.0], 1.7)
     assert rates.sum(axis=1) == pytest.approx(theory.collision_rate(n, 1.0, chi, 1.0, 1.7))
-    assert theory.mixture_compressibility([n / 3, 2 * n / 3], [1.0, 1.0]) == pytest.approx(1 + 0.6 * chi)
-    second = np.pi / 2 * (3 * 3 * 1.0**2 + 2 * 3 * 5 * 0.7**2 + 5 * 5 * 0.4**2) / 8  # virial coefficient of unlike ones
-    assert (theory.mixture_compressibility([3e-7, 5e-7], [1.0, 0.4]) - 1) * 1e7 == pytest.approx(second, rel=1e-5)
+    assert theory.mixture_compressibility([n / 3, 2 * n / 3], [1.0, 1.0]) == pytest.approx(
+        1 + 0.6 * chi
+    )
+    second = (
+        np.pi / 2 * (3 * 3 * 1.0**2 + 2 * 3 * 5 * 0.7**2 + 5 * 5 * 0.4**2) / 8
+    )  # virial coefficient of unlike ones
+    assert (theory.mixture_compressibility([3e-7, 5e-7], [1.0, 0.4]) - 1) * 1e7 == pytest.approx(
+        second, rel=1e-5
+    )
 
 
 def test_collisions_of_a_mixture_balance():
@@ -186,29 +230,49 @@ def test_area_of_a_disk_within_and_around_a_rectangle():
         ((3.5, 0.0), 1.0, 0.0),
         ((0.2, -0.1), 2.8, 12.0),
     ):
-        assert theory.disk_area_in_rectangle(r, *at, 4.0, 3.0) == pytest.approx(area, rel=1e-14, abs=1e-14)
+        assert theory.disk_area_in_rectangle(r, *at, 4.0, 3.0) == pytest.approx(
+            area, rel=1e-14, abs=1e-14
+        )
 
 
 def test_rings_around_a_uniform_centre_are_those_of_two_uniform_points():
     edges, first, second = np.linspace(0, 3, 13), (4.0, 3.0), (3.4, 2.4)
-    (x, wx), (y, wy) = ((node * side / 2, weight / 2) for side in first for node, weight in [leggauss(200)])
+    (x, wx), (y, wy) = (
+        (node * side / 2, weight / 2) for side in first for node, weight in [leggauss(200)]
+    )
     area = theory.disk_area_in_rectangle(edges, x[:, None, None], y[:, None], *second)
     mean = np.einsum("i,j,ijk->k", wx, wy, area) / np.prod(second)
     # a kink per wall: quadrature is off by some 200^-2
-    assert np.diff(mean) == pytest.approx(theory.pair_distance_probability(edges, first, second), abs=1e-5)
+    assert np.diff(mean) == pytest.approx(
+        theory.pair_distance_probability(edges, first, second), abs=1e-5
+    )
 
 
-@pytest.mark.parametrize(("light", "heavy"), [(1e-300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (2.0, 3.0)])
+@pytest.mark.parametrize(
+    ("light", "heavy"), [(1e-300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (2.0, 3.0)]
+)
 def test_reduced_mass_friction_and_rate_in_any_units(light, heavy):
-    """sqrt(2 pi mu kT) and sqrt(2 pi kT/mu) to 4 units of round-off, where mu kT, kT/mu or m_a m_b are no numbers."""
+    """sqrt(2 pi mu kT) and sqrt(2 pi kT/mu) to 4 units of round-off, where mu kT, kT/mu or m_a m_b
+    are no numbers.
+    """
     mu = theory.reduced_mass(light, heavy)
-    assert mu == theory.reduced_mass(heavy, light) == pytest.approx(float(Fraction(light) * Fraction(heavy) / (
-        Fraction(light) + Fraction(heavy))), rel=1e-15)  # fmt: skip
+    assert (
+        mu
+        == theory.reduced_mass(heavy, light)
+        == pytest.approx(
+            float(Fraction(light) * Fraction(heavy) / (Fraction(light) + Fraction(heavy))),
+            rel=1e-15,
+        )
+    )
     for temperature in (1e-200, 1.0, 1e200):
         root = math.sqrt(2 * math.pi) * math.sqrt(mu) * math.sqrt(temperature)
-        assert theory.enskog_friction(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(2 * root, rel=1e-15)
+        assert theory.enskog_friction(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(
+            2 * root, rel=1e-15
+        )
         root = math.sqrt(2 * math.pi) / math.sqrt(mu) * math.sqrt(temperature)
-        assert theory.collision_rate(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(root, rel=1e-15)
+        assert theory.collision_rate(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(
+            root, rel=1e-15
+        )
 
 
 # --- Enskog's viscosity
@@ -217,14 +281,21 @@ def test_reduced_mass_friction_and_rate_in_any_units(light, heavy):
 def sonine_factors(trial):
     """What two, three and four Sonine orders make of the first, for disks.
 
-    `trial(p, mean, relative)` is the pth trial function, summed over the disks that count. Integrals over the mean
-    velocity of a pair, their relative speed s^(1/2), the impact parameter b and the direction a of the relative
-    velocity, by Gaussian rules (the direction by the trapezoidal rule): exact.
+    `trial(p, mean, relative)` is the pth trial function, summed over the disks that count.
+    Integrals over the mean velocity of a pair, their relative speed s^(1/2), the impact parameter b
+    and the direction a of the relative velocity, by Gaussian rules (the direction by the
+    trapezoidal rule): exact.
     """
-    (x, weight_x), (b, weight_b), (s, weight_s) = hermgauss(9), leggauss(12), roots_genlaguerre(9, 0.5)
+    (x, weight_x), (b, weight_b), (s, weight_s) = (
+        hermgauss(9),
+        leggauss(12),
+        roots_genlaguerre(9, 0.5),
+    )
     weight = np.einsum("i,j,k,l->ijkl", weight_x, weight_x, weight_s, weight_b)[..., None]
     u, v, s, b, a = np.meshgrid(x, x, s, b, np.arange(18) * np.pi / 9, indexing="ij")
-    before, after = (np.sqrt(s) * np.array([np.cos(q), np.sin(q)]) for q in (a, a + np.pi + 2 * np.arcsin(b)))
+    before, after = (
+        np.sqrt(s) * np.array([np.cos(q), np.sin(q)]) for q in (a, a + np.pi + 2 * np.arcsin(b))
+    )
     change = [trial(p, (u, v), after) - trial(p, (u, v), before) for p in range(4)]
     bracket = np.array([[(weight * one * other).sum() for other in change] for one in change])
     return [bracket[0, 0] * np.linalg.inv(bracket[:k, :k])[0, 0] for k in (2, 3, 4)]
@@ -237,7 +308,9 @@ def disk_of(mean, relative, sign=1):
 
 
 def test_sonine_factors_of_disks():
-    """Of viscosity and self-diffusion: exact in the second order, 51/50 and 43/42, and converged in the fourth."""
+    """Of viscosity and self-diffusion: exact in the second order, 51/50 and 43/42, and converged in
+    the fourth.
+    """
 
     def stress(p, mean, relative):
         pair = [disk_of(mean, relative, sign) for sign in (1, -1)]
@@ -257,15 +330,23 @@ def test_sonine_factors_of_disks():
 
 
 def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
-    """In a weak shear flow at the rate g a pair at contact has the mean relative velocity g s k_y along x."""
+    """In a weak shear flow at the rate g a pair at contact has the mean relative velocity g s k_y
+    along x.
+    """
     n, s, chi, m, kt = 0.4, 0.7, 1.9, 1.3, 2.1
     thin = transport.enskog_viscosity(1e-9, s, 1.0, m, kt)
     assert thin == pytest.approx(1.022 * np.sqrt(m * kt / np.pi) / (2 * s), rel=1e-8)
     k, shear, width = np.arange(64) * 2 * np.pi / 64, 1e-4, np.sqrt(2 * kt / m)
     mean = shear * s * np.cos(k) * np.sin(k)
     approach = np.linspace(-12 * width, 0, 20001)[:, None]
-    square = np.trapezoid(approach**2 * np.exp(-((approach - mean) ** 2) / (2 * width**2)), approach, axis=0)
+    square = np.trapezoid(
+        approach**2 * np.exp(-((approach - mean) ** 2) / (2 * width**2)), approach, axis=0
+    )
     square /= np.sqrt(2 * np.pi) * width
     flux = n**2 * chi * s**2 * m / 2 * (np.cos(k) * np.sin(k) * square).sum() * 2 * np.pi / 64
-    carried = 1.022 * np.sqrt(m * kt / np.pi) / (2 * s) * (1 + np.pi / 4 * n * s**2 * chi) ** 2 / chi
-    assert transport.enskog_viscosity(n, s, chi, m, kt) - carried == pytest.approx(-flux / shear, rel=1e-6)
+    carried = (
+        1.022 * np.sqrt(m * kt / np.pi) / (2 * s) * (1 + np.pi / 4 * n * s**2 * chi) ** 2 / chi
+    )
+    assert transport.enskog_viscosity(n, s, chi, m, kt) - carried == pytest.approx(
+        -flux / shear, rel=1e-6
+    )

@@ -1,4 +1,6 @@
-"""The time-stepping engine against a plain twin to the bit, against the exact engine as dt -> 0, and conservation."""
+"""The time-stepping engine against a plain twin to the bit, against the exact engine as dt -> 0,
+and conservation.
+"""
 
 import json
 import math
@@ -24,10 +26,19 @@ EPSILON = np.finfo(float).eps
 
 
 def make(boundary, side, kinds, duration, tracer=None, **more):
-    """A scene of species from (count, radius, mass) each, in a box, perhaps a square, around the origin."""
+    """A scene of species from (count, radius, mass) each, in a box, perhaps a square, around the
+    origin.
+    """
     x, y = (np.broadcast_to(side, 2) / 2).tolist()
-    disks = {"species": [{"name": f"s{j}", "count": n, "radius": r, "mass": m} for j, (n, r, m) in enumerate(kinds)]}
-    disks |= {"placement": more.pop("placement", "random")} | ({} if tracer is None else {"tracer": tracer})
+    disks = {
+        "species": [
+            {"name": f"s{j}", "count": n, "radius": r, "mass": m}
+            for j, (n, r, m) in enumerate(kinds)
+        ]
+    }
+    disks |= {"placement": more.pop("placement", "random")} | (
+        {} if tracer is None else {"tracer": tracer}
+    )
     mapping = {"box": {"x": [-x, x], "y": [-y, y], "boundary": boundary}, "disks": disks}
     mapping |= {"duration": duration, "velocities": {"standard_deviation": 1.0}}
     return parse_scene(mapping | more, "made.yaml")
@@ -35,7 +46,9 @@ def make(boundary, side, kinds, duration, tracer=None, **more):
 
 def explicit(boundary, side, disks, duration, **more):
     """A scene of disks from (position, velocity, radius, mass) each."""
-    rows = [dict(zip(("position", "velocity", "radius", "mass"), disk, strict=True)) for disk in disks]
+    rows = [
+        dict(zip(("position", "velocity", "radius", "mass"), disk, strict=True)) for disk in disks
+    ]
     box = {"x": [-side / 2, side / 2], "y": [-side / 2, side / 2], "boundary": boundary}
     return parse_scene({"box": box, "disks": rows, "duration": duration} | more, "explicit.yaml")
 
@@ -48,18 +61,22 @@ SCENES = {
     "alone": make(W, 2.0, [(1, 0.25, 1)], 40.0),
     "periodic": make(P, 2.0, [(12, 0.125, 1)], 1.0),
     "periodic mixture": make(P, 2.0, [(8, 0.1, 1), (8, 0.14, 0.25)], 1.0),
-    "periodic big": make(P, 2.0, [(16, 0.1, 0.5), (1, 0.5, 3.0)], 1.0),  # last: the tracer is another one
+    "periodic big": make(
+        P, 2.0, [(16, 0.1, 0.5), (1, 0.5, 3.0)], 1.0
+    ),  # last: the tracer is another one
     "two cells a side": make(P, 1.0, [(4, 0.17, 1)], 2.0),
 }
 DT = 2.0**-7
 REPORTED = ("pair_collisions", "tracer_collisions", "wall_collisions", "virial", "wall_impulse")
 
 
-# -- step by step ---------------------------------------------------------------------------------------------------
+# -- step by step ----------------------------------------------------------------------------------
 
 
 def twin(state, box, dt, steps, collisions):
-    """The algorithm as it reads, all pairs with all images: positions, velocities, and what is REPORTED."""
+    """The algorithm as it reads, all pairs with all images: positions, velocities, and what is
+    REPORTED.
+    """
     x, v, radius, mass = (column.copy() for column in state)
     size, low = np.array((box.width, box.height)), np.array((box.x[0], box.y[0]))
     images = [(a, u) for a in (-1, 0, 1) for u in (-1, 0, 1)] if box.periodic else [(0, 0)]
@@ -67,13 +84,19 @@ def twin(state, box, dt, steps, collisions):
     reported, course, late = np.zeros(5), np.zeros(len(x)), collisions == "late"
 
     def meeting(i, k, image, now):
-        """Place and velocity of disk k as seen from i, whether they are to collide, and how long ago they met."""
+        """Place and velocity of disk k as seen from i, whether they are to collide, and how long
+        ago they met.
+        """
         (rx, ry), (ux, uy), sigma = x[k] + image * size - x[i], v[k] - v[i], radius[i] + radius[k]
         approach, speed2, cross = rx * ux + ry * uy, ux * ux + uy * uy, rx * uy - ry * ux
         overlapping = rx * rx + ry * ry < sigma * sigma
         if late:
             return rx, ry, ux, uy, overlapping and approach < 0, 0.0
-        since, root, free = -1.0, speed2 * (sigma * sigma) - cross * cross, now - max(course[i], course[k])
+        since, root, free = (
+            -1.0,
+            speed2 * (sigma * sigma) - cross * cross,
+            now - max(course[i], course[k]),
+        )
         if root > 0:
             root = math.sqrt(root)
             apart = sigma * sigma - (rx * rx + ry * ry)
@@ -91,9 +114,16 @@ def twin(state, box, dt, steps, collisions):
             x -= np.floor((x - low) / size) * size
         # A pair that meets overlaps, or met within two steps and has not gone further since.
         apart = np.linalg.norm((x[second] - x[first])[:, None] + np.array(images) * size, axis=-1)
-        furthest = (radius[first] + radius[second] + 5 * dt * np.linalg.norm(v, axis=1).max())[:, None]
-        met = [(first[pair], second[pair], images[image]) for pair, image in np.argwhere(apart < furthest)]
-        met = sorted((-since, *one) for one in met for *_, hit, since in [meeting(*one, now)] if hit or late)
+        furthest = (radius[first] + radius[second] + 5 * dt * np.linalg.norm(v, axis=1).max())[
+            :, None
+        ]
+        met = [
+            (first[pair], second[pair], images[image])
+            for pair, image in np.argwhere(apart < furthest)
+        ]
+        met = sorted(
+            (-since, *one) for one in met for *_, hit, since in [meeting(*one, now)] if hit or late
+        )
         for _, i, k, image in met:
             rx, ry, ux, uy, hit, since = meeting(i, k, image, now)
             if hit:
@@ -115,7 +145,9 @@ def twin(state, box, dt, steps, collisions):
                 if not late:
                     hits = int(beyond / gap) + 1
                     rest = beyond - (hits - 1) * gap
-                    x[i, axis] = x[i, axis] + inward * beyond + inward * (rest if hits % 2 else gap - rest)
+                    x[i, axis] = (
+                        x[i, axis] + inward * beyond + inward * (rest if hits % 2 else gap - rest)
+                    )
                     course[i] = max(course[i], now - rest / speed)
                 v[i, axis] *= (-1) ** hits
                 reported += 0, 0, hits, 0, 2 * mass[i] * speed * hits
@@ -125,7 +157,9 @@ def twin(state, box, dt, steps, collisions):
 @pytest.mark.parametrize("collisions", ["at_contact", pytest.param("late", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SCENES)
 def test_every_step_is_that_of_the_plain_twin(name, collisions):
-    """Between walls to the last bit; in periodic boxes positions are rounded elsewhere, so to 1e-9 in a short time."""
+    """Between walls to the last bit; in periodic boxes positions are rounded elsewhere, so to 1e-9
+    in a short time.
+    """
     scene = SCENES[name]
     run = timestep.simulate(scene, [5], {"all"}, time_step=DT, collisions=collisions)
     x, v, reported = twin(draw(scene, 5), scene.box, DT, round(scene.duration / DT), collisions)
@@ -145,7 +179,9 @@ def test_every_step_is_that_of_the_plain_twin(name, collisions):
 @pytest.mark.parametrize("collisions", COLLISIONS)
 @pytest.mark.parametrize("name", ["mixture", "big"])
 def test_how_neighbours_are_found_changes_no_bit(name, collisions):
-    """Long and short lists, lists that are renewed at every step, and lists that have too little room at first."""
+    """Long and short lists, lists that are renewed at every step, and lists that have too little
+    room at first.
+    """
     scene = SCENES[name]
     engine = timestep.prepared(scene, Settings(DT, collisions))
     wide = np.ones(4)
@@ -155,18 +191,29 @@ def test_how_neighbours_are_found_changes_no_bit(name, collisions):
         if skin == 10.0:
             few = [column[:4] if j < 2 else wide.copy() for j, column in enumerate(w.within)]
             w = w._replace(within=type(w.within)(*few))
-        runs.append(timestep.run(engine._replace(workspace=w), draw(scene, 2), scene.times, {"all"}))
+        runs.append(
+            timestep.run(engine._replace(workspace=w), draw(scene, 2), scene.times, {"all"})
+        )
     for other in runs[1:]:
         assert np.array_equal(other.whole.position, runs[0].whole.position)
-        found, expected = ({**one.observables, "momentum_residual": None} for one in (other, runs[0]))
+        found, expected = (
+            {**one.observables, "momentum_residual": None} for one in (other, runs[0])
+        )
         assert found == expected
         # Only the impulses given to the walls are added up in another order.
-        assert abs(other.observables["momentum_residual"] - runs[0].observables["momentum_residual"]) < 1e-15
+        assert (
+            abs(other.observables["momentum_residual"] - runs[0].observables["momentum_residual"])
+            < 1e-15
+        )
 
 
-@pytest.mark.parametrize("scene", [SCENES["mixture"], make(P, 2.0, [(20, 0.1, 0.5), (1, 0.5, 3)], 1.0)])
+@pytest.mark.parametrize(
+    "scene", [SCENES["mixture"], make(P, 2.0, [(20, 0.1, 0.5), (1, 0.5, 3)], 1.0)]
+)
 def test_no_step_depends_on_samples_batch_or_record(scene):  # the engine has the big one first
-    more = parse_scene(json.loads(scene.text) | {"sample_interval": scene.duration / 37}, "made.yaml")
+    more = parse_scene(
+        json.loads(scene.text) | {"sample_interval": scene.duration / 37}, "made.yaml"
+    )
     alone = timestep.simulate(scene, [3], {"all"}, time_step=0.0071)
     batch = timestep.simulate(more, [1, 3, 2], {"tracer"}, time_step=0.0071)
     assert np.array_equal(batch.tracer.position[-1, 1], alone.whole[3].position[-1, 0])
@@ -181,10 +228,12 @@ def test_a_sample_is_a_free_flight_after_the_step_before():
     assert np.abs(unwrapped - scene.times[:, None] * (1.0, -0.5)).max() < 1e-14
     assert run.times[-1] == 3.0 and np.all(np.abs(run.tracer.position) <= 2.0)
     frame = timestep.prepared(scene, Settings(0.1)).frame
-    assert timestep.recorder(scene, frame, 0.1, np.arange(31) * 0.1, ()).step.tolist() == [*range(31)]
+    assert timestep.recorder(scene, frame, 0.1, np.arange(31) * 0.1, ()).step.tolist() == [
+        *range(31)
+    ]
 
 
-# -- as dt -> 0 -----------------------------------------------------------------------------------------------------
+# -- as dt -> 0 ------------------------------------------------------------------------------------
 
 
 LONE_PAIR = [((-1.0, 0.1), (1.0, 0.05), 0.3, 1.0), ((0.2, 0.3), (-0.5, 0.0), 0.2, 0.4)]
@@ -205,19 +254,36 @@ def test_a_disk_meets_walls_in_time_whatever_the_step():
     there = exact.simulate(scene, [0], {"all"})
     for dt in (1e-2, 1e-3, 1e-4):
         run = timestep.simulate(scene, [0], {"all"}, time_step=dt)
-        assert abs(run.observables["wall_collisions"][0] - there.observables["wall_collisions"][0]) <= 1
-        inside = np.abs(there.whole[0].position).max(axis=(1, 2)) < 0.75 - 1.7 * dt  # a sample may lie before a bounce
+        assert (
+            abs(run.observables["wall_collisions"][0] - there.observables["wall_collisions"][0])
+            <= 1
+        )
+        inside = (
+            np.abs(there.whole[0].position).max(axis=(1, 2)) < 0.75 - 1.7 * dt
+        )  # a sample may lie before a bounce
         assert np.abs(run.whole[0].position - there.whole[0].position)[inside].max() < 1e-10
         assert np.count_nonzero(inside) > 150
 
 
-@pytest.mark.parametrize(("radius", "speed", "dt"), [(0.45, 1, 0.3), (0.45, 1, 0.15), (0.49, 0.3, 0.1), (0.3, 1, 0.05)])
+@pytest.mark.parametrize(
+    ("radius", "speed", "dt"), [(0.45, 1, 0.3), (0.45, 1, 0.15), (0.49, 0.3, 0.1), (0.3, 1, 0.05)]
+)
 def test_a_disk_in_a_narrow_gap_meets_both_walls_in_a_step(radius, speed, dt):
-    scene = explicit(W, 1.0, [((0.01, 0.0), (0.3 * speed, speed), radius, 1.0)], 10.0, sample_interval=0.5)
-    there, run = (engine(scene, [0], {"all"}) for engine in (exact.simulate, partial(timestep.simulate, time_step=dt)))
+    scene = explicit(
+        W, 1.0, [((0.01, 0.0), (0.3 * speed, speed), radius, 1.0)], 10.0, sample_interval=0.5
+    )
+    there, run = (
+        engine(scene, [0], {"all"})
+        for engine in (exact.simulate, partial(timestep.simulate, time_step=dt))
+    )
     seen, expected = run.observables, there.observables
-    assert abs(seen["wall_collisions"][0] - expected["wall_collisions"][0]) <= 1 and not seen["failed"][0]
-    assert np.abs(run.whole[0].position).max() < 0.5 - radius + speed * dt  # a sample may lie before a bounce
+    assert (
+        abs(seen["wall_collisions"][0] - expected["wall_collisions"][0]) <= 1
+        and not seen["failed"][0]
+    )
+    assert (
+        np.abs(run.whole[0].position).max() < 0.5 - radius + speed * dt
+    )  # a sample may lie before a bounce
     assert seen["wall_impulse"][0] == pytest.approx(expected["wall_impulse"][0], rel=0.05)
 
 
@@ -228,7 +294,9 @@ def test_a_disk_without_room_stays():
 
 
 def test_a_dense_fluid_loses_no_collisions_in_a_step_of_a_fiftieth():
-    """phi = 0.72, steps of a fiftieth of the largest: pairs that third disks push together meet, too; 3 % at most."""
+    """phi = 0.72, steps of a fiftieth of the largest: pairs that third disks push together meet,
+    too; 3 % at most.
+    """
     scene = make(P, 10.0, [(92, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0)
     expected = exact.simulate(scene, range(10)).observables["pair_collisions"]
     found = timestep.simulate(scene, range(10), time_step=largest_step(scene) / 50).observables
@@ -236,7 +304,8 @@ def test_a_dense_fluid_loses_no_collisions_in_a_step_of_a_fiftieth():
 
 
 def test_a_late_collision_is_late_by_up_to_a_step_so_the_error_is_of_first_order():
-    """One oblique collision of unequal disks: log error against log dt, slope 1 within 4 of its standard errors.
+    """One oblique collision of unequal disks: log error against log dt, slope 1 within 4 of its
+    standard errors.
 
     The delay is uniform in [0, dt], so the errors scatter about the line; false alarm 1 in 16,000.
     """
@@ -261,12 +330,18 @@ def test_a_wall_met_late_is_met_by_up_to_a_step_later_and_never_passed():
         run = timestep.simulate(scene, [0], {"all"}, time_step=dt, collisions="late")
         bounces = run.observables["wall_collisions"][0]
         assert abs(bounces - there.observables["wall_collisions"][0]) <= 1
-        assert 0 < np.abs(run.whole[0].position - there.whole[0].position).max() < 2 * bounces * 1.7 * dt
+        assert (
+            0
+            < np.abs(run.whole[0].position - there.whole[0].position).max()
+            < 2 * bounces * 1.7 * dt
+        )
         assert np.abs(run.whole[0].position).max() < 0.75 + 1.7 * dt
 
 
 def test_a_short_encounter_is_missed_and_counted_where_collisions_are_late():
-    """A chord of length 2 sqrt(sigma^2 - h^2) is crossed in 0.028; a step of 0.1 that straddles it sees nothing."""
+    """A chord of length 2 sqrt(sigma^2 - h^2) is crossed in 0.028; a step of 0.1 that straddles it
+    sees nothing.
+    """
     late = {"collisions": "late"}
     sigma, height = 1.0, np.sqrt(1 - 0.014**2)
     disks = [((-1.05, height), (1.0, 0.0), 0.5, 1.0), ((0.0, 0.0), (0.0, 0.0), 0.5, 1.0)]
@@ -277,16 +352,21 @@ def test_a_short_encounter_is_missed_and_counted_where_collisions_are_late():
     fine = timestep.simulate(scene, [0], time_step=0.005, **late).observables
     assert (fine["pair_collisions"][0], fine["missed_collisions"][0]) == (1, 0)
     past = explicit(W, 8.0, [((-1.05, 1.0001), *disks[0][1:]), disks[1]], 2.0)
-    assert timestep.simulate(past, [0], time_step=0.1, **late).observables["missed_collisions"][0] == 0
+    assert (
+        timestep.simulate(past, [0], time_step=0.1, **late).observables["missed_collisions"][0] == 0
+    )
     there = exact.simulate(scene, [0], {"all"})
     seen = timestep.simulate(scene, [0], {"all"}, time_step=0.1)
-    assert seen.observables["pair_collisions"][0] == 1 and "missed_collisions" not in seen.observables
+    assert (
+        seen.observables["pair_collisions"][0] == 1 and "missed_collisions" not in seen.observables
+    )
     assert np.abs(seen.whole[0].position[-1] - there.whole[0].position[-1]).max() < 1e-12
     assert timestep.simulate(past, [0], time_step=0.1).observables["pair_collisions"][0] == 0
 
 
 def test_late_collisions_are_fewer_by_an_amount_that_vanishes_with_the_step():
-    """A crowded box, the same 40 states: significantly fewer with a long step, with a short one within 4 errors.
+    """A crowded box, the same 40 states: significantly fewer with a long step, with a short one
+    within 4 errors.
 
     At contact the long step loses less than half as many: 2.8(7) % instead of 12.1(8) %.
     """
@@ -295,7 +375,9 @@ def test_late_collisions_are_fewer_by_an_amount_that_vanishes_with_the_step():
     expected = exact.simulate(scene, seeds).observables["pair_collisions"]
     bias = []
     for dt, collisions in ((3e-2, "late"), (1e-3, "late"), (3e-2, "at_contact")):
-        found = timestep.simulate(scene, seeds, time_step=dt, collisions=collisions).observables["pair_collisions"]
+        found = timestep.simulate(scene, seeds, time_step=dt, collisions=collisions).observables[
+            "pair_collisions"
+        ]
         less = found - expected
         bias.append((less.mean(), less.std(ddof=1) / np.sqrt(len(seeds))))
     assert bias[0][0] < -5 * bias[0][1]
@@ -306,28 +388,44 @@ def test_late_collisions_are_fewer_by_an_amount_that_vanishes_with_the_step():
 
 @pytest.mark.slow
 def test_the_course_is_the_exact_one_until_errors_have_grown():
-    """Departure comes the later the shorter the step, and later with collisions at contact than with late ones."""
+    """Departure comes the later the shorter the step, and later with collisions at contact than
+    with late ones.
+    """
     tracer = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
-    scene = make(W, 6.0, [(99, 0.1, 0.4)], 1.0, tracer, sample_interval=0.01, velocities={"standard_deviation": 2.0})
+    scene = make(
+        W,
+        6.0,
+        [(99, 0.1, 0.4)],
+        1.0,
+        tracer,
+        sample_interval=0.01,
+        velocities={"standard_deviation": 2.0},
+    )
     seeds = range(30)
     there = exact.simulate(scene, seeds).tracer.position
 
     def departs(dt, collisions):
-        run = timestep.simulate(scene, seeds if dt > 1e-5 else range(3), time_step=dt, collisions=collisions)
-        departed = departure_time(scene.times, run.tracer.position, there[:, : len(run.seeds)], 1e-3 * 0.3)
+        run = timestep.simulate(
+            scene, seeds if dt > 1e-5 else range(3), time_step=dt, collisions=collisions
+        )
+        departed = departure_time(
+            scene.times, run.tracer.position, there[:, : len(run.seeds)], 1e-3 * 0.3
+        )
         return np.mean(np.minimum(departed, 2.0))
 
     assert departs(1e-2, "late") < departs(1e-4, "late") < departs(2e-6, "late")
     assert departs(1e-2, "late") < departs(1e-2, "at_contact") < departs(1e-3, "at_contact")
 
 
-# -- what is conserved ----------------------------------------------------------------------------------------------
+# -- what is conserved -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("collisions", COLLISIONS)
 @pytest.mark.parametrize("name", SCENES)
 def test_energy_and_momentum_are_conserved_to_round_off(name, collisions):
-    """The sum of as many roundings as there are collisions, each of one unit of round-off of the whole at most."""
+    """The sum of as many roundings as there are collisions, each of one unit of round-off of the
+    whole at most.
+    """
     scene = SCENES[name]
     found = timestep.simulate(scene, range(5), time_step=DT, collisions=collisions).observables
     events = found["pair_collisions"] + found["wall_collisions"] + 10
@@ -335,7 +433,9 @@ def test_energy_and_momentum_are_conserved_to_round_off(name, collisions):
     assert np.all(found["momentum_residual"] < EPSILON * events)
     assert not found["failed"].any()
     assert np.all(found["worst_overlap"] < 1.0)
-    assert np.allclose(found["kinetic_energy"], exact.simulate(scene, range(5)).observables["kinetic_energy"])
+    assert np.allclose(
+        found["kinetic_energy"], exact.simulate(scene, range(5)).observables["kinetic_energy"]
+    )
 
 
 def test_what_is_no_number_or_not_conserved_has_failed():
@@ -344,13 +444,19 @@ def test_what_is_no_number_or_not_conserved_has_failed():
     state.velocity[3] = np.nan
     assert timestep.run(engine, state, np.array([0.1])).observables["failed"]
     assert not timestep.run(engine, draw(SCENES["walls"], 0), np.array([0.1])).observables["failed"]
-    for drift, finite in ((2e-9, True), (-2e-9, True), (np.nan, True), (0.0, False), (-5e-10, True)):
+    for drift, finite in (
+        (2e-9, True),
+        (-2e-9, True),
+        (np.nan, True),
+        (0.0, False),
+        (-5e-10, True),
+    ):
         conserved = Conservation(1.0, drift, 0.0, 1.0, finite)
         found = report(engine.scene, engine.frame, conserved, [0, 0, 0], np.zeros(5), 0.0, True)
         assert found["failed"] == (drift != -5e-10)
 
 
-# -- the same everywhere --------------------------------------------------------------------------------------------
+# -- the same everywhere ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("tracer", ["pinned", "free"])
@@ -360,7 +466,9 @@ def test_runs_begin_where_the_exact_engine_begins(tracer):
     runs = [engine(scene, [4], {"all"}).whole[4] for engine in (exact.simulate, stepping)]
     assert np.array_equal(runs[0].position[0], runs[1].position[0])
     assert np.array_equal(runs[0].velocity[0], runs[1].velocity[0])
-    assert np.array_equal(runs[0].position[0], equilibrate(prepare_equilibration(scene), draw(scene, 4)).position)
+    assert np.array_equal(
+        runs[0].position[0], equilibrate(prepare_equilibration(scene), draw(scene, 4)).position
+    )
 
 
 def stepping(scene, seeds, record):
@@ -382,11 +490,15 @@ def test_the_compiler_changes_no_bit():
     others = in_plain_python("few", "test_timestep")
     for run, other in zip(few(), others, strict=True):
         assert run.observables["pair_collisions"][0] > 2
-        assert all(np.array_equal(a, b) for a, b in zip(run.whole[3], other.whole[3], strict=True) if a is not None)
+        assert all(
+            np.array_equal(a, b)
+            for a, b in zip(run.whole[3], other.whole[3], strict=True)
+            if a is not None
+        )
         assert run.observables == other.observables
 
 
-# -- what is refused ------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -395,17 +507,23 @@ def test_the_compiler_changes_no_bit():
         (0.5, {}, r"time_step: must be at most 0\.07\d+, .* found 0.5"),
         (1e-12, {}, "time_step: must be at least 4e-10, for"),
         (np.nan, {}, "time_step: must be at most"),
-        (1e-3, {"record": {"events"}}, "--record events: the timestep engine knows no instants of collisions"),
+        (
+            1e-3,
+            {"record": {"events"}},
+            "--record events: the timestep engine knows no instants of collisions",
+        ),
     ],
 )
 def test_bad_settings_are_refused_in_one_line(time_step, more, message):
     with pytest.raises(RequestError, match=message) as refused:
         timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=time_step, **more)
     assert "\n" not in str(refused.value)
-    assert largest_step(SCENES["big"]) == pytest.approx(0.1 / math.sqrt(2 * 46 / 41))  # of the smallest disks
+    assert largest_step(SCENES["big"]) == pytest.approx(
+        0.1 / math.sqrt(2 * 46 / 41)
+    )  # of the smallest disks
 
 
-# -- departure ------------------------------------------------------------------------------------------------------
+# -- departure -------------------------------------------------------------------------------------
 
 
 def test_departure_is_the_first_sample_beyond_the_bound():
@@ -415,4 +533,9 @@ def test_departure_is_the_first_sample_beyond_the_bound():
     position[:, 1, 0] = times**2  # beyond 0.3 from 0.6 on
     position[:, 2, 1] = 10.0 * (times > 0.25)
     position[5:, 3, 0] = np.nan
-    assert departure_time(times, position, reference, 0.3).tolist() == [np.inf, 0.6000000000000001, times[3], 0.5]
+    assert departure_time(times, position, reference, 0.3).tolist() == [
+        np.inf,
+        0.6000000000000001,
+        times[3],
+        0.5,
+    ]

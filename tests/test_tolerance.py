@@ -1,4 +1,6 @@
-"""A study with a tolerance instead of seeds, and the trade-off of its engines, from scenes to figures."""
+"""A study with a tolerance instead of seeds, and the trade-off of its engines, from scenes to
+figures.
+"""
 
 import csv
 import os
@@ -51,7 +53,9 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tolerance")
     for name in ("bin", "scenes"):
         (folder / name).mkdir()
-    (folder / "bin/brownpipe").write_text(BROWNPIPE.format(sys.executable, TRADEOFF, f"{forked.programs()}/brownpipe"))
+    (folder / "bin/brownpipe").write_text(
+        BROWNPIPE.format(sys.executable, TRADEOFF, f"{forked.programs()}/brownpipe")
+    )
     (folder / "bin/brownpipe").chmod(0o755)
     (folder / "study.yaml").write_text(STUDY)
     (folder / "scenes/full.yaml").write_text(SCENE.replace("particles: 10", "particles: 12"))
@@ -69,22 +73,37 @@ def test_every_engine_has_a_cost_in_its_scenes(finished):
     pictures = {f"tradeoff_full_N12.{kind}" for kind in ("png", "svg")}
     texts = {"study.nc", "tradeoff.csv", "tradeoff.txt", "provenance.json", "report.html"}
     assert {path.name for path in made.iterdir() if "_from_" not in path.name} == pictures | texts
-    assert len({path.stem[-12:] for path in made.glob("*_from_*")}) == 2  # digests of the runs, and of the drawing, too
+    assert (
+        len({path.stem[-12:] for path in made.glob("*_from_*")}) == 2
+    )  # digests of the runs, and of the drawing, too
     rows = list(csv.DictReader((made / "tradeoff.csv").read_text().splitlines()))
     engines = ("exact", "timestep-0.03", "langevin-boltzmann", "exact in half_N6")
-    assert {(row["scene"], row["setting"]) for row in rows} == {("full_N12", engine) for engine in engines}
+    assert {(row["scene"], row["setting"]) for row in rows} == {
+        ("full_N12", engine) for engine in engines
+    }
     assert all(float(row["seconds"]) > 0 for row in rows)
 
 
 def test_seeds_are_as_many_as_the_tolerance_needs(finished):
     made = finished[0] / "results/study"
     plan = yaml.safe_load(next((made / "plan").iterdir()).read_text())
-    assert plan["runs"] == max(plan["needed"].values()) and set(plan["needed"]) == {"full, N = 12", "half, N = 6"}
-    assert re.search(r"^brownpipe: the study study: [1-9][\d,]* runs in \d+ jobs, some ", finished[1], re.MULTILINE)
+    assert plan["runs"] == max(plan["needed"].values()) and set(plan["needed"]) == {
+        "full, N = 12",
+        "half, N = 6",
+    }
+    assert re.search(
+        r"^brownpipe: the study study: [1-9][\d,]* runs in \d+ jobs, some ",
+        finished[1],
+        re.MULTILINE,
+    )
     measured = read_dataset(made / "tradeoff" / "study.nc").sel(scene="full_N12")
-    assert [int(n) for n in measured.runs.sel(setting=["exact", "langevin-boltzmann"])] == [plan["runs"], 300]
+    assert [int(n) for n in measured.runs.sel(setting=["exact", "langevin-boltzmann"])] == [
+        plan["runs"],
+        300,
+    ]
     assert (measured.window_start.item(), measured.window_end.item()) == (0.2, 0.9)
-    # r^2 of one run scatters by s, and 20 % were asked for; the pilot's s and this one are known to some 20 % together
+    # r^2 of one run scatters by s, and 20 % were asked for; the pilot's s and this one are known to
+    # some 20 % together
     achieved = float(measured.msd_spread.sel(setting="exact")) / np.sqrt(plan["runs"])
     assert achieved == pytest.approx(0.2, rel=0.6)
 
@@ -95,15 +114,25 @@ def test_nothing_is_run_again_until_the_tolerance_changes(finished, tmp_path):
 
     def planned():
         said = make(folder, "--dry-run", "--cores", "7")
-        return dict(re.findall(r"^(\w+) +(\d+)$", said.partition("Job stats:")[2], re.MULTILINE)), said
+        return dict(
+            re.findall(r"^(\w+) +(\d+)$", said.partition("Job stats:")[2], re.MULTILINE)
+        ), said
 
     assert planned()[0] == {"tradeoff_figures": "1", "total": "1"}  # only the table is shown again
     next((folder / "results/runs").rglob("*.h5")).unlink()
-    assert planned()[0].keys() == {"simulate", "tradeoff", "tradeoff_drawings", "tradeoff_figures", "total"}
+    assert planned()[0].keys() == {
+        "simulate",
+        "tradeoff",
+        "tradeoff_drawings",
+        "tradeoff_figures",
+        "total",
+    }
     (plan,) = (folder / "results/study/plan").iterdir()
     plan.write_text(plan.read_text().replace("runs: ", "runs: 1"))
     said = make(folder, "--dry-run", status=FAILED)
-    assert re.search(rf"^brownpipe: results/study/plan/{plan.name}: is damaged, .*delete it", said, re.MULTILINE)
+    assert re.search(
+        rf"^brownpipe: results/study/plan/{plan.name}: is damaged, .*delete it", said, re.MULTILINE
+    )
     (folder / "study.yaml").write_text(STUDY.replace("20%", "15%"))
     jobs, said = planned()
     assert jobs.items() >= {"plan": "1", "tradeoff": "1"}.items()

@@ -1,4 +1,6 @@
-"""Keys of a scene that take several values: `vary` of a study, `simulate --value`, `bp.scan`, and the figure `scan`."""
+"""Keys of a scene that take several values: `vary` of a study, `simulate --value`, `bp.scan`, and
+the figure `scan`.
+"""
 
 import json
 import math
@@ -48,27 +50,48 @@ def folder(tmp_path, monkeypatch):
 
 
 def write_study(**keys):
-    Path("study.yaml").write_text(yaml.safe_dump({"scenes": "fluid.yaml", "seeds": 6, "vary": VARY} | keys))
+    Path("study.yaml").write_text(
+        yaml.safe_dump({"scenes": "fluid.yaml", "seeds": 6, "vary": VARY} | keys)
+    )
 
 
 def test_a_variant_is_the_scene_with_these_values_in_its_file():
     keys = json.loads(json.dumps(FLUID)) | {"duration": 2.0, "equilibrate": {"time": 2.0}}
-    keys["disks"]["tracer"]["mass"], keys["disks"]["species"][0]["count"], keys["box"]["x"] = 10.0, 5, [0.0, 9.0]
-    values = {MASS: 10.0, "disks.species.bath.count": 5.0, "duration": 2.0, "equilibrate.time": 2.0, "box.x": [0, 9.0]}
+    keys["disks"]["tracer"]["mass"], keys["disks"]["species"][0]["count"], keys["box"]["x"] = (
+        10.0,
+        5,
+        [0.0, 9.0],
+    )
+    values = {
+        MASS: 10.0,
+        "disks.species.bath.count": 5.0,
+        "duration": 2.0,
+        "equilibrate.time": 2.0,
+        "box.x": [0, 9.0],
+    }
     variant = scene_with(FLUID, "a/fluid.yaml", values)
     assert variant.text == parse_scene(keys, "fluid.yaml").text
     assert scene_with({**FLUID, "equilibrate": 50.0}, "fluid.yaml", values) == variant
     disks = {**FLUID["disks"], "species": [{**FLUID["disks"]["species"][0], "name": "a-b"}]}
-    assert scene_with({**FLUID, "disks": disks}, "a.yaml", {"disks.species.a-b.mass": 2}).name == "a,a-b_mass=2"
+    assert (
+        scene_with({**FLUID, "disks": disks}, "a.yaml", {"disks.species.a-b.mass": 2}).name
+        == "a,a-b_mass=2"
+    )
     oblong = scene_with({**FLUID, "box": {**FLUID["box"], "x": [0, 9]}}, "fluid.yaml", {PHI: 0.1})
     with pytest.raises(bp.AnalysisError, match="two different scenes"):
         _refuse_namesakes([oblong, scene_with(FLUID, "fluid.yaml", {PHI: 0.1})])
-    assert variant.name == "fluid,tracer_mass=10,bath_count=5,duration=2,equilibrate_time=2,box_x=0-9"
+    assert (
+        variant.name == "fluid,tracer_mass=10,bath_count=5,duration=2,equilibrate_time=2,box_x=0-9"
+    )
     span = {"from": 1, "to": 100, "count": 3, "spacing": "log"}
     assert validated(Vary, {MASS: span}) == {MASS: pytest.approx((1.0, 10.0, 100.0))}
-    counts = validated(Vary, {(key := "disks.species.bath.count"): span | {"from": 4, "to": 40}})[key]
+    counts = validated(Vary, {(key := "disks.species.bath.count"): span | {"from": 4, "to": 40}})[
+        key
+    ]
     scenes = [scene_with(FLUID, "a.yaml", {key: n}) for n in counts]
-    assert [(one.name, one.particles) for one in scenes] == [(f"a,bath_count={n}", n + 1) for n in (4, 13, 40)]
+    assert [(one.name, one.particles) for one in scenes] == [
+        (f"a,bath_count={n}", n + 1) for n in (4, 13, 40)
+    ]
 
 
 @given(st.floats(1e-3, 0.5))
@@ -101,7 +124,10 @@ def dataset_of(study):
     for runs in run_sets(study):
         words = commands(study)[runs.key].replace("'", "").split()
         runs.folder.mkdir(parents=True)
-        assert main(["simulate", *words, "--seeds", "0-5", "--output", str(runs.folder / "0-5.h5")]) == 0
+        assert (
+            main(["simulate", *words, "--seeds", "0-5", "--output", str(runs.folder / "0-5.h5")])
+            == 0
+        )
     assert main(["aggregate", "--study", "study.yaml", "--output", "study.nc"]) == 0
     assert main(["inspect", "study.nc", "--allow-failed", "0"]) == 0
     return xarray.open_dataset("study.nc")
@@ -113,43 +139,75 @@ def test_the_dataset_of_a_study_is_that_of_python_and_each_part_that_of_its_scen
     analysis = windows | {"displacement_times": [1.5, 2.25], "rings": {"dr": 0.3, "count": 11}}
     write_study(**analysis)
     dataset = dataset_of(read_study("study.yaml"))
-    assert dict(dataset.sizes).items() >= {"scene": 1, "tracer_mass": 3, "packing_fraction": 2}.items()
+    assert (
+        dict(dataset.sizes).items() >= {"scene": 1, "tracer_mass": 3, "packing_fraction": 2}.items()
+    )
     assert dataset.tracer_mass.attrs == {"units": "mass", "long_name": MASS}
     scanned = bp.scan("fluid.yaml", VARY, seeds=6, quiet=True, **windows)
     xarray.testing.assert_equal(dataset[["msd", "intercept"]], scanned[["msd", "intercept"]])
-    single = bp.analyse(bp.simulate(scene_with(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2}), 6, quiet=True), **analysis)
+    single = bp.analyse(
+        bp.simulate(scene_with(FLUID, "fluid.yaml", {MASS: 10.0, PHI: 0.2}), 6, quiet=True),
+        **analysis,
+    )
     part = dataset.sel(tracer_mass=10, packing_fraction=0.2)
-    for name in ("msd", "diffusion_coefficient_low", "collision_rate", "displacement_counts", "runs"):
+    for name in (
+        "msd",
+        "diffusion_coefficient_low",
+        "collision_rate",
+        "displacement_counts",
+        "runs",
+    ):
         assert np.array_equal(part[name].squeeze(), single[name].squeeze(), equal_nan=True), name
 
 
 @pytest.mark.slow
 def test_packing_fractions_of_several_numbers_of_disks_have_boxes_of_their_own(folder):
-    """A finite-size study at given densities, from a scene in whose own box 100 disks would not fit."""
+    """A finite-size study at given densities, from a scene in whose own box 100 disks would not
+    fit.
+    """
     Path("fluid.yaml").write_text(yaml.safe_dump(FLUID).replace("count: 15", "count: rest"))
-    vary, energy = {PHI: [0.1, 0.2], "velocities.temperature": [1.0, 1.5]}, {"observables": "species_energy"}
+    vary, energy = (
+        {PHI: [0.1, 0.2], "velocities.temperature": [1.0, 1.5]},
+        {"observables": "species_energy"},
+    )
     write_study(vary=vary, vary_together=True, particles=[16, 100], **energy)
     study = read_study("study.yaml")
     dataset = dataset_of(study)
-    assert dict(dataset.sizes).items() >= {"scene": 1, "packing_fraction": 2, "particles": 2}.items()
-    assert dataset.temperature.dims == ("packing_fraction",) and json.loads(dataset.options)["fit_windows"] is None
+    assert (
+        dict(dataset.sizes).items() >= {"scene": 1, "packing_fraction": 2, "particles": 2}.items()
+    )
+    assert (
+        dataset.temperature.dims == ("packing_fraction",)
+        and json.loads(dataset.options)["fit_windows"] is None
+    )
     scanned = bp.scan("fluid.yaml", vary, 6, 100, together=True, quiet=True, **energy)
     xarray.testing.assert_equal(dataset.species_energy.sel(particles=[100]), scanned.species_energy)
     scenes = {one["scene_digest"]: one["scene"] for one in json.loads(dataset.made_from)}
     for phi, count in [(0.1, 100), (0.2, 16)]:
-        (case,) = (case for case in study.cases if f",{PHI}={phi}," in case.name and case.particles == count)
+        (case,) = (
+            case
+            for case in study.cases
+            if f",{PHI}={phi}," in case.name and case.particles == count
+        )
         assert case.box.area == pytest.approx(count * math.pi * 0.5**2 / phi)
         assert scenes[case.digest] == json.loads(case.text)
-        single, part = bp.analyse(bp.simulate(case, 6, quiet=True)), dataset.sel(packing_fraction=phi, particles=count)
+        single, part = (
+            bp.analyse(bp.simulate(case, 6, quiet=True)),
+            dataset.sel(packing_fraction=phi, particles=count),
+        )
         for name in ("msd", "collision_rate", "compressibility", "runs"):
-            assert np.array_equal(part[name].squeeze(), single[name].squeeze(), equal_nan=True), name
+            assert np.array_equal(part[name].squeeze(), single[name].squeeze(), equal_nan=True), (
+                name
+            )
 
 
 def test_keys_together_share_a_dimension_and_are_named_in_summary_and_table():
     vary = {MASS: [1.0, 4.0, 9.0], "disks.tracer.radius": [0.5, 0.6, 0.7]}
     result = bp.scan(bp.Scene(**FLUID), vary, seeds=2, together=True, quiet=True)
     assert (result.tracer_mass.units, result.tracer_radius.units) == ("mass", "length")
-    assert result.tracer_radius.dims == ("tracer_mass",) and "tracer mass  tracer radius" in summary(result)
+    assert result.tracer_radius.dims == (
+        "tracer_mass",
+    ) and "tracer mass  tracer radius" in summary(result)
     ((_, series),) = series_of(cases_of(result), "tracer_mass").items()
     assert table(series).tracer_radius.unique().tolist() == [0.5, 0.6, 0.7]
     rest = bp.scan(bp.Scene(**FLUID), {"equilibrate": [0, 1.5]}, seeds=2, quiet=True).equilibrate
@@ -160,7 +218,11 @@ def test_a_scan_refuses_what_is_wrong_before_any_scene_is_run(monkeypatch):
     monkeypatch.setattr(Engine, "simulate", None)
     langevin, window = {"engine": "langevin", "friction": "enskog"}, {"fit_windows": [(1, 9)]}
     unused = {"fit_windows": [(0, 1)], "record": "none"}, "fit_windows: must go with record"
-    for options, wrong in ((langevin, "for a heavy tracer"), (window, r"fit window \[1, 9\]: must end by"), unused):
+    for options, wrong in (
+        (langevin, "for a heavy tracer"),
+        (window, r"fit window \[1, 9\]: must end by"),
+        unused,
+    ):
         with pytest.raises((bp.RequestError, bp.AnalysisError), match=wrong):
             bp.scan(bp.Scene(**FLUID), {MASS: [10.0, 1.0]}, 3, **options, quiet=True)
 
@@ -174,9 +236,15 @@ def test_a_varied_number_of_disks_is_the_axis_of_one_series():
 
 def test_differences_are_of_runs_with_the_same_seeds():
     result = bp.scan(bp.Scene(**FLUID), {MASS: [1.0, 10.0]}, seeds=12, quiet=True)
-    light, heavy = (row for _, row in table(cases_of(result)).drop_duplicates("tracer_mass").iterrows())
-    pairs = (result.run_msd.sel(tracer_mass=10.0) - result.run_msd.sel(tracer_mass=1.0)).values.ravel()
+    light, heavy = (
+        row for _, row in table(cases_of(result)).drop_duplicates("tracer_mass").iterrows()
+    )
+    pairs = (
+        result.run_msd.sel(tracer_mass=10.0) - result.run_msd.sel(tracer_mass=1.0)
+    ).values.ravel()
     assert heavy["msd_difference"] == pytest.approx(pairs.mean())
-    assert heavy["msd_difference_standard_error"] == pytest.approx(pairs.std(ddof=1) / math.sqrt(12))
+    assert heavy["msd_difference_standard_error"] == pytest.approx(
+        pairs.std(ddof=1) / math.sqrt(12)
+    )
     assert math.isnan(light["msd_difference"])
     assert heavy["msd"] - light["msd"] == pytest.approx(heavy["msd_difference"])

@@ -1,4 +1,6 @@
-"""The package as `pip install` leaves it: a first study in an empty folder, with nothing of the checkout."""
+"""The package as `pip install` leaves it: a first study in an empty folder, with nothing of the
+checkout.
+"""
 
 import subprocess
 import sys
@@ -28,14 +30,22 @@ class Installation(NamedTuple):
 
 def run(*words, cwd, **more):
     """What a command printed. It sees nothing of the environment of the tests."""
-    environment = {"PATH": BASICS, "HOME": str(cwd), "LC_ALL": "C.UTF-8", "OPENBLAS_NUM_THREADS": "1"} | more
-    done = subprocess.run([*map(str, words)], cwd=cwd, env=environment, capture_output=True, text=True, timeout=300)
+    environment = {
+        "PATH": BASICS,
+        "HOME": str(cwd),
+        "LC_ALL": "C.UTF-8",
+        "OPENBLAS_NUM_THREADS": "1",
+    } | more
+    done = subprocess.run(
+        [*map(str, words)], cwd=cwd, env=environment, capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
 def install(wheel, packages, programs):
-    """Install a wheel of Python files alone as pip does: unpacked, with a program for each of its entry points.
+    """Install a wheel of Python files alone as pip does: unpacked, with a program for each of its
+    entry points.
 
     pip would first have to be installed in the new environment, which takes 3 s of CPU.
     """
@@ -52,15 +62,21 @@ def install(wheel, packages, programs):
 
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory):
-    """The wheel in an environment of its own, which shares the other packages with that of the tests."""
+    """The wheel in an environment of its own, which shares the other packages with that of the
+    tests.
+    """
     folder = tmp_path_factory.mktemp("wheel")
-    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "wheel", cwd=ROOT)  # as `build` does
+    run(
+        sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "wheel", cwd=ROOT
+    )  # as `build` does
     (wheel,) = (folder / "wheel").iterdir()
     own = folder / "environment"
     run(sys.executable, "-m", "venv", "--without-pip", own, cwd=folder)
     (packages,) = own.glob("lib/python*/site-packages")
     install(wheel, packages, own / "bin")
-    shared = [path for path in sys.path if path.endswith("site-packages")] or [sysconfig.get_path("purelib")]
+    shared = [path for path in sys.path if path.endswith("site-packages")] or [
+        sysconfig.get_path("purelib")
+    ]
     (packages / "others.pth").write_text("\n".join(shared) + "\n")
     (folder / "my work").mkdir()
     return Installation(wheel, own / "bin", folder / "my work")
@@ -84,7 +100,14 @@ def finished(installed, new):
         assert old in text
         text = text.replace(old, other)
     study.write_text(text)
-    return run(installed.bin / "brownpipe", "run", "first.yaml", "-j2", cwd=installed.folder, NUMBA_DISABLE_JIT="1")
+    return run(
+        installed.bin / "brownpipe",
+        "run",
+        "first.yaml",
+        "-j2",
+        cwd=installed.folder,
+        NUMBA_DISABLE_JIT="1",
+    )
 
 
 def test_a_first_study_comes_to_its_figures(installed, new, finished):
@@ -94,15 +117,27 @@ def test_a_first_study_comes_to_its_figures(installed, new, finished):
     assert finished.startswith((figures / "summary.txt").read_text())
     visible = {path.name for path in installed.folder.iterdir() if not path.name.startswith(".")}
     assert visible == {"first.yaml", "first_scene.yaml", "results"}
-    assert Path(new.rpartition("all keys: ")[2].strip()).read_bytes() == (ROOT / "config/README.md").read_bytes()
+    assert (
+        Path(new.rpartition("all keys: ")[2].strip()).read_bytes()
+        == (ROOT / "config/README.md").read_bytes()
+    )
 
 
 def test_the_page_is_there_and_the_report_of_snakemake_runs_nothing_again(installed, finished):
     page = finished.rpartition("all on one page: ")[2].strip()
     title, _ = caption_of("msd")
-    assert page == "results/first/report.html" and title in (installed.folder / page).read_text(encoding="utf-8")
+    assert page == "results/first/report.html" and title in (installed.folder / page).read_text(
+        encoding="utf-8"
+    )
     made = {path: path.stat().st_mtime_ns for path in (installed.folder / "results").rglob("*.*")}
-    run(installed.bin / "brownpipe", "run", "first.yaml", "--report", "report.html", cwd=installed.folder)
+    run(
+        installed.bin / "brownpipe",
+        "run",
+        "first.yaml",
+        "--report",
+        "report.html",
+        cwd=installed.folder,
+    )
     report = (installed.folder / "report.html").read_text()
     assert "<svg" in report and title in report
     assert {path: path.stat().st_mtime_ns for path in made} == made
@@ -110,7 +145,8 @@ def test_the_page_is_there_and_the_report_of_snakemake_runs_nothing_again(instal
 
 def test_nothing_of_the_checkout_is_used(installed, finished):
     code = (
-        "import brownpipe as b, snakemake_logger_plugin_brownpipe as p, sys; print(b.__file__, p.__file__, *sys.path)"
+        "import brownpipe as b, snakemake_logger_plugin_brownpipe as p, sys; print(b.__file__, "
+        "p.__file__, *sys.path)"
     )
     shown = run(installed.bin / "python", "-c", code, cwd=installed.folder)
     assert all(path.startswith(str(installed.bin.parent)) for path in shown.split()[:2])
@@ -125,6 +161,12 @@ def test_the_workflow_and_the_examples_in_the_wheel_are_those_of_the_checkout(in
     paths = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file()]
     files = {"Snakefile", *(path.relative_to(ROOT).as_posix() for path in paths)}
     with zipfile.ZipFile(installed.wheel) as wheel:
-        pipeline = {name.removeprefix("brownpipe/pipeline/") for name in wheel.namelist() if "/pipeline/" in name}
+        pipeline = {
+            name.removeprefix("brownpipe/pipeline/")
+            for name in wheel.namelist()
+            if "/pipeline/" in name
+        }
         assert pipeline == files
-        assert all(wheel.read(f"brownpipe/pipeline/{file}") == (ROOT / file).read_bytes() for file in files)
+        assert all(
+            wheel.read(f"brownpipe/pipeline/{file}") == (ROOT / file).read_bytes() for file in files
+        )

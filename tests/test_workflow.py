@@ -1,4 +1,6 @@
-"""The pipeline as a user starts it: the same bytes however it is run, and nothing run that need not be."""
+"""The pipeline as a user starts it: the same bytes however it is run, and nothing run that need not
+be.
+"""
 
 import fcntl
 import os
@@ -50,12 +52,21 @@ def write_study(folder):
     (folder / "scenes").mkdir(parents=True)
     (folder / "study.yaml").write_text(STUDY)
     (folder / "scenes" / "hot.yaml").write_text(SCENE)
-    (folder / "scenes" / "thermal.yaml").write_text(SCENE.replace("standard_deviation: 2.0", "temperature: 1.6"))
+    (folder / "scenes" / "thermal.yaml").write_text(
+        SCENE.replace("standard_deviation: 2.0", "temperature: 1.6")
+    )
     return folder
 
 
 def command(folder, *arguments):
-    return [*SNAKEMAKE, "--directory", str(folder), "--configfile", str(folder / "study.yaml"), *arguments]
+    return [
+        *SNAKEMAKE,
+        "--directory",
+        str(folder),
+        "--configfile",
+        str(folder / "study.yaml"),
+        *arguments,
+    ]
 
 
 def environment(**more):
@@ -76,16 +87,24 @@ def snakemake(folder, *arguments, status=DONE, **more):
 def planned(folder, *arguments, **more):
     """How many jobs of each rule a dry run would start."""
     text = snakemake(folder, "--dry-run", *arguments, **more)
-    counts = re.findall(r"^(simulate|aggregate|figures) +(\d+)$", text.partition("Job stats:")[2], re.MULTILINE)
+    counts = re.findall(
+        r"^(simulate|aggregate|figures) +(\d+)$", text.partition("Job stats:")[2], re.MULTILINE
+    )
     assert re.search(r"^all +1$", text, re.MULTILINE)  # the answer is always shown
-    assert text.count(" mem_mb=") == text.count(" log: ")  # all but the answer ask a queue for memory and time
-    return dict.fromkeys(("simulate", "aggregate", "figures"), 0) | {rule: int(count) for rule, count in counts}
+    assert text.count(" mem_mb=") == text.count(
+        " log: "
+    )  # all but the answer ask a queue for memory and time
+    return dict.fromkeys(("simulate", "aggregate", "figures"), 0) | {
+        rule: int(count) for rule, count in counts
+    }
 
 
 def contents(folder, *patterns):
     """Bytes of all result files of these kinds, by path."""
     files = [file for pattern in patterns for file in (folder / "results").rglob(pattern)]
-    files = [file for file in files if "logs" not in file.parts and not file.name.startswith("made_from")]
+    files = [
+        file for file in files if "logs" not in file.parts and not file.name.startswith("made_from")
+    ]
     return {str(file.relative_to(folder)): file.read_bytes() for file in files}
 
 
@@ -102,7 +121,7 @@ def study(finished, tmp_path):
     return Path(shutil.copytree(finished[0], tmp_path / "elsewhere"))
 
 
-# -- what there is --------------------------------------------------------------------------------------------------
+# -- what there is ---------------------------------------------------------------------------------
 
 
 def test_everything_declared_is_there_and_the_answer_is_printed_last(finished):
@@ -118,38 +137,60 @@ def test_everything_declared_is_there_and_the_answer_is_printed_last(finished):
     assert before[1].startswith("brownpipe: the study study: 40 runs in 4 jobs, some ")
     shown = r"(simulate|aggregate|figures): .*\d+ s.*|brownpipe: .*"
     assert [line for line in before[2:] if not re.fullmatch(shown, line)] == []
-    assert snakemake(folder, "--cores", "1").partition("\n")[2] == answer + last  # shown again, nothing is made
+    assert (
+        snakemake(folder, "--cores", "1").partition("\n")[2] == answer + last
+    )  # shown again, nothing is made
     assert main(["verify", str(folder / "results/study")]) == DONE
 
 
-def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_other_batches(finished, tmp_path):
-    """Zone, language and the order of Python's sets are others where figures are drawn, on two cores, too."""
+def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_other_batches(
+    finished, tmp_path
+):
+    """Zone, language and the order of Python's sets are others where figures are drawn, on two
+    cores, too.
+    """
     folder = write_study(tmp_path / "a folder of another name")
     (folder / "study.yaml").write_text(STUDY.replace("batch: 10", "batch: 5"))
-    names = "aggregate/made_from_me", "aggregate/made_from_0123456789ab", "figures/drawn_from_0123456789ab"
+    names = (
+        "aggregate/made_from_me",
+        "aggregate/made_from_0123456789ab",
+        "figures/drawn_from_0123456789ab",
+    )
     mine, *older = (folder / f"results/study/{name}.txt" for name in names)
     for file in (mine, *older):
         write_file(file, b"")
     snakemake(folder, "--cores", "2")
     assert mine.is_file() and not any(file.exists() for file in older)
     (folder / "results/study/figures/msd.svg").unlink()
-    elsewhere = {"TZ": "Asia/Kathmandu", "LC_ALL": "C.UTF-8", "LANG": "de_DE.UTF-8", "PYTHONHASHSEED": "7"}
+    elsewhere = {
+        "TZ": "Asia/Kathmandu",
+        "LC_ALL": "C.UTF-8",
+        "LANG": "de_DE.UTF-8",
+        "PYTHONHASHSEED": "7",
+    }
     again = f"brownpipe {' '.join(due(folder, 'figures'))} --cores 2"
-    subprocess.run(again, shell=True, cwd=folder, env=environment(**elsewhere), check=True, timeout=300)
+    subprocess.run(
+        again, shell=True, cwd=folder, env=environment(**elsewhere), check=True, timeout=300
+    )
     one, two = (contents(each, "*.nc", *PICTURES) for each in (finished[0], folder))
     assert one.keys() == two.keys() and len(one) >= 10
     assert [path for path in one if one[path] != two[path]] == []
     for whole in (finished[0] / "results/runs").rglob("*.h5"):
-        parts = [folder / whole.relative_to(finished[0]).with_name(f"{batch}.h5") for batch in ("0-4", "5-9")]
+        parts = [
+            folder / whole.relative_to(finished[0]).with_name(f"{batch}.h5")
+            for batch in ("0-4", "5-9")
+        ]
         position, *joined = (h5py.File(path)["position"][()] for path in (whole, *parts))
         assert np.concatenate(joined, axis=1).tobytes() == position.tobytes()
 
 
-# -- what is made again: by content, not by times or Snakemake's records --------------------------------------------
+# -- what is made again: by content, not by times or Snakemake's records ---------------------------
 
 
 def age_backwards(folder):
-    """Let figures be older than their dataset, that than the runs, all in the future, and Snakemake know nothing."""
+    """Let figures be older than their dataset, that than the runs, all in the future, and Snakemake
+    know nothing.
+    """
     shutil.rmtree(folder / ".snakemake")
     for age, path in enumerate(sorted((folder / "results").rglob("*.*"), reverse=True)):
         os.utime(path, (2e9 + age, 2e9 + age))
@@ -177,8 +218,12 @@ CHANGES = (
     ("file", "old", "new", "jobs", "is_remembered"),
     [(*change, False) for change in CHANGES] + [(*change, True) for change in CHANGES[:3]],
 )
-def test_a_change_makes_what_depends_on_it_and_nothing_else(study, file, old, new, jobs, is_remembered):
-    """Also without `.snakemake`, with results from the future, and whatever is made from others older than these."""
+def test_a_change_makes_what_depends_on_it_and_nothing_else(
+    study, file, old, new, jobs, is_remembered
+):
+    """Also without `.snakemake`, with results from the future, and whatever is made from others
+    older than these.
+    """
     if not is_remembered:
         age_backwards(study)
     (path,) = study.glob(file)
@@ -210,12 +255,22 @@ def test_a_changed_source_runs_its_step_again(study, tmp_path, source, jobs):
 
 
 def test_added_seeds_run_alone_and_other_studies_and_keys_use_the_same_runs(study):
-    """The note has braces and begins as an option does: to no program on the way it means anything."""
+    """The note has braces and begins as an option does: to no program on the way it means
+    anything.
+    """
     before = {path: path.stat().st_mtime_ns for path in study.glob("results/**/*.*")}
-    one_case = ("scenes=scenes/hot.yaml", "particles=8", "batch=auto", "figures=[health]", "note=--gamma_{0}")
+    one_case = (
+        "scenes=scenes/hot.yaml",
+        "particles=8",
+        "batch=auto",
+        "figures=[health]",
+        "note=--gamma_{0}",
+    )
     snakemake(study, "--cores", "2", "--config", "seeds=14", *one_case)
     after = {path: path.stat().st_mtime_ns for path in study.glob("results/**/*.*")}
-    assert {path.name for path in after.keys() - before.keys() if path.suffix == ".h5"} == {"10-13.h5"}
+    assert {path.name for path in after.keys() - before.keys() if path.suffix == ".h5"} == {
+        "10-13.h5"
+    }
     assert before.items() <= after.items()
     (page,) = (study / "results").glob("study+*seeds=14*/report.html")
     assert "--gamma_{0}" in page.read_text()
@@ -223,7 +278,9 @@ def test_added_seeds_run_alone_and_other_studies_and_keys_use_the_same_runs(stud
     for name in others:  # put back from elsewhere
         (study / name).write_text("other")
     printed = snakemake(study, "--cores", "1", status=FAILED)
-    assert [name for name in others if f"{name}: FAILED" not in printed] == [] and "Made by brownpipe" not in printed
+    assert [
+        name for name in others if f"{name}: FAILED" not in printed
+    ] == [] and "Made by brownpipe" not in printed
     shutil.copy(study / "study.yaml", study / "other.yaml")
     assert planned(study, "--configfile", str(study / "other.yaml")) == ANALYSIS
 
@@ -234,26 +291,43 @@ def due(study, verb, target="all"):
     return shlex.split(command)
 
 
-def test_a_file_in_the_place_of_another_and_what_is_edited_meanwhile_are_refused(study, monkeypatch, capsys):
+def test_a_file_in_the_place_of_another_and_what_is_edited_meanwhile_are_refused(
+    study, monkeypatch, capsys
+):
     monkeypatch.chdir(study)
     one, other = sorted(Path("results/runs/hot").rglob("*.h5"))
-    dataset, figure = Path("results/study/aggregate/study.nc"), Path("results/study/figures/health.svg")
+    dataset, figure = (
+        Path("results/study/aggregate/study.nc"),
+        Path("results/study/figures/health.svg"),
+    )
     figure.unlink()
     command = due(study, "figures")
     assert main(["aggregate", str(one), "--output", str(dataset)]) == DONE
-    assert main(command) == WRONG_REQUEST and f"{dataset}: is not of this study" in capsys.readouterr().err
+    assert (
+        main(command) == WRONG_REQUEST
+        and f"{dataset}: is not of this study" in capsys.readouterr().err
+    )
     Path("study.yaml").write_text(STUDY.replace("seeds: 10", "seeds: 7"))
     command = due(study, "aggregate", "figures")  # the dataset that is there is of ten seeds
     Path("study.yaml").write_text(STUDY)
     for words in (command, ["tradeoff", *command[2:]]):
-        assert main(words) == WRONG_REQUEST and "study.yaml: has changed since" in capsys.readouterr().err
+        assert (
+            main(words) == WRONG_REQUEST
+            and "study.yaml: has changed since" in capsys.readouterr().err
+        )
     Path("study.yaml").write_text(STUDY.replace("seeds: 10", "seeds: 7"))
     shutil.copy(one, other)
-    assert main(command) != DONE and f"{other}: holds other runs than its name says" in capsys.readouterr().err
+    assert (
+        main(command) != DONE
+        and f"{other}: holds other runs than its name says" in capsys.readouterr().err
+    )
     other.unlink()
     command = due(study, "simulate")
     Path("scenes/hot.yaml").write_text(SCENE.replace("mass: 0.4", "mass: 0.5"))
-    assert main(command) == WRONG_REQUEST and "scenes/hot.yaml: has changed since" in capsys.readouterr().err
+    assert (
+        main(command) == WRONG_REQUEST
+        and "scenes/hot.yaml: has changed since" in capsys.readouterr().err
+    )
 
 
 def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_is(study):
@@ -265,31 +339,43 @@ def test_the_lock_of_a_killed_snakemake_is_no_obstacle_and_that_of_a_living_one_
         (study / ".snakemake/locks" / name).write_text(f"{words[-1]}\n")
     with open(study / ".snakemake/brownpipe.lock", "w") as alive:
         fcntl.flock(alive, fcntl.LOCK_SH)
-        assert "or if there is none: brownpipe run STUDY --unlock" in snakemake(study, *words, status=FAILED)
+        assert "or if there is none: brownpipe run STUDY --unlock" in snakemake(
+            study, *words, status=FAILED
+        )
     snakemake(study, *words)
     assert file.is_file()
-    shutil.rmtree(study / "results/study/figures")  # killed while a job went on, which is now made again: forced
+    shutil.rmtree(
+        study / "results/study/figures"
+    )  # killed while a job went on, which is now made again: forced
     assert planned(study, "--forcerun", "aggregate") == ANALYSIS
 
 
-# -- what goes wrong ------------------------------------------------------------------------------------------------
+# -- what goes wrong -------------------------------------------------------------------------------
 
 
 def test_a_wrong_study_is_refused_in_one_line(tmp_path):
     folder = write_study(tmp_path / "study")
-    unknown = ["--dry-run", "--config", "sed=3"], "study.yaml (replaced): sed: unknown key; did you mean"
-    for words, wrong in (unknown, (["--cores", "1", "tradeoff_figures"], "the study study: has no trade-off; must ")):
+    unknown = (
+        ["--dry-run", "--config", "sed=3"],
+        "study.yaml (replaced): sed: unknown key; did you mean",
+    )
+    for words, wrong in (
+        unknown,
+        (["--cores", "1", "tradeoff_figures"], "the study study: has no trade-off; must "),
+    ):
         printed = snakemake(folder, *words, status=WRONG_REQUEST)
         (line,) = (line for line in printed.splitlines() if not line.startswith("Using "))
         assert line.startswith("brownpipe: ") and wrong in line
     assert not (tmp_path / "study" / "results").exists()
 
 
-# -- style ----------------------------------------------------------------------------------------------------------
+# -- style -----------------------------------------------------------------------------------------
 
 
 def test_every_lint_left_has_a_reason():
-    printed = forked.snakemake("--snakefile", ROOT / "Snakefile", "--lint", cwd=ROOT, env=environment()).printed
+    printed = forked.snakemake(
+        "--snakefile", ROOT / "Snakefile", "--lint", cwd=ROOT, env=environment()
+    ).printed
     lints = set(re.findall(r"^ +\* (.*):$", printed, re.MULTILINE))
     reasons = " ".join((ROOT / "CONTRIBUTING.md").read_text().split())
     assert lints and [lint for lint in lints if lint not in reasons] == []

@@ -1,1 +1,3 @@
-"""Published results reproduced: studies of `config/validation`, compared with the literature in docs/validation.md."""
+"""Published results reproduced: studies of `config/validation`, compared with the literature in
+docs/validation.md.
+"""

@@ -1,7 +1,9 @@
-"""From a disk like all others to a Brownian particle: friction, autocorrelation, diffusion in a box, cooling.
+"""From a disk like all others to a Brownian particle: friction, autocorrelation, diffusion in a
+box, cooling.
 
-Diameter, mass and kT of the bath are 1. In a periodic box the total momentum is 0: a tracer with the share s of all
-mass has <v^2> = 2 kT (1 - s)/m, and its velocity relative to the bath is v/(1 - s), so that v decays at gamma/(1 - s).
+Diameter, mass and kT of the bath are 1. In a periodic box the total momentum is 0: a tracer with
+the share s of all mass has <v^2> = 2 kT (1 - s)/m, and its velocity relative to the bath is v/(1 -
+s), so that v decays at gamma/(1 - s).
 """
 
 from collections.abc import Mapping, Sequence
@@ -79,18 +81,28 @@ def _initial_slope(tracer: Tracer, case: Dataset) -> Comparison:
         float(case.tracer_collision_rate_standard_error / case.tracer_collision_rate),
     )
     name = f"$-\\dot C(0)/(2 \\mu \\Gamma/m) (2kT/m)$, {_name(*tracer[1:])}"
-    return Comparison(name, 1.0, 0.0, float(case.vacf_initial_slope) / expected, error, "collision rate, same runs")
+    return Comparison(
+        name,
+        1.0,
+        0.0,
+        float(case.vacf_initial_slope) / expected,
+        error,
+        "collision rate, same runs",
+    )
 
 
 def _collision_rate(name: str, case: Dataset) -> Comparison:
     rate = case.tracer_collision_rate_at_temperature
     values = float(case.enskog_tracer_collision_rate), 0.0, float(rate)
     error = float(case.tracer_collision_rate_at_temperature_standard_error)
-    return Comparison(f"$\\Gamma$, {name}", *values, error, "Jenkins and Mancini (1987)", approximate=True)
+    return Comparison(
+        f"$\\Gamma$, {name}", *values, error, "Jenkins and Mancini (1987)", approximate=True
+    )
 
 
 def _autocorrelation(tracer: Tracer, case: Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return gamma t/(1 - s) by Enskog's friction (T,), C(t) over its exact value at 0, and its standard error.
+    """Return gamma t/(1 - s) by Enskog's friction (T,), C(t) over its exact value at 0, and its
+    standard error.
 
     For a tracer like the bath the mean over the bath, which is more precise.
     """
@@ -108,26 +120,52 @@ def _late_friction(tracer: Tracer, case: Dataset) -> Comparison:
     decay, c, error = _autocorrelation(tracer, case)
     k = int(np.argmin(np.abs(decay - LATE)))
     expected = -np.log(correlation(tracer.mass, decay[k])) / decay[k]
-    name = f"$\\gamma/\\gamma_{{\\mathrm{{E}}}}$ from $C(1/\\gamma_{{\\mathrm{{E}}}})$, {_name(*tracer[1:])}"
+    name = (
+        f"$\\gamma/\\gamma_{{\\mathrm{{E}}}}$ from $C(1/\\gamma_{{\\mathrm{{E}}}})$, "
+        f"{_name(*tracer[1:])}"
+    )
     ours, spread = -np.log(c[k]) / decay[k], error[k] / c[k] / decay[k]
-    return Comparison(name, float(expected), 0.0, ours, spread, "Lorentz-Boltzmann equation", approximate=True)
+    return Comparison(
+        name, float(expected), 0.0, ours, spread, "Lorentz-Boltzmann equation", approximate=True
+    )
 
 
 def _in_boxes(data: Dataset) -> list[Comparison]:
-    """Diffusion coefficients in two boxes: over Enskog's, and their difference, that of hydrodynamics."""
+    """Diffusion coefficients in two boxes: over Enskog's, and their difference, that of
+    hydrodynamics.
+    """
     cases = {side: _case(data, f"tracer_box_{side}") for side in SIDES}
     name, d, enskog = _name(MASS_OF_BOX, 5.0), {}, {}
     for side, case in cases.items():
         slope = case.sel(window=WINDOW)
-        d[side] = float(slope.diffusion_coefficient), float(slope.diffusion_coefficient_standard_error)
+        d[side] = (
+            float(slope.diffusion_coefficient),
+            float(slope.diffusion_coefficient_standard_error),
+        )
         enskog[side] = float(case.enskog_diffusion)
     bath = fluid(0.25)
     growth = np.log(2) / (4 * np.pi * bath.density * bath.viscosity) + enskog[40] - enskog[20]
     rows = [_collision_rate(f"{name}, $\\phi = 0.25$, $L = {side}$", cases[side]) for side in SIDES]
     for side in SIDES:
-        rows.append(Comparison(f"$D$, {name}, $L = {side}$", enskog[side], 0.0, *d[side], "Enskog", approximate=True))
-    source, error = "$kT \\ln 2/4 \\pi \\eta$ and Enskog's $D(40) - D(20)$", float(np.hypot(d[20][1], d[40][1]))
-    rows.append(Comparison("$D(40) - D(20)$", growth, 0.0, d[40][0] - d[20][0], error, source, approximate=True))
+        rows.append(
+            Comparison(
+                f"$D$, {name}, $L = {side}$",
+                enskog[side],
+                0.0,
+                *d[side],
+                "Enskog",
+                approximate=True,
+            )
+        )
+    source, error = (
+        "$kT \\ln 2/4 \\pi \\eta$ and Enskog's $D(40) - D(20)$",
+        float(np.hypot(d[20][1], d[40][1])),
+    )
+    rows.append(
+        Comparison(
+            "$D(40) - D(20)$", growth, 0.0, d[40][0] - d[20][0], error, source, approximate=True
+        )
+    )
     return rows
 
 
@@ -146,13 +184,20 @@ def _cooling(case: Dataset) -> list[Comparison]:
 
 
 def _cooling_curve(case: Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return times (T,), the excess energy over its exact initial value, its standard error, and theory."""
+    """Return times (T,), the excess energy over its exact initial value, its standard error, and
+    theory.
+    """
     case = case.dropna("time", how="all", subset=["species_energy"])
-    tracer, bath = case.species_energy.sel(species="tracer").values, case.species_energy.sel(species="bath").values
+    tracer, bath = (
+        case.species_energy.sel(species="tracer").values,
+        case.species_energy.sel(species="bath").values,
+    )
     start, times = MASS_OF_HOT / 2 * float(case.initial_square_speed), case.time.values
     n, number = (float(case.particles) - 1) / float(case.box_width) ** 2, int(case.particles) - 1
     sizes = np.array([4.0, 1.0])
-    chi = theory.contact_value_mixture(4.0, 1.0, np.array([1 / float(case.box_width) ** 2, n]), sizes)
+    chi = theory.contact_value_mixture(
+        4.0, 1.0, np.array([1 / float(case.box_width) ** 2, n]), sizes
+    )
     factor = n * chi * 2.5 / (1 - _share(case, MASS_OF_HOT))
     left = energy_decay(times, start, bath[0], number, MASS_OF_HOT, factor)
     cold = (start + number * bath[0] - left) / number
@@ -165,12 +210,22 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     """Draw the autocorrelations over an exponential, and the energy of the hot disk."""
     figure, ((left, right),) = grid(1, 2, 4.8, 3.9)
     line = np.linspace(0, 2)
-    for (tracer, case), (color, _, marker) in zip(_cases(datasets["brownian_limit"]).items(), SERIES, strict=False):
+    for (tracer, case), (color, _, marker) in zip(
+        _cases(datasets["brownian_limit"]).items(), SERIES, strict=False
+    ):
         decay, c, error = _autocorrelation(tracer, case)
         k = np.unique([np.argmin(np.abs(decay - at)) for at in np.arange(0, 2.01, 0.25)])
         grow = np.exp(decay[k])
         label = _name(*tracer[1:])
-        left.errorbar(decay[k], c[k] * grow, 2 * error[k] * grow, fmt=marker, color=color, markersize=4, label=label)
+        left.errorbar(
+            decay[k],
+            c[k] * grow,
+            2 * error[k] * grow,
+            fmt=marker,
+            color=color,
+            markersize=4,
+            label=label,
+        )
         if tracer.mass in (1.0, 10.0):
             left.plot(line, correlation(tracer.mass, line) * np.exp(line), color=color, linewidth=1)
     left.set_xlabel("$\\gamma_{\\mathrm{E}} t$")
@@ -178,7 +233,9 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     left.legend(loc="upper left")
     times, ours, error, expected = _cooling_curve(_case(datasets["brownian_hot"], "tracer_hot"))
     color = SERIES[0][0]
-    right.errorbar(times, ours, 2 * error, fmt="o", color=color, markersize=4, label="brownpipe, 95 %")
+    right.errorbar(
+        times, ours, 2 * error, fmt="o", color=color, markersize=4, label="brownpipe, 95 %"
+    )
     right.plot(times, expected, color=color, linewidth=1, label="two temperatures")
     right.set_yscale("log")
     right.set_xlabel("time")

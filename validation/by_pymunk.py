@@ -2,8 +2,9 @@
 
     python -m validation.by_pymunk    print the tables of docs/other_programs.md, draw its figure
 
-pymunk moves all bodies for a step; those that then overlap exchange momentum. A collision happens up to one step late,
-therefore, along the line of centres of that moment. With elasticity 1 and without friction it is that of eqs. (5)-(10).
+pymunk moves all bodies for a step; those that then overlap exchange momentum. A collision happens
+up to one step late, therefore, along the line of centres of that moment. With elasticity 1 and
+without friction it is that of eqs. (5)-(10).
 """
 
 from collections.abc import Iterable, Iterator
@@ -27,7 +28,8 @@ ROOT = Path(__file__).parent.parent
 DURATIONS = {5: 12.0, 40: 2.4, 150: 0.8}  # by number of disks: until the programs disagree [time]
 STEPS = (1e-3, 1e-4, 1e-5)
 SEEDS = range(20)
-APART = 0.01  # root mean square distance of the positions at which the runs count as different [length]
+# root mean square distance of the positions at which the runs count as different [length]
+APART = 0.01
 SHIFT = 1e-11  # of the initial positions, to measure how fast nearby runs diverge [length]
 WALL = -1  # the partner of a disk in a collision with a wall
 
@@ -44,12 +46,18 @@ class Run(NamedTuple):
 def note_scene(particles: int, duration: float) -> Scene:
     """Return the note's scene with another number of disks, sampled 40 times."""
     keys = yaml.safe_load((ROOT / "config" / "scenes" / "harrison2020.yaml").read_text())
-    return bp.Scene(**keys | {"particles": particles, "duration": duration, "sample_interval": duration / 40})
+    return bp.Scene(
+        **keys | {"particles": particles, "duration": duration, "sample_interval": duration / 40}
+    )
 
 
 def by_pymunk(scene: Scene, state: State, step: float) -> Run:
-    """Return pymunk's run of a scene between walls from a state; its sample times are multiples of the time step."""
-    space, bodies = space_of(state, scene.box.x, scene.box.y)  # overlaps below `collision_slop`, 0.1, are not corrected
+    """Return pymunk's run of a scene between walls from a state; its sample times are multiples of
+    the time step.
+    """
+    space, bodies = space_of(
+        state, scene.box.x, scene.box.y
+    )  # overlaps below `collision_slop`, 0.1, are not corrected
     space.iterations = 50  # several contacts in one step conserve energy, too
     number = {body: i for i, body in enumerate(bodies)}
     collisions: list[tuple[int, int, int]] = []
@@ -72,9 +80,14 @@ def by_pymunk(scene: Scene, state: State, step: float) -> Run:
 
 
 def by_brownpipe(scene: Scene, state: State) -> Run:
-    """Return the run of the exact engine from the same state; the times of its collisions are exact."""
+    """Return the run of the exact engine from the same state; the times of its collisions are
+    exact.
+    """
     keys = ("position", "velocity", "radius", "mass")
-    given = [dict(zip(keys, disk, strict=True)) for disk in zip(*(values.tolist() for values in state), strict=True)]
+    given = [
+        dict(zip(keys, disk, strict=True))
+        for disk in zip(*(values.tolist() for values in state), strict=True)
+    ]
     box, interval = {"x": scene.box.x, "y": scene.box.y}, float(scene.times[1])
     same = bp.Scene(box=box, disks=given, duration=scene.duration, sample_interval=interval)
     runs = bp.simulate(same, record="all,events", quiet=True)
@@ -84,12 +97,16 @@ def by_brownpipe(scene: Scene, state: State) -> Run:
 
 
 def distance(one: Run, other: Run) -> np.ndarray:
-    """Return the root mean square distance of the disks' positions in two runs, at each sample time [length]."""
+    """Return the root mean square distance of the disks' positions in two runs, at each sample time
+    [length].
+    """
     return np.sqrt(np.square(one.position - other.position).sum(axis=-1).mean(axis=-1))
 
 
 def first_delays(exact: Run, late: Run) -> Iterator[float]:
-    """Yield how much later the collisions are whose partners have flown straight until then, in both runs."""
+    """Yield how much later the collisions are whose partners have flown straight until then, in
+    both runs.
+    """
     found = dict(_first_collisions(late))
     for pair, time in _first_collisions(exact):
         if pair in found:
@@ -115,8 +132,12 @@ class Measured(NamedTuple):
     """Runs of a number of disks by both programs, for all seeds."""
 
     scene: Scene
-    diverging: np.ndarray  # (seed, time) distance of two exact runs whose initial positions differ by SHIFT
-    distance: dict[float, np.ndarray]  # by time step: (seed, time) distance of pymunk's runs from the exact ones
+    diverging: (
+        np.ndarray
+    )  # (seed, time) distance of two exact runs whose initial positions differ by SHIFT
+    distance: dict[
+        float, np.ndarray
+    ]  # by time step: (seed, time) distance of pymunk's runs from the exact ones
     delays: dict[float, np.ndarray]  # by time step: (collision,) of first_delays, in steps
     drift: dict[float, float]  # by time step
     seconds: dict[float, float]  # by time step: CPU time of all runs; 0: those of the exact engine
@@ -132,8 +153,16 @@ def measure(particles: int) -> Measured:
     seconds = {0.0: process_time() - began}
     angles = np.random.default_rng(1).uniform(0, 2 * np.pi, (len(SEEDS), particles))
     shifts = SHIFT * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    shifted = [state._replace(position=state.position + shift) for state, shift in zip(states, shifts, strict=True)]
-    diverging = np.array([distance(by_brownpipe(scene, state), run) for state, run in zip(shifted, exact, strict=True)])
+    shifted = [
+        state._replace(position=state.position + shift)
+        for state, shift in zip(states, shifts, strict=True)
+    ]
+    diverging = np.array(
+        [
+            distance(by_brownpipe(scene, state), run)
+            for state, run in zip(shifted, exact, strict=True)
+        ]
+    )
     apart, delays, drift = {}, {}, {}
     for step in STEPS:
         began = process_time()
@@ -147,14 +176,18 @@ def measure(particles: int) -> Measured:
 
 
 def growth(measured: Measured) -> tuple[float, float]:
-    """Return the rate at which nearby exact runs diverge [1/time], over the last three quarters, and its error."""
+    """Return the rate at which nearby exact runs diverge [1/time], over the last three quarters,
+    and its error.
+    """
     quarter = len(measured.scene.times) // 4
     interval = measured.scene.times[-1] - measured.scene.times[quarter]
     return _mean(np.log(measured.diverging[:, -1] / measured.diverging[:, quarter]) / interval)
 
 
 def agreement(measured: Measured, step: float) -> np.ndarray:
-    """Return the time (seed,) from which the runs are APART, interpolated in the logarithm; inf if they never are."""
+    """Return the time (seed,) from which the runs are APART, interpolated in the logarithm; inf if
+    they never are.
+    """
     return np.array([_crossing(measured.scene.times, row) for row in measured.distance[step]])
 
 
@@ -175,17 +208,30 @@ def report(measured: Measured) -> None:
     rate, error = growth(measured)
     n = measured.scene.particles
     exact = measured.seconds[0.0] / len(SEEDS)
-    print(f"N = {n}: growth {rate:.2f}({error:.2f}), ln 10/growth {np.log(10) / rate:.3f}; exact {exact:.4f} s a run")
+    print(
+        f"N = {n}: growth {rate:.2f}({error:.2f}), ln 10/growth {np.log(10) / rate:.3f}; exact "
+        f"{exact:.4f} s a run"
+    )
     before = np.full(len(SEEDS), inf)
     for step in STEPS:
-        apart, delays, times = measured.distance[step], measured.delays[step], agreement(measured, step)
+        apart, delays, times = (
+            measured.distance[step],
+            measured.delays[step],
+            agreement(measured, step),
+        )
         at = ", ".join(f"{np.median(apart[:, k]):.1e}" for k in (10, 20, 30, 40))
         z = (delays.mean() - 0.5) * np.sqrt(12 * len(delays))  # if they are uniform between 0 and 1
         both = np.isfinite(times) & np.isfinite(before)
-        gained = ", {:.3f}({:.3f}) later".format(*_mean(times[both] - before[both])) if both.any() else ""
+        gained = (
+            ", {:.3f}({:.3f}) later".format(*_mean(times[both] - before[both]))
+            if both.any()
+            else ""
+        )
         print(
-            f"  step {step:g}: distances {at}; apart at {np.median(times):.3f}{gained}, {np.isinf(times).sum()} never;"
-            f" delays {delays.min():.4f} to {delays.max():.4f}, mean {delays.mean():.4f}, z {z:+.1f}, {len(delays)};"
+            f"  step {step:g}: distances {at}; apart at {np.median(times):.3f}{gained}, "
+            f"{np.isinf(times).sum()} never;"
+            f" delays {delays.min():.4f} to {delays.max():.4f}, mean {delays.mean():.4f}, z "
+            f"{z:+.1f}, {len(delays)};"
             f" drift {measured.drift[step]:.0e}; {measured.seconds[step] / len(SEEDS):.3f} s a run"
         )
         before = times
@@ -217,7 +263,9 @@ def main() -> None:
         every.append(measure(particles))
         report(every[-1])
     with drawing():
-        (ROOT / "docs" / "figures" / "other_programs_pymunk.png").write_bytes(image_bytes(figure(every), "png"))
+        (ROOT / "docs" / "figures" / "other_programs_pymunk.png").write_bytes(
+            image_bytes(figure(every), "png")
+        )
 
 
 if __name__ == "__main__":

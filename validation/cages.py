@@ -10,7 +10,9 @@ from brownpipe.figures.style import DASHED, GREY, SERIES, grid
 from validation.comparison import Comparison
 from validation.result import Result
 
-SHORT = 0.1  # collisions of a disk up to the time at which the start is compared: the next order is some 3 % there
+# collisions of a disk up to the time at which the start is compared: the next order is some 3 %
+# there
+SHORT = 0.1
 
 
 def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
@@ -23,18 +25,24 @@ def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
         slope = 20 * (1 - 1 / n) ** 2 / (collisions[at] - collisions[1])
         start, error = (slope * value for value in _at(case, at))
         quantity = f"$20\\, \\alpha_2/\\Gamma t$, $\\phi = {phi:.2f}$"
-        comparisons.append(Comparison(quantity, 1.0, 0.0, start, error, "[theory](theory.md), section 4"))
+        comparisons.append(
+            Comparison(quantity, 1.0, 0.0, start, error, "[theory](theory.md), section 4")
+        )
     return comparisons
 
 
 def _at(case: Dataset, samples: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return alpha_2, less the scatter of the initial velocities, and its standard error at samples."""
+    """Return alpha_2, less the scatter of the initial velocities, and its standard error at
+    samples.
+    """
     name = "non_gaussian_parameter_controlled"
     return case[name].values[samples], case[f"{name}_standard_error"].values[samples]
 
 
 def _cases(datasets: Mapping[str, Dataset]) -> Iterator[tuple[int, float, Dataset]]:
-    """Yield the number of disks, the packing fraction and the variables of each case, at the times that it has."""
+    """Yield the number of disks, the packing fraction and the variables of each case, at the times
+    that it has.
+    """
     for data in (datasets["cages_short"], datasets["cages"]):
         for n in data.particles.values.tolist():
             case = data.isel(scene=0, engine=0).sel(particles=n)
@@ -80,5 +88,8 @@ RESULT = Result(
     ("cages", "cages_short"),
     compare,
     draw,
-    {"cages": {"particles": [163], "seeds": 12}, "cages_short": {"seeds": 280}},  # fails if alpha_2 is 60 % off
+    {
+        "cages": {"particles": [163], "seeds": 12},
+        "cages_short": {"seeds": 280},
+    },  # fails if alpha_2 is 60 % off
 )

@@ -1,9 +1,11 @@
 """All results that are reproduced, in the order of docs/validation.md.
 
-To add one: scenes and study in `config/validation/`, `NAME_large.yaml` if it is too long for `make validation`;
-`validation/NAME.py` with published numbers and their source, read there by somebody, `compare`, `draw`, and `RESULT`
-with a version of some 2 s for the tests; a section of the page with two comments, between which
-`python -m validation NAME` writes the table. Its `remark` explains a difference of more than three standard errors.
+To add one: scenes and study in `config/validation/`, `NAME_large.yaml` if it is too long for `make
+validation`; `validation/NAME.py` with published numbers and their source, read there by somebody,
+`compare`, `draw`, and `RESULT` with a version of some 2 s for the tests; a section of the page with
+two comments, between which
+`python -m validation NAME` writes the table. Its `remark` explains a difference of more than three
+standard errors.
 """
 
 from validation import (

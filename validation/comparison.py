@@ -13,12 +13,15 @@ class Comparison(NamedTuple):
     ours: float
     error: float  # standard error
     source: str  # where the published value is, as in the references of docs/validation.md
-    approximate: bool = False  # the published value is of a theory that is not exact: the difference is no failure
+    # the published value is of a theory that is not exact: the difference is no failure
+    approximate: bool = False
     remark: str = ""  # why it differs
 
     @property
     def z(self) -> float:
-        """The difference in standard errors, both combined; the published one counts as 0 where none is given."""
+        """The difference in standard errors, both combined; the published one counts as 0 where
+        none is given.
+        """
         theirs = 0.0 if math.isnan(self.published_error) else self.published_error
         return (self.ours - self.published) / math.hypot(self.error, theirs)
 
@@ -29,5 +32,7 @@ class Comparison(NamedTuple):
 
     @property
     def is_at_odds(self) -> bool:
-        """Whether the values differ by more than three standard errors, though the published one is not approximate."""
+        """Whether the values differ by more than three standard errors, though the published one is
+        not approximate.
+        """
         return not self.approximate and not abs(self.z) <= 3  # NaN is at odds, too

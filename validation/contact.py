@@ -20,7 +20,9 @@ QUANTITIES = {
 
 
 def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
-    """Return the comparisons of the collision rate and the contact value, by both routes, at every density."""
+    """Return the comparisons of the collision rate and the contact value, by both routes, at every
+    density.
+    """
     fluid = _fluid(datasets)
     densities = range(fluid.sizes["case"])
     return [_comparison(fluid.isel(case=k), name) for name in QUANTITIES for k in densities]
@@ -59,16 +61,22 @@ def unit_of(name: str, case: Dataset) -> float:
     if name != "collision_rate_at_temperature":
         return 1.0
     others = float(case.density) * (1 - 1 / int(case.particles))
-    return float(theory.collision_rate(others, distance=1.0, contact=1.0, mass=0.5, temperature=1.0))
+    return float(
+        theory.collision_rate(others, distance=1.0, contact=1.0, mass=0.5, temperature=1.0)
+    )
 
 
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
-    """Draw g(r) near contact with the published contact values, and the deviation of all quantities from them."""
+    """Draw g(r) near contact with the published contact values, and the deviation of all quantities
+    from them.
+    """
     fluid = _fluid(datasets)
     figure, ((left, right),) = grid(1, 2, 4.3, 3.6)
     _near_contact(left, fluid)
     count = fluid.sizes["case"]
-    for place, (label, (colour, _, marker)) in enumerate(zip(QUANTITIES.values(), SERIES, strict=False)):
+    for place, (label, (colour, _, marker)) in enumerate(
+        zip(QUANTITIES.values(), SERIES, strict=False)
+    ):
         group = comparisons[place * count : (place + 1) * count]
         part = [1e3 * one.departure for one in group]
         error = [2e3 * one.error / one.published for one in group]

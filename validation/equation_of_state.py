@@ -22,7 +22,11 @@ def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
     """Return the comparisons of Z at every published density, and of Z_N in small boxes."""
     fluid, small = _fluid(datasets), cases(datasets[SMALL_BOXES])
     return [
-        *(_of_many_disks(fluid.isel(case=k), name) for name in ROUTES for k in range(fluid.sizes["case"])),
+        *(
+            _of_many_disks(fluid.isel(case=k), name)
+            for name in ROUTES
+            for k in range(fluid.sizes["case"])
+        ),
         *(_in_small_box(small.isel(case=k)) for k in range(small.sizes["case"])),
     ]
 
@@ -31,7 +35,10 @@ def _fluid(datasets: Mapping[str, Dataset]) -> Dataset:
     names = [f"{name}{suffix}" for name in ROUTES for suffix in ("", "_standard_error")]
     variables = [*names, "packing_fraction", "particles", "density"]
     fluid = concat([cases(datasets[study]).reset_coords()[variables] for study in STUDIES], "case")
-    known = [density in MOLECULAR_DYNAMICS or density in (0.1, 0.2, SERIES_UP_TO) for density in fluid.density.values]
+    known = [
+        density in MOLECULAR_DYNAMICS or density in (0.1, 0.2, SERIES_UP_TO)
+        for density in fluid.density.values
+    ]
     return fluid.isel(case=known)
 
 
@@ -44,7 +51,9 @@ def _of_many_disks(case: Dataset, name: str) -> Comparison:
 
 
 def _in_small_box(case: Dataset) -> Comparison:
-    """Compare Z_N by the collision rate; in a narrow box the term in 1/N is not exact: correlations reach around it."""
+    """Compare Z_N by the collision rate; in a narrow box the term in 1/N is not exact: correlations
+    reach around it.
+    """
     z, error, source = published(float(case.density))
     z_n = z + float(finite_size(case.packing_fraction, case.particles))
     narrow = bool(case.particles < float(case.density) * NARROW**2)
@@ -71,14 +80,27 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     figure, ((left, right),) = grid(1, 2, 4.5, 3.6)
     phi, n = fluid.packing_fraction.values, fluid.particles.values
     z = np.array([published(density)[0] for density in fluid.density.values])
-    for name, colour, marker, aside in zip(ROUTES, (DATA, FIT), "os", (-0.0015, 0.0015), strict=True):
+    for name, colour, marker, aside in zip(
+        ROUTES, (DATA, FIT), "os", (-0.0015, 0.0015), strict=True
+    ):
         ours, error = fluid[name].values, fluid[f"{name}_standard_error"].values
         part = 1e4 * (ours - finite_size(phi, n) - z) / z
-        left.errorbar(phi + aside, part, 2e4 * error / z, fmt=marker, color=colour, markersize=4, label=ROUTES[name])
-    left.plot(phi, 1e4 * finite_size(phi, n) / z, "_", color=GREY, label="the term in $1/N$, subtracted")
+        left.errorbar(
+            phi + aside,
+            part,
+            2e4 * error / z,
+            fmt=marker,
+            color=colour,
+            markersize=4,
+            label=ROUTES[name],
+        )
+    left.plot(
+        phi, 1e4 * finite_size(phi, n) / z, "_", color=GREY, label="the term in $1/N$, subtracted"
+    )
     left.axhline(0, color=GREY, linewidth=0.8)
     left.set(
-        xlabel="packing fraction $\\phi$", ylabel="$10^4\\, (Z - Z_\\mathrm{published})/Z_\\mathrm{published}$, 95 %"
+        xlabel="packing fraction $\\phi$",
+        ylabel="$10^4\\, (Z - Z_\\mathrm{published})/Z_\\mathrm{published}$, 95 %",
     )
     left.legend()
     _sizes(right, fluid, small)
@@ -86,7 +108,9 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
 
 
 def _sizes(axes: Axes, fluid: Dataset, small: Dataset) -> None:
-    """Draw Z_N against 1/N at the density of the small boxes, with the largest box of this density."""
+    """Draw Z_N against 1/N at the density of the small boxes, with the largest box of this
+    density.
+    """
     alike = concat([fluid, small.reset_coords()[list(fluid)]], "case")
     alike = alike.isel(case=alike.density.values == small.density.values[0])
     inverse, phi = 1 / alike.particles.values, float(alike.packing_fraction[0])
@@ -102,7 +126,12 @@ def _sizes(axes: Axes, fluid: Dataset, small: Dataset) -> None:
     )
     line = np.array([0, 1.1 * inverse.max()])
     z = published(float(alike.density[0]))[0]
-    axes.plot(line, z + finite_size(phi, 1) * line, color=GREY, label="$Z$ published, with the term in $1/N$")
+    axes.plot(
+        line,
+        z + finite_size(phi, 1) * line,
+        color=GREY,
+        label="$Z$ published, with the term in $1/N$",
+    )
     axes.set(xlabel="$1/N$", ylabel=f"$Z_N$ at $\\phi = {phi:.3f}$")
     axes.legend()
 

@@ -1,14 +1,15 @@
-"""Density profile of hard disks at a hard wall by the fundamental measure theory of Roth, Mecke and Oettel (2012).
+"""Density profile of hard disks at a hard wall by the fundamental measure theory of Roth, Mecke and
+Oettel (2012).
 
 The excess free energy, over kT, is the integral of
 
     Phi = -n0 ln(1 - n2) + (C0 n1^2 + C1 n1v . n1v + C2 n1t : n1t) / (4 pi (1 - n2)),
     C0 = (a + 2)/3, C1 = (a - 4)/3, C2 = (2 - 2a)/3, a = 11/4,
 
-with weighted densities: n2 is the density averaged over a disk, times its area; n1, the vector n1v and the tensor n1t
-are its integrals over the circumference, weighted with 1, the unit vector r and r r; n0 = n1/(2 pi R). In a homogeneous
-fluid this is scaled-particle theory. Its direct correlation function is that of Thorneywork et al. (2018); with any
-other `a` it is not. Length in diameters.
+with weighted densities: n2 is the density averaged over a disk, times its area; n1, the vector n1v
+and the tensor n1t are its integrals over the circumference, weighted with 1, the unit vector r and
+r r; n0 = n1/(2 pi R). In a homogeneous fluid this is scaled-particle theory. Its direct correlation
+function is that of Thorneywork et al. (2018); with any other `a` it is not. Length in diameters.
 """
 
 import numpy as np
@@ -18,14 +19,20 @@ C0, C1, C2 = (A + 2) / 3, (A - 4) / 3, (2 - 2 * A) / 3
 RADIUS = 0.5
 CELLS = 100  # in a radius; contact density within 3e-5 at phi = 0.4
 DEPTH = 8.0  # distance from the wall where the fluid counts as homogeneous
-MIXING, STEPS, CHANGE = 0.2, 1000, 1e-10  # of the iteration; largest change of ln n in its last step
+MIXING, STEPS, CHANGE = (
+    0.2,
+    1000,
+    1e-10,
+)  # of the iteration; largest change of ln n in its last step
 
 
 def wall_profile(phi: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances (B,) of the edge from the wall and the density (B,) there over that in the bulk.
+    """Return distances (B,) of the edge from the wall and the density (B,) there over that in the
+    bulk.
 
-    `phi` is the packing fraction in the bulk. The distances are the centres of equal cells, in which the density is
-    constant. With the one-body direct correlation function c, ln n(z) = ln n_bulk + c(z) - c_bulk.
+    `phi` is the packing fraction in the bulk. The distances are the centres of equal cells, in
+    which the density is constant. With the one-body direct correlation function c, ln n(z) = ln
+    n_bulk + c(z) - c_bulk.
     """
     bulk, cells = phi / (np.pi * RADIUS**2), round(DEPTH / RADIUS) * CELLS
     z = (np.arange(cells) + 0.5) * RADIUS / CELLS
@@ -48,7 +55,8 @@ def contact(profile: np.ndarray) -> float:
 
 
 def direct_correlation(density: np.ndarray, weights: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Return the one-body direct correlation function (B,) for a density (B + 2 CELLS,), but not in its last diameter.
+    """Return the one-body direct correlation function (B,) for a density (B + 2 CELLS,), but not in
+    its last diameter.
 
     The wall is in front of the first cell: no density there.
     """
@@ -65,11 +73,16 @@ def direct_correlation(density: np.ndarray, weights: tuple[np.ndarray, ...]) -> 
 
 
 def projected_weights() -> tuple[np.ndarray, ...]:
-    """Return the weights (2 CELLS + 1,) of n1, n1v and n2, projected on the normal of the wall, integrated over cells.
+    """Return the weights (2 CELLS + 1,) of n1, n1v and n2, projected on the normal of the wall,
+    integrated over cells.
 
-    With the distance R sin t along the normal, both halves of the circumference have 2R dt, the unit vector sin t.
-    n1t_yy has cos^2 t, so that it is n2/R; n1t_zz is the rest of n1.
+    With the distance R sin t along the normal, both halves of the circumference have 2R dt, the
+    unit vector sin t. n1t_yy has cos^2 t, so that it is n2/R; n1t_zz is the rest of n1.
     """
     edges = np.clip((np.arange(2 * CELLS + 2) - CELLS - 0.5) / CELLS, -1, 1)
     t = np.arcsin(edges)
-    return 2 * RADIUS * np.diff(t), -2 * RADIUS * np.diff(np.cos(t)), RADIUS**2 * np.diff(t + np.sin(2 * t) / 2)
+    return (
+        2 * RADIUS * np.diff(t),
+        -2 * RADIUS * np.diff(np.cos(t)),
+        RADIUS**2 * np.diff(t + np.sin(2 * t) / 2),
+    )

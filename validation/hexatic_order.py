@@ -1,4 +1,6 @@
-"""Pressure and bond-orientational order of hard disks about freezing, of few disks in a square periodic box."""
+"""Pressure and bond-orientational order of hard disks about freezing, of few disks in a square
+periodic box.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -10,8 +12,9 @@ from brownpipe.figures.style import GREY, SERIES, grid
 from validation.comparison import Comparison
 from validation.result import Result
 
-# Pressure P s^2/kT in the same square boxes by Monte Carlo, diameter s: by number of disks, for each packing
-# fraction (pressure, standard error). B. Li et al., J. Chem. Phys. 157, 234111 (2022), data in their repository.
+# Pressure P s^2/kT in the same square boxes by Monte Carlo, diameter s: by number of disks, for
+# each packing fraction (pressure, standard error). B. Li et al., J. Chem. Phys. 157, 234111 (2022),
+# data in their repository.
 LI = {
     72: {
         0.680: (8.23631, 0.00034),
@@ -61,7 +64,9 @@ LI = {
         0.716: (9.1587, 0.0010),
     },
 }
-REMARKS = {(224, 0.72): "the runs keep the orientation of the lattice that they start from, see above"}
+REMARKS = {
+    (224, 0.72): "the runs keep the orientation of the lattice that they start from, see above"
+}
 
 
 def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
@@ -87,7 +92,9 @@ def _cases(data: Dataset) -> Iterator[tuple[int, float, Dataset]]:
 def _pressure(case: Dataset) -> tuple[float, float]:
     """Return P s^2/kT and its standard error."""
     density = 4 * float(case.packing_fraction) / np.pi  # in units of 1/s^2
-    return density * float(case.compressibility), density * float(case.compressibility_standard_error)
+    return density * float(case.compressibility), density * float(
+        case.compressibility_standard_error
+    )
 
 
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
@@ -96,7 +103,13 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
     figure, ((above,), (below,)) = grid(2, 1, 5.0, 2.7, sharex=True)
     for (n, published), (colour, line, marker) in zip(LI.items(), SERIES, strict=False):
         phi, pressure = np.array([(phi, value) for phi, (value, _) in published.items()]).T
-        above.plot(phi, pressure, linestyle=line, color=colour if n < 1000 else GREY, label=f"$N = {n}$, Li et al.")
+        above.plot(
+            phi,
+            pressure,
+            linestyle=line,
+            color=colour if n < 1000 else GREY,
+            label=f"$N = {n}$, Li et al.",
+        )
         own = [(phi, case) for number, phi, case in cases if number == n]
         if not own:
             continue
@@ -104,7 +117,8 @@ def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> 
         value, error = np.array([_pressure(case) for _, case in own]).T
         above.errorbar(place, value, 2 * error, **looks, label=f"$N = {n}$, brownpipe, 95 %")
         order, error = (
-            [float(case[f"orientational_order_squared{part}"]) for _, case in own] for part in ("", "_standard_error")
+            [float(case[f"orientational_order_squared{part}"]) for _, case in own]
+            for part in ("", "_standard_error")
         )
         below.errorbar(place, order, 2 * np.array(error), **looks)
     above.set_ylabel("$P s^2/kT$")

@@ -1,12 +1,14 @@
-"""Why the Langevin equation is off in the note's scene: the tracer with collisions that know nothing of each other.
+"""Why the Langevin equation is off in the note's scene: the tracer with collisions that know
+nothing of each other.
 
     python -m validation.independent_collisions        half a minute
 
-Partners come from a bath in equilibrium, at the rate of Enskog's theory and with a random impact parameter: the
-Boltzmann-Enskog equation, solved by random numbers. It shares with the Langevin equation that the bath forgets the
-tracer at once, and with the exact engine the mass ratio, the hot start and the collisions themselves. The difference
-from the Langevin equation is therefore that of friction and noise in place of collisions; the difference from exact
-runs is what collisions that depend on each other do. Neither has walls, which the tracer hardly reaches by t = 1.
+Partners come from a bath in equilibrium, at the rate of Enskog's theory and with a random impact
+parameter: the Boltzmann-Enskog equation, solved by random numbers. It shares with the Langevin
+equation that the bath forgets the tracer at once, and with the exact engine the mass ratio, the hot
+start and the collisions themselves. The difference from the Langevin equation is therefore that of
+friction and noise in place of collisions; the difference from exact runs is what collisions that
+depend on each other do. Neither has walls, which the tracer hardly reaches by t = 1.
 """
 
 import math
@@ -28,7 +30,9 @@ def msd_of_independent_collisions(scene: Scene, rng: np.random.Generator) -> tup
     bath, (species,) = bath_of(scene), partners_of(scene).contact_value
     mass, speed = bath.mass[0] / scene.mass[0], math.sqrt(bath.temperature / bath.mass[0])
     sigma = scene.radius[0] + bath.radius[0]
-    most = bath.number[0] / scene.box.area * species * 2 * sigma * FASTEST * speed  # rate at the fastest relative speed
+    most = (
+        bath.number[0] / scene.box.area * species * 2 * sigma * FASTEST * speed
+    )  # rate at the fastest relative speed
     velocity = rng.normal(size=(TRACERS, 2)) * initial_speed(scene)
     moved = np.zeros((TRACERS, 2))
     for _ in range(round(scene.duration / STEP)):
@@ -48,22 +52,30 @@ def msd_of_independent_collisions(scene: Scene, rng: np.random.Generator) -> tup
 
 
 def msd_of_langevin(scene: Scene) -> float:
-    """Return the MSD at the end [length^2] of the Langevin equation without walls, in closed form."""
+    """Return the MSD at the end [length^2] of the Langevin equation without walls, in closed
+    form.
+    """
     gamma, thermal = friction_rate(scene, "enskog"), bath_of(scene).temperature / scene.mass[0]
     decay = -math.expm1(-gamma * scene.duration)
-    noise = 4 * thermal / gamma * (scene.duration - decay / gamma) - 2 * thermal * (decay / gamma) ** 2
+    noise = (
+        4 * thermal / gamma * (scene.duration - decay / gamma) - 2 * thermal * (decay / gamma) ** 2
+    )
     return 2 * initial_speed(scene) ** 2 * (decay / gamma) ** 2 + noise
 
 
 def initial_speed(scene: Scene) -> float:
-    """Return the standard deviation of a component of the tracer's initial velocity [length/time]."""
+    """Return the standard deviation of a component of the tracer's initial velocity
+    [length/time].
+    """
     velocities = scene.velocities
     return velocities.standard_deviation or math.sqrt(velocities.temperature / scene.mass[0])
 
 
 def msd_of_exact_runs(scene: Scene) -> tuple[float, float]:
     """Return the MSD at the end [length^2] and its standard error."""
-    position = simulate(scene.replace(sample_interval=scene.duration), seeds=EXACT_RUNS).position.values
+    position = simulate(
+        scene.replace(sample_interval=scene.duration), seeds=EXACT_RUNS
+    ).position.values
     return mean_and_error(((position[-1] - position[0]) ** 2).sum(axis=1))
 
 
@@ -78,8 +90,14 @@ def main() -> None:
         exact, error = msd_of_exact_runs(scene)
         independent, its_error = msd_of_independent_collisions(scene, np.random.default_rng(2020))
         langevin = msd_of_langevin(scene)
-        print(f"{name}: exact {exact:.4f} +- {error:.4f}, independent collisions {independent:.4f} +- {its_error:.4f},")
-        print(f"    langevin {langevin:.4f}: {100 * (langevin / independent - 1):+.1f} % from independent collisions,")
+        print(
+            f"{name}: exact {exact:.4f} +- {error:.4f}, independent collisions {independent:.4f} "
+            f"+- {its_error:.4f},"
+        )
+        print(
+            f"    langevin {langevin:.4f}: {100 * (langevin / independent - 1):+.1f} % from "
+            "independent collisions,"
+        )
         print(f"    which are {100 * (independent / exact - 1):+.1f} % from exact runs")
 
 

@@ -1,7 +1,9 @@
-"""The long-time tail of the velocity autocorrelation of equal hard disks, against mode-coupling theory.
+"""The long-time tail of the velocity autocorrelation of equal hard disks, against mode-coupling
+theory.
 
-C(t) = <v(0).v(t)>/(2 kT/m). With zero total momentum and N disks it lacks the motion of the centre of mass, 1/N; with
-this added it is that of infinitely many disks, until sound has crossed the box. S runs, T sample times.
+C(t) = <v(0).v(t)>/(2 kT/m). With zero total momentum and N disks it lacks the motion of the centre
+of mass, 1/N; with this added it is that of infinitely many disks, until sound has crossed the box.
+S runs, T sample times.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +19,12 @@ from validation.comparison import Comparison
 from validation.result import Result
 from validation.transport import Fluid, fluid
 
-STARTS = {0.14: 20, 0.30: 30, 0.45: 40, 0.60: 40}  # mean free times from which Erpenbeck and Wood compare with theory
+STARTS = {
+    0.14: 20,
+    0.30: 30,
+    0.45: 40,
+    0.60: 40,
+}  # mean free times from which Erpenbeck and Wood compare with theory
 CROSSED = 0.7  # the window ends at this share of the sound-crossing time, or with the run
 BINS_PER_DECADE = 8  # of time, in the figure
 
@@ -47,15 +54,18 @@ class Tail(NamedTuple):
         return min(CROSSED * self.crossing, self.t[-1])
 
     def amplitudes(self, start: float, end: float) -> np.ndarray:
-        """Return t C(t) (S,) of every run in a window: a of a/t, least squares with equal weights."""
+        """Return t C(t) (S,) of every run in a window: a of a/t, least squares with equal
+        weights.
+        """
         inside = _inside(self.t, start, end)
         return (self.c[:, inside] / self.t[inside]).sum(axis=1) / (self.t[inside] ** -2).sum()
 
     def exponent(self) -> tuple[float, float]:
         """Return -d ln C/d ln t in the window and its standard error.
 
-        Least squares of a/t - b ln(t/t0)/t, the first two terms of a t0^x/t^(1 + x) for a small x = b/a. Both a and b
-        are linear in C, so that every run has its own, and their covariance over runs gives the error.
+        Least squares of a/t - b ln(t/t0)/t, the first two terms of a t0^x/t^(1 + x) for a small x =
+        b/a. Both a and b are linear in C, so that every run has its own, and their covariance over
+        runs gives the error.
         """
         inside = _inside(self.t, self.start, self.end)
         t = self.t[inside]
@@ -81,19 +91,32 @@ def _error(values: np.ndarray) -> float:
 
 
 def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
-    """Return the comparisons: C(0); amplitude and exponent of the tail; 100,000 disks with 10,000."""
+    """Return the comparisons: C(0); amplitude and exponent of the tail; 100,000 disks with
+    10,000.
+    """
     tails = _tails(datasets)
     smallest = min(tail.particles for tail in tails)
     usual = [tail for tail in tails if tail.particles == smallest]
-    rows = [_start(max(usual, key=lambda tail: len(tail.c)))]  # other densities begin with the same velocities
+    rows = [
+        _start(max(usual, key=lambda tail: len(tail.c)))
+    ]  # other densities begin with the same velocities
     rows += [row(tail) for row in (_amplitude, _exponent) for tail in usual]
-    return rows + [_larger(tail, other) for tail in tails if tail not in usual for other in usual if _same(tail, other)]
+    return rows + [
+        _larger(tail, other)
+        for tail in tails
+        if tail not in usual
+        for other in usual
+        if _same(tail, other)
+    ]
 
 
 def _tails(datasets: Mapping[str, Dataset]) -> list[Tail]:
     data = datasets["long_time_tail"]
     runs = {name: datasets[f"long_time_tail/{name}"] for name in data.scene.values}
-    return [tail_of(each, data.packing_fraction.sel(scene=name).max().item()) for name, each in runs.items()]
+    return [
+        tail_of(each, data.packing_fraction.sel(scene=name).max().item())
+        for name, each in runs.items()
+    ]
 
 
 def _same(tail: Tail, other: Tail) -> bool:
@@ -109,7 +132,13 @@ def _amplitude(tail: Tail) -> Comparison:
     a = tail.amplitudes(tail.start, tail.end)
     source = "Ernst et al. (1970), Gass (1971)"
     return Comparison(
-        f"$t\\,C(t)$, {_window(tail)}", tail.fluid.tail, 0.0, a.mean(), _error(a), source, approximate=True
+        f"$t\\,C(t)$, {_window(tail)}",
+        tail.fluid.tail,
+        0.0,
+        a.mean(),
+        _error(a),
+        source,
+        approximate=True,
     )
 
 
@@ -130,7 +159,9 @@ def _larger(tail: Tail, usual: Tail) -> Comparison:
 
 
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
-    """Draw t C(t) against t for each density, with the law of mode-coupling theory and the sound-crossing time."""
+    """Draw t C(t) against t for each density, with the law of mode-coupling theory and the
+    sound-crossing time.
+    """
     tails = _tails(datasets)
     densities = sorted({round(tail.fluid.phi, 4) for tail in tails})
     figure, panels = grid(-(-len(densities) // 2), 2, 3.8, 2.8)
@@ -146,12 +177,26 @@ def _panel(axes: Axes, tails: list[Tail]) -> None:
     for tail, (colour, marker) in zip(tails, ((DATA, "o"), (FIT, "s")), strict=False):
         middle, mean, error = _binned(tail)
         label = f"N = {tail.particles:,}"
-        axes.errorbar(middle, mean, 2 * error, fmt=marker, color=colour, markersize=3.5, linewidth=1, label=label)
+        axes.errorbar(
+            middle,
+            mean,
+            2 * error,
+            fmt=marker,
+            color=colour,
+            markersize=3.5,
+            linewidth=1,
+            label=label,
+        )
         axes.axvline(tail.crossing, color=colour, linewidth=0.9, linestyle=DOTTED)
     last = max(tail.t[-1] for tail in tails)
     line = np.geomspace(t[0], last)
     axes.axhline(own.tail, color=GREY, linewidth=1.2, label="mode coupling")
-    axes.plot(line, own.tail - 1 / (4 * np.pi * own.density * own.sound**2 * line), color=MODEL, label="with sound")
+    axes.plot(
+        line,
+        own.tail - 1 / (4 * np.pi * own.density * own.sound**2 * line),
+        color=MODEL,
+        label="with sound",
+    )
     axes.set_xlabel("time $t$")
     axes.set_ylabel("$t\\,C(t)$")
     axes.set_ylim(0, 2.2 * own.tail)
@@ -163,7 +208,10 @@ def _binned(tail: Tail) -> np.ndarray:
     label = np.round(np.log10(tail.t) * BINS_PER_DECADE)
     bins = [tail.t[label == k] for k in np.unique(label)]
     amplitudes = [tail.amplitudes(times[0], times[-1]) for times in bins]
-    values = [(np.exp(np.log(times).mean()), a.mean(), _error(a)) for times, a in zip(bins, amplitudes, strict=True)]
+    values = [
+        (np.exp(np.log(times).mean()), a.mean(), _error(a))
+        for times, a in zip(bins, amplitudes, strict=True)
+    ]
     return np.array(values).T
 
 

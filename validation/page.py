@@ -14,7 +14,9 @@ def with_table(page: str, name: str, comparisons: Sequence[Comparison], seconds:
 
 
 def with_text(page: str, name: str, text: str) -> str:
-    """Return the page with a new text between the two comments of this name; raise KeyError if it has none."""
+    """Return the page with a new text between the two comments of this name; raise KeyError if it
+    has none.
+    """
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
     place = re.compile(f"(?<={re.escape(begin)}).*?(?={re.escape(end)})", re.DOTALL)
     if not place.search(page):
@@ -23,7 +25,9 @@ def with_text(page: str, name: str, text: str) -> str:
 
 
 def table(comparisons: Sequence[Comparison]) -> str:
-    """Return the comparisons as a table in Markdown; a source that all have in common is the head of its column."""
+    """Return the comparisons as a table in Markdown; a source that all have in common is the head
+    of its column.
+    """
     sources = {one.source for one in comparisons}
     if len(sources) == 1:
         head = f"| quantity | {sources.pop()} | brownpipe | difference |\n|---|---|---|---|\n"
@@ -41,10 +45,14 @@ def _row(one: Comparison) -> str:
 
 
 def value(number: float, error: float) -> str:
-    """Return a number with its standard error in the last two digits: 1.35485(21); without it if NaN or 0."""
+    """Return a number with its standard error in the last two digits: 1.35485(21); without it if
+    NaN or 0.
+    """
     if not error > 0:
         return f"{number:.6g}"
-    digits = max(0, 1 - int(f"{error:.1e}".split("e")[1]))  # the exponent of the rounded error: 0.0996 is 0.10
+    digits = max(
+        0, 1 - int(f"{error:.1e}".split("e")[1])
+    )  # the exponent of the rounded error: 0.0996 is 0.10
     if digits == 0:
         return f"{number:.0f}({error:.0f})"
     if error >= 1:
@@ -60,4 +68,7 @@ def closing(comparisons: Sequence[Comparison], seconds: float) -> str:
         return took
     most = max(abs(one.z) for one in tested)
     chance = 1 - math.erf(most / math.sqrt(2)) ** len(tested)
-    return f"{len(tested)} values tested; largest difference {most:.1f} s.e., probability {chance:.2g}. {took}"
+    return (
+        f"{len(tested)} values tested; largest difference {most:.1f} s.e., probability "
+        f"{chance:.2g}. {took}"
+    )

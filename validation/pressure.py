@@ -1,6 +1,7 @@
 """The pressure of the hard-disk fluid, as published, and in a periodic box of N disks.
 
-The density is n s^2, with n = N/A disks of diameter s per area; the packing fraction is phi = pi n s^2/4.
+The density is n s^2, with n = N/A disks of diameter s per area; the packing fraction is phi = pi n
+s^2/4.
 """
 
 import numpy as np
@@ -10,7 +11,8 @@ from xarray import DataArray, Dataset
 CLISBY = "Clisby and McCoy (2006)"
 KOLAFA = "Kolafa and Rottner (2006)"
 
-# B_k/B_2^(k-1), k = 1 to 10, with B_2 = 2 in units of the area of a disk: exact to B_4, then Clisby and McCoy, table 1
+# B_k/B_2^(k-1), k = 1 to 10, with B_2 = 2 in units of the area of a disk: exact to B_4, then Clisby
+# and McCoy, table 1
 VIRIAL_COEFFICIENTS = (
     1.0,
     1.0,
@@ -46,7 +48,8 @@ MOLECULAR_DYNAMICS = {
     0.89: (10.3176, 11e-4),
 }
 
-# Kolafa and Rottner, section 3.2, fit up to the density 0.90: coefficients of powers of x = phi/(1 - phi) in Z
+# Kolafa and Rottner, section 3.2, fit up to the density 0.90: coefficients of powers of x = phi/(1
+# - phi) in Z
 _FIT = {
     0: 1.0,
     1: 2.0,
@@ -81,8 +84,8 @@ def fit(phi: np.ndarray | float) -> np.ndarray:
 def published(density: float) -> tuple[float, float, str]:
     """Return Z, its standard error and its source; KeyError at a density that is not in the table.
 
-    At low densities the error is that of the coefficients and of the remainder of the virial series, if its
-    coefficients continue to fall by the ratio of the last two: less than 1e-5.
+    At low densities the error is that of the coefficients and of the remainder of the virial
+    series, if its coefficients continue to fall by the ratio of the last two: less than 1e-5.
     """
     if density > SERIES_UP_TO:
         return *MOLECULAR_DYNAMICS[density], KOLAFA
@@ -93,11 +96,13 @@ def published(density: float) -> tuple[float, float, str]:
 
 
 def finite_size(phi: np.ndarray | float, n: np.ndarray | int) -> np.ndarray:
-    """Return Z_N - Z, the effect of a fixed number of disks N on the pressure in a periodic box, to first order in 1/N.
+    """Return Z_N - Z, the effect of a fixed number of disks N on the pressure in a periodic box, to
+    first order in 1/N.
 
-    The configurations of a box of N disks are those of the canonical ensemble. The grand canonical sum over N at its
-    saddle point gives ln Q_N = ln Xi - N ln z - ln(2 pi N S_0)/2 with N S_0 the variance of N, 1/S_0 = d(phi Z)/d phi;
-    its derivative with respect to the area is Z_N = Z + (phi/2N) d ln S_0/d phi. In x = phi/(1 - phi),
+    The configurations of a box of N disks are those of the canonical ensemble. The grand canonical
+    sum over N at its saddle point gives ln Q_N = ln Xi - N ln z - ln(2 pi N S_0)/2 with N S_0 the
+    variance of N, 1/S_0 = d(phi Z)/d phi; its derivative with respect to the area is Z_N = Z +
+    (phi/2N) d ln S_0/d phi. In x = phi/(1 - phi),
     1/S_0 = Z + x (1 + x) dZ/dx.
     """
     x = np.asarray(phi) / (1 - np.asarray(phi))
@@ -107,7 +112,11 @@ def finite_size(phi: np.ndarray | float, n: np.ndarray | int) -> np.ndarray:
 
 
 def cases(data: Dataset) -> Dataset:
-    """Return the cases of a study of one engine along one dimension, with their density; without empty ones."""
+    """Return the cases of a study of one engine along one dimension, with their density; without
+    empty ones.
+    """
     one = data.isel(engine=0, drop=True).stack(case=["scene", "particles"], create_index=False)
     one = one.isel(case=np.flatnonzero(np.isfinite(one.packing_fraction.values)))
-    return one.assign(density=DataArray(np.round(4 / np.pi * one.packing_fraction.values, 6), dims="case"))
+    return one.assign(
+        density=DataArray(np.round(4 / np.pi * one.packing_fraction.values, 6), dims="case")
+    )

@@ -1,6 +1,8 @@
-"""Hard disks between walls: density at contact, force and hits; density profiles of a thin gas and a dense fluid.
+"""Hard disks between walls: density at contact, force and hits; density profiles of a thin gas and
+a dense fluid.
 
-Length in diameters. Both scenes have equal disks of diameter, mass and kT 1, whose centres have room in a square.
+Length in diameters. Both scenes have equal disks of diameter, mass and kT 1, whose centres have
+room in a square.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,14 +38,24 @@ def compare(datasets: Mapping[str, Dataset]) -> list[Comparison]:
         source = "exact to second order in the density"
         rows.append(Comparison(name, expected / bulk, 0.0, n[k] / bulk, spread / bulk, source))
     (there, _), (middle, spread) = _bulk_density(fluid), _in_the_middle(fluid)
-    name, source = "$\\phi$ in the middle, mean $\\phi = 0.4$", "Luding (2001), from the force on the walls"
+    name, source = (
+        "$\\phi$ in the middle, mean $\\phi = 0.4$",
+        "Luding (2001), from the force on the walls",
+    )
     disk = np.pi / 4  # area
-    rows.append(Comparison(name, disk * there, 0.0, disk * middle, disk * spread, source, approximate=True))
+    rows.append(
+        Comparison(name, disk * there, 0.0, disk * middle, disk * spread, source, approximate=True)
+    )
     return [*rows, *_at_the_layers(fluid)]
 
 
 def _case(data: Dataset, scene: str) -> Dataset:
-    return data.sel(scene=scene).isel(engine=0).dropna("particles", how="all", subset=["wall_pressure"]).squeeze()
+    return (
+        data.sel(scene=scene)
+        .isel(engine=0)
+        .dropna("particles", how="all", subset=["wall_pressure"])
+        .squeeze()
+    )
 
 
 def _side(case: Dataset) -> float:
@@ -52,9 +64,15 @@ def _side(case: Dataset) -> float:
 
 
 def _density_by_force(case: Dataset) -> tuple[float, float]:
-    """Density at the walls from the force on them, F/(kT length of the walls), and its standard error."""
-    scale = float(case.particles) / float(case.box_width) / _side(case)  # N kT/A, box_width over _side
-    return scale * float(case.wall_compressibility), scale * float(case.wall_compressibility_standard_error)
+    """Density at the walls from the force on them, F/(kT length of the walls), and its standard
+    error.
+    """
+    scale = (
+        float(case.particles) / float(case.box_width) / _side(case)
+    )  # N kT/A, box_width over _side
+    return scale * float(case.wall_compressibility), scale * float(
+        case.wall_compressibility_standard_error
+    )
 
 
 def _at_contact(case: Dataset, phi: float) -> list[Comparison]:
@@ -62,14 +80,23 @@ def _at_contact(case: Dataset, phi: float) -> list[Comparison]:
     force, force_error = _density_by_force(case)
     hits = np.sqrt(2 * np.pi) / (4 * _side(case) * float(case.duration))
     measured = {
-        "$n(0) kT \\ell_{\\mathrm{acc}}/F$": (case.contact_density, case.contact_density_standard_error),
-        "$\\Gamma_{\\mathrm{wall}} \\sqrt{2 \\pi m kT}/F$": (
-            hits * case.wall_collisions, hits * case.wall_collisions_standard_error
+        "$n(0) kT \\ell_{\\mathrm{acc}}/F$": (
+            case.contact_density,
+            case.contact_density_standard_error,
         ),
-    }  # fmt: skip
+        "$\\Gamma_{\\mathrm{wall}} \\sqrt{2 \\pi m kT}/F$": (
+            hits * case.wall_collisions,
+            hits * case.wall_collisions_standard_error,
+        ),
+    }
     return [
         Comparison(
-            f"{name}, $\\phi = {phi}$", 1.0, 0.0, float(n) / force, np.hypot(float(error), force_error) / force, FORCE
+            f"{name}, $\\phi = {phi}$",
+            1.0,
+            0.0,
+            float(n) / force,
+            np.hypot(float(error), force_error) / force,
+            FORCE,
         )
         for name, (n, error) in measured.items()
     ]
@@ -78,14 +105,18 @@ def _at_contact(case: Dataset, phi: float) -> list[Comparison]:
 def _profile(case: Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return distance (B,), density (B,) and its standard error."""
     case = case.dropna("wall_distance", subset=["density_profile"])
-    return case.wall_distance.values, case.density_profile.values, case.density_profile_standard_error.values
+    return (
+        case.wall_distance.values,
+        case.density_profile.values,
+        case.density_profile_standard_error.values,
+    )
 
 
 def _in_the_middle(case: Dataset) -> tuple[float, float]:
     """Return the density far from all walls and its standard error.
 
-    The profile far from one wall is a mean along this wall, over the layers in front of the two walls beside it, too:
-    the excess in these layers over the bulk is subtracted.
+    The profile far from one wall is a mean along this wall, over the layers in front of the two
+    walls beside it, too: the excess in these layers over the bulk is subtracted.
     """
     z, n, _ = _profile(case)
     far, error = _far_from_the_wall(case)
@@ -94,20 +125,27 @@ def _in_the_middle(case: Dataset) -> tuple[float, float]:
 
 
 def _far_from_the_wall(case: Dataset) -> tuple[float, float]:
-    """Return the mean density at the distances BULK, along the whole wall, and a bound on its standard error."""
+    """Return the mean density at the distances BULK, along the whole wall, and a bound on its
+    standard error.
+    """
     z, n, error = _profile(case)
     inside = (z > BULK[0]) & (z < BULK[1])
     return n[inside].mean(), error[inside].mean()
 
 
 def _at_the_layers(case: Dataset) -> list[Comparison]:
-    """Density in contact, and where theory has its first minimum and maximum, over that far from the wall."""
+    """Density in contact, and where theory has its first minimum and maximum, over that far from
+    the wall.
+    """
     z, n, error = _profile(case)
     far, far_error = _far_from_the_wall(case)
     layers = _layers_in_theory(case, z)
     low = int(np.argmin(layers))
     high = low + int(np.argmax(layers[low:]))
-    (at_walls, spread), (in_contact,) = _density_by_force(case), _layers_in_theory(case, np.zeros(1))
+    (at_walls, spread), (in_contact,) = (
+        _density_by_force(case),
+        _layers_in_theory(case, np.zeros(1)),
+    )
     rows = [("in contact", in_contact, at_walls, spread)]
     for name, k in (("minimum", low), ("maximum", high)):
         rows.append((f"at the first {name}, $z = {z[k]:.4g}$", layers[k], n[k], error[k]))
@@ -115,31 +153,40 @@ def _at_the_layers(case: Dataset) -> list[Comparison]:
     return [
         Comparison(
             f"$n/n_{{\\mathrm{{far}}}}$ {where}, $\\phi = 0.4$",
-            expected, 0.0, found / far, np.hypot(spread, found / far * far_error) / far, source, approximate=True
+            expected,
+            0.0,
+            found / far,
+            np.hypot(spread, found / far * far_error) / far,
+            source,
+            approximate=True,
         )
         for where, expected, found, spread in rows
-    ]  # fmt: skip
+    ]
 
 
 def _layers_in_theory(case: Dataset, z: np.ndarray) -> np.ndarray:
-    """Return the density (B,) at distances `z` (B,), over that far from the wall, by fundamental measure theory.
+    """Return the density (B,) at distances `z` (B,), over that far from the wall, by fundamental
+    measure theory.
 
-    The layers in front of the two walls at right angles to this one raise both densities by the same factor, but not in
-    the corners: these count in first order of the density.
+    The layers in front of the two walls at right angles to this one raise both densities by the
+    same factor, but not in the corners: these count in first order of the density.
     """
     bulk, side = _bulk_density(case)[0], _side(case)
     at, n = fundamental_measure.wall_profile(np.pi / 4 * bulk)
     far = n[(at > BULK[0]) & (at < BULK[1])].mean()
     beside = _missing_area(np.array([*z, BULK[0]]), side) - _missing_area(np.array([*z, BULK[0]]))
     in_contact = fundamental_measure.contact(n)
-    return np.interp(z, [0.0, *at], [in_contact, *n]) / far * (1 + bulk * (beside[:-1] - beside[-1]))
+    return (
+        np.interp(z, [0.0, *at], [in_contact, *n]) / far * (1 + bulk * (beside[:-1] - beside[-1]))
+    )
 
 
 def _bulk_density(case: Dataset) -> tuple[float, float]:
-    """Return the density far from the walls that belongs to the force on them, and its relative standard error.
+    """Return the density far from the walls that belongs to the force on them, and its relative
+    standard error.
 
-    F/(kT length) = n Z_N(n), Z by Luding's equation of state and the effect of a fixed number N of disks, plus the
-    excess of the corners in the first order of n.
+    F/(kT length) = n Z_N(n), Z by Luding's equation of state and the effect of a fixed number N of
+    disks, plus the excess of the corners in the first order of n.
     """
     at_walls, error = _density_by_force(case)
     corners = _missing_area(np.zeros(1), _side(case))[0] - np.pi / 2
@@ -162,18 +209,19 @@ def _compressibility(phi: float) -> float:
 
 
 def gas_profile(z: np.ndarray, n: float, side: float = np.inf) -> np.ndarray:
-    """Return the density (B,) at distances `z` (B,) from the walls, to second order in the bulk density n.
+    """Return the density (B,) at distances `z` (B,) from the walls, to second order in the bulk
+    density n.
 
-    ln n(z) - ln n is the change of the one-body direct correlation function, whose virial series has the clusters of
-    two and of three disks (Mayer's f = -1 where two overlap). With the area a of the unit circle around z that is
-    beyond the wall, it is
+    ln n(z) - ln n is the change of the one-body direct correlation function, whose virial series
+    has the clusters of two and of three disks (Mayer's f = -1 where two overlap). With the area a
+    of the unit circle around z that is beyond the wall, it is
 
         n a(z) - n^2 [integral of a(z') over the rest of the circle] + n^2 M(z)/2,
 
-    M the measure of pairs of points that overlap each other and the disk at z, not both of them inside. In first order
-    a is averaged along a wall of length `side`, which includes its corners, and has the factor n - 1/side^2, as each of
-    N disks has N - 1 others. At contact a = pi/2 and the second order gives the third virial coefficient, as it must,
-    since n(0) kT is the pressure.
+    M the measure of pairs of points that overlap each other and the disk at z, not both of them
+    inside. In first order a is averaged along a wall of length `side`, which includes its corners,
+    and has the factor n - 1/side^2, as each of N disks has N - 1 others. At contact a = pi/2 and
+    the second order gives the third virial coefficient, as it must, since n(0) kT is the pressure.
     """
     flat = _missing_area(z)
     node, weight = np.polynomial.legendre.leggauss(NODES)
@@ -182,15 +230,21 @@ def gas_profile(z: np.ndarray, n: float, side: float = np.inf) -> np.ndarray:
         low = -min(at, 1.0)
         u, du = low + (node + 1) * (1 - low) / 2, weight * (1 - low) / 2
         chord = 2 * np.sqrt(1 - u**2)
-        second[k] = flat[k] ** 2 / 2 - (du * chord * _missing_area(at + u)).sum() + (everywhere - _triples(low)) / 2
+        second[k] = (
+            flat[k] ** 2 / 2
+            - (du * chord * _missing_area(at + u)).sum()
+            + (everywhere - _triples(low)) / 2
+        )
     along = flat if np.isinf(side) else _missing_area(z, side)
     return n * (1 + (n - side**-2.0) * along + n**2 * second)
 
 
 def _missing_area(z: np.ndarray, side: float = np.inf) -> np.ndarray:
-    """Return the area of the unit circle around points at `z` (B,) from a wall that is beyond the walls.
+    """Return the area of the unit circle around points at `z` (B,) from a wall that is beyond the
+    walls.
 
-    With a `side` it is the mean along a wall of that length between two others at right angles to it.
+    With a `side` it is the mean along a wall of that length between two others at right angles to
+    it.
     """
     near = np.minimum(z, 1.0)
     flat = np.arccos(near) - near * np.sqrt(1 - near**2)
@@ -203,29 +257,59 @@ def _missing_area(z: np.ndarray, side: float = np.inf) -> np.ndarray:
 
 
 def _triples(low: float) -> float:
-    """Return the measure of pairs of points with u > `low` that overlap each other and the disk at u = 0."""
+    """Return the measure of pairs of points with u > `low` that overlap each other and the disk at
+    u = 0.
+    """
     node, weight = np.polynomial.legendre.leggauss(NODES)
     u, du = low + (node + 1) * (1 - low) / 2, weight * (1 - low) / 2
     first, second = np.sqrt(1 - u**2)[:, None], np.sqrt(1 - u**2)
     apart = u[:, None] - u
     reach = np.sqrt(np.maximum(1 - apart**2, 0.0))
     beyond = np.maximum(first + second - reach, 0.0) ** 2
-    cut = beyond - np.maximum(second - first - reach, 0.0) ** 2 - np.maximum(first - second - reach, 0.0) ** 2
-    area = np.where(np.abs(apart) < 1, 4 * first * second - cut, 0.0)  # of (x1, x2) within the strips and near another
+    cut = (
+        beyond
+        - np.maximum(second - first - reach, 0.0) ** 2
+        - np.maximum(first - second - reach, 0.0) ** 2
+    )
+    area = np.where(
+        np.abs(apart) < 1, 4 * first * second - cut, 0.0
+    )  # of (x1, x2) within the strips and near another
     return float((du[:, None] * du * area).sum())
 
 
 def draw(datasets: Mapping[str, Dataset], comparisons: Sequence[Comparison]) -> Figure:
-    """Draw both profiles over the bulk density, with their theories and the contact density from the force."""
+    """Draw both profiles over the bulk density, with their theories and the contact density from
+    the force.
+    """
     figure, (panels,) = grid(1, 2, 4.6, 3.8)
     for axes, scene, phi in zip(panels, ("walls_gas", "walls"), (0.05, 0.4), strict=True):
         case = _case(datasets["walls"], scene)
         (z, n, error), (bulk, _) = _profile(case), _bulk_density(case)
-        axes.errorbar(z, n / bulk, 2 * error / bulk, fmt=".", color=DATA, markersize=3, label="brownpipe, 95 %")
-        axes.plot(0, _density_by_force(case)[0] / bulk, "D", color=MODEL, clip_on=False, label="from the force")
+        axes.errorbar(
+            z,
+            n / bulk,
+            2 * error / bulk,
+            fmt=".",
+            color=DATA,
+            markersize=3,
+            label="brownpipe, 95 %",
+        )
+        axes.plot(
+            0,
+            _density_by_force(case)[0] / bulk,
+            "D",
+            color=MODEL,
+            clip_on=False,
+            label="from the force",
+        )
         if scene == "walls_gas":
             line = np.linspace(0.001, 2, 41)
-            axes.plot(line, gas_profile(line, bulk, _side(case)) / bulk, color=GREY, label="second order in $n$")
+            axes.plot(
+                line,
+                gas_profile(line, bulk, _side(case)) / bulk,
+                color=GREY,
+                label="second order in $n$",
+            )
         else:
             line = np.linspace(0, 5, 401)
             layers = _layers_in_theory(case, line) * _far_from_the_wall(case)[0] / bulk

@@ -1,4 +1,6 @@
-"""Docstrings of the package as reStructuredText: lines like `seeds: how many` become descriptions of parameters."""
+"""Docstrings of the package as reStructuredText: lines like `seeds: how many` become descriptions
+of parameters.
+"""
 
 import inspect
 import re
@@ -12,7 +14,8 @@ PARAMETERS = re.compile(r"(\w+(?:, \w+)*): (.*)")
 
 
 def with_list(lines: list[str], parameters: Collection[str]) -> list[str]:
-    """Return the lines of a docstring, those that describe parameters as a list in reStructuredText.
+    """Return the lines of a docstring, those that describe parameters as a list in
+    reStructuredText.
 
     A description goes on until the next one, or to the end of its paragraph.
     """
@@ -33,7 +36,9 @@ def with_list(lines: list[str], parameters: Collection[str]) -> list[str]:
     return written
 
 
-def _process(app: "Sphinx", what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+def _process(
+    app: "Sphinx", what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
     if callable(thing) and not inspect.isclass(thing):
         lines[:] = with_list(lines, inspect.signature(thing).parameters)
 

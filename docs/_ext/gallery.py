@@ -2,8 +2,9 @@
 
     python docs/_ext/gallery.py CORES      run all studies, and draw their figures for the gallery
 
-Results are in results/STUDY of this folder. Figures of the gallery are in docs/gallery/, reduced to a width and a
-number of colours with which they stay below 100 kB, and so is a table of the time that each study took.
+Results are in results/STUDY of this folder. Figures of the gallery are in docs/gallery/, reduced to
+a width and a number of colours with which they stay below 100 kB, and so is a table of the time
+that each study took.
 """
 
 import csv
@@ -48,34 +49,46 @@ WIDTH, COLOURS = 1000, 64  # pixels; of the palette
 
 def page() -> tuple[str, dict[str, Path]]:
     """Return the page of all studies, and the files that it links."""
-    ordered = sorted(STUDIES, key=lambda file: ORDER.index(file.stem) if file.stem in ORDER else len(ORDER))
+    ordered = sorted(
+        STUDIES, key=lambda file: ORDER.index(file.stem) if file.stem in ORDER else len(ORDER)
+    )
     head = (
-        "# Gallery\n\nThe studies in `config/`, each with one of its figures, as drawn by `make gallery`. The time of a"
-        " study is that of its CPUs, on a virtual machine with two cores; the expected workload is that of"
+        "# Gallery\n\nThe studies in `config/`, each with one of its figures, as drawn by `make "
+        "gallery`. The time of a"
+        " study is that of its CPUs, on a virtual machine with two cores; the expected workload "
+        "is that of"
         " `brownpipe check config/STUDY.yaml`.\n"
     )
     linked = {f"gallery/{file.stem}.png": FIGURES / f"{file.stem}.png" for file in STUDIES}
     linked |= {f"files/config/{file.name}": file for file in STUDIES}
     cards = "".join(map(_card, ordered))
-    return "\n".join([head, f"::::{{grid}} 2 3 3 3\n:gutter: 2\n\n{cards}::::\n", *map(_section, ordered)]), linked
+    return "\n".join(
+        [head, f"::::{{grid}} 2 3 3 3\n:gutter: 2\n\n{cards}::::\n", *map(_section, ordered)]
+    ), linked
 
 
 def _card(file: Path) -> str:
     """Return the card of a study, which leads to its section."""
     name = file.stem
-    return f":::{{grid-item-card}} {name}\n:img-top: gallery/{name}.png\n:link: study-{name}\n:link-type: ref\n:::\n"
+    return (
+        f":::{{grid-item-card}} {name}\n:img-top: gallery/{name}.png\n:link: "
+        f"study-{name}\n:link-type: ref\n:::\n"
+    )
 
 
 def _section(file: Path) -> str:
     """Return the section of a study."""
     name, study = file.stem, read_study(file)
     first = file.read_text().partition("\n\n")[0].splitlines()
-    purpose = " ".join(line.removeprefix("#").strip() for line in first if not line.startswith("#  "))
+    purpose = " ".join(
+        line.removeprefix("#").strip() for line in first if not line.startswith("#  ")
+    )
     figures = ", ".join(f"`{figure}`" for figure in _figures(name, study))
     return (
         f"(study-{name})=\n\n## {name}\n\n{plain(purpose)}\n\n```sh\n{_command(name)}\n```\n\n"
         f"![{_shown(name, study)} of the study {name}](gallery/{name}.png)\n\n"
-        f"It took {in_time(times()[name])}. Expected: {plain(describe_workload(study))}. Figures: {figures}. The file:"
+        f"It took {in_time(times()[name])}. Expected: {plain(describe_workload(study))}. Figures: "
+        f"{figures}. The file:"
         f" [config/{file.name}](files/config/{file.name})\n"
     )
 
@@ -88,7 +101,11 @@ def _command(name: str) -> str:
 
 def _figures(name: str, study: Study) -> Sequence[str]:
     """Return the names of the figures that the command makes."""
-    return [f"tradeoff_{case}" for case in study.tradeoff_cases] if name in TRADEOFFS else study.figures
+    return (
+        [f"tradeoff_{case}" for case in study.tradeoff_cases]
+        if name in TRADEOFFS
+        else study.figures
+    )
 
 
 def _shown(name: str, study: Study) -> str:
@@ -114,7 +131,9 @@ def times() -> dict[str, float]:
 def note_time(file: Path, seconds: float) -> None:
     """Enter the CPU time of a study into the table."""
     entered = {**times(), file.stem: seconds}
-    TIMES.write_text("".join(f"{name},{seconds:.1f}\n" for name, seconds in sorted(entered.items())))
+    TIMES.write_text(
+        "".join(f"{name},{seconds:.1f}\n" for name, seconds in sorted(entered.items()))
+    )
 
 
 def draw(file: Path) -> None:

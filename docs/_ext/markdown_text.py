@@ -11,10 +11,13 @@ SPECIAL = re.compile(r"([\\*_\[\]|$~#])")
 
 
 def plain(text: str) -> str:
-    """Return a text in which nothing but parts between backticks has a meaning for Markdown or HTML."""
+    """Return a text in which nothing but parts between backticks has a meaning for Markdown or
+    HTML.
+    """
     parts = CODE.split(printable(text))
     return "".join(
-        part if CODE.fullmatch(part) else SPECIAL.sub(r"\\\1", html.escape(part, quote=False)) for part in parts
+        part if CODE.fullmatch(part) else SPECIAL.sub(r"\\\1", html.escape(part, quote=False))
+        for part in parts
     )
 
 

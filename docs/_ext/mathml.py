@@ -1,4 +1,5 @@
-"""Formulas as MathML, made when the site is built: browsers set MathML by themselves, without scripts or a network.
+"""Formulas as MathML, made when the site is built: browsers set MathML by themselves, without
+scripts or a network.
 
 The font is STIX Two Math, of the package ziamath, reduced to the characters of formulas.
 """
@@ -16,18 +17,33 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.util.logging import getLogger
 
-CHARACTERS = (  # ranges of Unicode: Latin and Greek letters, punctuation, arrows, operators, brackets, italics
-    *((0x20, 0x7E), (0xA0, 0xFF), (0x2C0, 0x2DF), (0x302, 0x302), (0x370, 0x3FF), (0x2000, 0x206F), (0x2100, 0x214F)),
+# ranges of Unicode: Latin and Greek letters, punctuation, arrows, operators, brackets, italics
+CHARACTERS = (
+    *(
+        (0x20, 0x7E),
+        (0xA0, 0xFF),
+        (0x2C0, 0x2DF),
+        (0x302, 0x302),
+        (0x370, 0x3FF),
+        (0x2000, 0x206F),
+        (0x2100, 0x214F),
+    ),
     *((0x2190, 0x21FF), (0x2200, 0x22FF), (0x2300, 0x23FF), (0x27E6, 0x27EB), (0x1D400, 0x1D7FF)),
 )
-CORRECTIONS = {  # of latex2mathml: a number and not an operator; a sign; no blanks around a bar or a slash
+# of latex2mathml: a number and not an operator; a sign; no blanks around a bar or a slash
+CORRECTIONS = {
     "<mo>&#x0221E;</mo>": "<mi>&#x0221E;</mi>",
-    '<mo stretchy="false">&#x0007C;</mo>': '<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>',
+    '<mo stretchy="false">&#x0007C;</mo>': (
+        '<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>'
+    ),
     "<mo>&#x0003D;</mo><mo>&#x02212;</mo>": '<mo>&#x0003D;</mo><mo form="prefix">&#x02212;</mo>',
     "<mo>&#x0002F;</mo>": '<mo lspace="0.05em" rspace="0.05em">&#x0002F;</mo>',
 }
-# A sum with one limit, which latex2mathml takes for an index between brackets; browsers put it below in a block only.
-SUM = re.compile(r"<msub>(<mo>&#x02211;</mo>(?:<mrow>(?:(?!mrow).)*</mrow>|<m[ino]>[^<]*</m[ino]>))</msub>")
+# A sum with one limit, which latex2mathml takes for an index between brackets; browsers put it
+# below in a block only.
+SUM = re.compile(
+    r"<msub>(<mo>&#x02211;</mo>(?:<mrow>(?:(?!mrow).)*</mrow>|<m[ino]>[^<]*</m[ino]>))</msub>"
+)
 # A prime is raised by its own shape; as an exponent it would be small and far away.
 PRIME = '<mo lspace="0" rspace="0">&#x02032;</mo>'
 PRIMES = {
@@ -39,7 +55,9 @@ PRIMES = {
 
 
 def mathml(latex: str, display: str) -> str:
-    """Return a formula as MathML, `display` inline or block. Raises ValueError for what is not understood."""
+    """Return a formula as MathML, `display` inline or block. Raises ValueError for what is not
+    understood.
+    """
     text = convert(latex.replace("{aligned}", "{align*}"), display=display)
     if "\\" in text or "&amp;" in text:
         raise ValueError(f"no MathML for the formula {latex!r}")
@@ -55,7 +73,9 @@ def font() -> bytes:
     options = Options(flavor="woff")
     whole = TTFont(files("ziamath") / "fonts" / "STIXTwoMath-Regular.ttf", recalcTimestamp=False)
     subsetter = Subsetter(options)
-    subsetter.populate(unicodes=[code for first, last in CHARACTERS for code in range(first, last + 1)])
+    subsetter.populate(
+        unicodes=[code for first, last in CHARACTERS for code in range(first, last + 1)]
+    )
     logging.getLogger("fontTools.subset").setLevel(logging.ERROR)
     subsetter.subset(whole)
     whole.flavor = options.flavor
@@ -75,7 +95,9 @@ def _visit_block(translator: object, node: nodes.math_block) -> None:
 
 
 def _written(node: nodes.Node, display: str) -> str:
-    """Return the MathML of a node; a formula that is not understood is a warning of Sphinx, with its page and line."""
+    """Return the MathML of a node; a formula that is not understood is a warning of Sphinx, with
+    its page and line.
+    """
     try:
         return mathml(node.astext(), display)
     except ValueError as error:
@@ -90,6 +112,8 @@ def _write_font(app: Sphinx, error: Exception | None) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Make this the way in which Sphinx writes formulas."""
-    app.add_html_math_renderer("mathml", inline_renderers=(_visit_inline, None), block_renderers=(_visit_block, None))
+    app.add_html_math_renderer(
+        "mathml", inline_renderers=(_visit_inline, None), block_renderers=(_visit_block, None)
+    )
     app.connect("build-finished", _write_font)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

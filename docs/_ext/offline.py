@@ -1,4 +1,6 @@
-"""A site that needs no network: the build fails if a page loads a script, style, font or picture from elsewhere."""
+"""A site that needs no network: the build fails if a page loads a script, style, font or picture
+from elsewhere.
+"""
 
 import re
 from pathlib import Path
@@ -14,7 +16,9 @@ LOADED = re.compile(
 
 
 def loaded_from_elsewhere(text: str) -> list[str]:
-    """Return the addresses in a page or style sheet from which a browser would load something by itself."""
+    """Return the addresses in a page or style sheet from which a browser would load something by
+    itself.
+    """
     return [page or style for page, style in LOADED.findall(text)]
 
 

@@ -1,8 +1,10 @@
-"""Gather the pages of the site from where they lie in the repository: links between them are those of the site.
+"""Gather the pages of the site from where they lie in the repository: links between them are those
+of the site.
 
     python docs/_ext/pages.py FOLDER
 
-On the site the pages lie side by side. A file that is linked, but is no page, is copied for download.
+On the site the pages lie side by side. A file that is linked, but is no page, is copied for
+download.
 """
 
 import re
@@ -36,24 +38,35 @@ LINK = re.compile(r"(\[[^\]\n]*\]\()([^)\s#:]+)((?:#[^)\s]*)?\))|(<img src=\")([
 
 
 def page_of_site(file: str) -> tuple[str, dict[str, Path]]:
-    """Return the text of a page with the links of the site, and the other files that it links: name, file."""
+    """Return the text of a page with the links of the site, and the other files that it links:
+    name, file.
+    """
     linked: dict[str, Path] = {}
     parts = FENCED.split((ROOT / file).read_text())
     shown = [
-        part if part.startswith("```") else LINK.sub(lambda link: _on_site(link, file, linked), part) for part in parts
+        part
+        if part.startswith("```")
+        else LINK.sub(lambda link: _on_site(link, file, linked), part)
+        for part in parts
     ]
     return "".join(shown), linked
 
 
 def _on_site(link: re.Match, file: str, linked: dict[str, Path]) -> str:
-    """Return a link from a page as it is on the site; enter its file in `linked` if it is no page."""
-    before, target, after = (found or "" for found in (link.groups()[:3] if link[1] else link.groups()[3:]))
+    """Return a link from a page as it is on the site; enter its file in `linked` if it is no
+    page.
+    """
+    before, target, after = (
+        found or "" for found in (link.groups()[:3] if link[1] else link.groups()[3:])
+    )
     path = normpath(PurePosixPath(file).parent / target)
     if path in NAMES:
         return f"{before}{NAMES[path]}.md{after}"
     if (ROOT / path).is_dir():  # which no page shows
         return before.removeprefix("[").removesuffix("](")
-    if not (ROOT / path).exists():  # a page that is made when the site is built, or a mistake, which Sphinx finds
+    if not (
+        ROOT / path
+    ).exists():  # a page that is made when the site is built, or a mistake, which Sphinx finds
         return link[0]
     name = f"files/{path}"
     linked[name] = ROOT / path

@@ -1,4 +1,6 @@
-"""The pages of reference that are made from the source: the command line, and what is in the files."""
+"""The pages of reference that are made from the source: the command line, and what is in the
+files.
+"""
 
 import argparse
 from collections.abc import Mapping
@@ -30,12 +32,15 @@ EXAMPLE = {  # a scene whose runs have every array of observables but that of ru
 SEED = 17
 
 
-# -- the command line -----------------------------------------------------------------------------------------------
+# -- the command line ------------------------------------------------------------------------------
 
 
 def command_line() -> str:
     """Return the page of all verbs with their arguments."""
-    head = "# Command line\n\nThe help of `brownpipe` and of each of its verbs (`brownpipe VERB --help`).\n"
+    head = (
+        "# Command line\n\nThe help of `brownpipe` and of each of its verbs (`brownpipe VERB "
+        "--help`).\n"
+    )
     return "\n".join([head, _arguments(build_parser([])), *map(_verb, VERBS)])
 
 
@@ -45,7 +50,15 @@ def _verb(name: str) -> str:
     paragraphs = [" ".join(part.split()) for part in parser.description.split("\n\n")]
     usage = f"```text\n{parser.format_usage().removeprefix('usage: ')}```\n"
     example = f"```sh\n{parser.epilog.removeprefix('example: ')}\n```\n"
-    return "\n".join([f"## {name}\n", *(f"{plain(text)}\n" for text in paragraphs), usage, _arguments(parser), example])
+    return "\n".join(
+        [
+            f"## {name}\n",
+            *(f"{plain(text)}\n" for text in paragraphs),
+            usage,
+            _arguments(parser),
+            example,
+        ]
+    )
 
 
 def _arguments(parser: argparse.ArgumentParser) -> str:
@@ -61,30 +74,33 @@ def _arguments(parser: argparse.ArgumentParser) -> str:
     return "\n".join(parts)
 
 
-# -- files ----------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
 TRAJECTORIES = """\
 # Files
 
-What `brownpipe simulate`, `brownpipe aggregate` and `brownpipe tradeoff` write: netCDF4, which is HDF5. Units are the
-reduced units of the scene. [The guide](guide.md#what-is-in-the-files) shows how to read these files.
+What `brownpipe simulate`, `brownpipe aggregate` and `brownpipe tradeoff` write: netCDF4, which is
+HDF5. Units are the reduced units of the scene. [The guide](guide.md#what-is-in-the-files) shows how
+to read these files.
 
 ## Trajectory files
 
-The groups of a file with everything recorded (`--record all,events`) and all observables, as `xarray.open_datatree` and
-`brownpipe.open` show them.
+The groups of a file with everything recorded (`--record all,events`) and all observables, as
+`xarray.open_datatree` and `brownpipe.open` show them.
 """
 OTHERS = """\
 ### In the root of some files only
 
-What only other engines report, runs that could not go on, or runs between walls; `seed` is the first dimension.
+What only other engines report, runs that could not go on, or runs between walls; `seed` is the
+first dimension.
 """
 DATASETS = """\
 ## Datasets
 
-The dataset of a study. `msd` + `_low` says that there is also `msd_low`: `_standard_error` is the standard error over
-runs, `_low` and `_high` are the ends of the 95 % interval. A variable is in a dataset if some case has a value for it.
+The dataset of a study. `msd` + `_low` says that there is also `msd_low`: `_standard_error` is the
+standard error over runs, `_low` and `_high` are the ends of the 95 % interval. A variable is in a
+dataset if some case has a value for it.
 """
 
 
@@ -98,7 +114,10 @@ def files() -> str:
     return "\n".join(
         [
             TRAJECTORIES,
-            *(f"### {path}\n\n{table(head, [_row(path, name) for name in groups[path]])}" for path in groups),
+            *(
+                f"### {path}\n\n{table(head, [_row(path, name) for name in groups[path]])}"
+                for path in groups
+            ),
             OTHERS,
             table(head, others),
             f"### Attributes\n\n{', '.join(map(code, runs.attributes))}\n",
@@ -114,7 +133,9 @@ def example_runs() -> Trajectories:
     """Return one run with everything recorded and measured."""
     scene, engine = parse_scene(EXAMPLE, "example.yaml"), requested("exact", {})
     record = frozenset({"tracer", "all", "events"})
-    ensemble = engine.simulate(scene, [SEED], record, observables=tuple(OBSERVABLES), average="runs")
+    ensemble = engine.simulate(
+        scene, [SEED], record, observables=tuple(OBSERVABLES), average="runs"
+    )
     return Trajectories(scene, engine, ensemble)
 
 
@@ -130,7 +151,15 @@ def _variables(variables: Mapping[str, Variable], coordinates: Mapping[str, Vari
         base = next((name.removesuffix(ending) for ending in ENDINGS if name.endswith(ending)), "")
         if base not in variables:
             names = [name, *(ending for ending in ENDINGS if f"{name}{ending}" in variables)]
-            rows.append((" + ".join(map(code, names)), *map(plain, (", ".join(one.dims), one.units, one.long_name))))
-    named = [(code(name), plain(one.units or "1"), plain(one.long_name)) for name, one in coordinates.items()]
+            rows.append(
+                (
+                    " + ".join(map(code, names)),
+                    *map(plain, (", ".join(one.dims), one.units, one.long_name)),
+                )
+            )
+    named = [
+        (code(name), plain(one.units or "1"), plain(one.long_name))
+        for name, one in coordinates.items()
+    ]
     head = ("variable", "dimensions", "unit", "meaning")
     return f"{table(head, rows)}\n{table(('coordinate', 'unit', 'meaning'), named)}"

@@ -13,7 +13,8 @@ class DriftError(Exception):
 
 
 def executed(page: str, folder: Path) -> str:
-    """Run the Python of a page in a folder; return the page with each PNG picture below the code that has made it.
+    """Run the Python of a page in a folder; return the page with each PNG picture below the code
+    that has made it.
 
     Raises DriftError if a block `text` is not what the Python before it has printed.
     """

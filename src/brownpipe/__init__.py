@@ -1,21 +1,61 @@
-"""Brownian motion from first principles: hard disks that collide exactly, a heavy one among them that wanders.
+"""Brownian motion from first principles: hard disks that collide exactly, a heavy one among them
+that wanders.
 
     import brownpipe as bp
     runs = bp.simulate("scene.yaml", seeds=200)
     result = bp.analyse(runs)
     bp.plot(result, "msd")
 
-`interface` describes these functions. It is imported with the first of them, so that `import brownpipe` takes no time.
+`interface` describes these functions. It is imported with the first of them, so that `import
+brownpipe` takes no time.
 """
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from brownpipe.errors import AnalysisError, BrownpipeError, FigureError, RequestError, RunError, StorageError
-    from brownpipe.interface import Scene, analyse, mean, open, plot, read_scene, run, save, scan, simulate, table
+    from brownpipe.errors import (
+        AnalysisError,
+        BrownpipeError,
+        FigureError,
+        RequestError,
+        RunError,
+        StorageError,
+    )
+    from brownpipe.interface import (
+        Scene,
+        analyse,
+        mean,
+        open,
+        plot,
+        read_scene,
+        run,
+        save,
+        scan,
+        simulate,
+        table,
+    )
 
-__all__ = ["AnalysisError", "BrownpipeError", "FigureError", "RequestError", "RunError", "StorageError"]
-__all__ += ["Scene", "analyse", "mean", "open", "plot", "read_scene", "run", "save", "scan", "simulate", "table"]
+__all__ = [
+    "AnalysisError",
+    "BrownpipeError",
+    "FigureError",
+    "RequestError",
+    "RunError",
+    "StorageError",
+]
+__all__ += [
+    "Scene",
+    "analyse",
+    "mean",
+    "open",
+    "plot",
+    "read_scene",
+    "run",
+    "save",
+    "scan",
+    "simulate",
+    "table",
+]
 
 
 def __getattr__(name: str) -> Any:
@@ -27,7 +67,9 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'brownpipe' has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module("brownpipe.errors" if name.endswith("Error") else "brownpipe.interface"), name)
+    return getattr(
+        import_module("brownpipe.errors" if name.endswith("Error") else "brownpipe.interface"), name
+    )
 
 
 def __dir__() -> list[str]:

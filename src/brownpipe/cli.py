@@ -1,4 +1,5 @@
-"""The command line: the parser of its verbs, and the exit status and the one line on stderr for an error.
+"""The command line: the parser of its verbs, and the exit status and the one line on stderr for an
+error.
 
 Only `verbs` and `progress` write to the screen otherwise.
 """
@@ -21,12 +22,15 @@ from brownpipe.text import printable
 from brownpipe.verbs import VERBS
 from brownpipe.verbs.output import say
 
-GARBAGE = 500_000  # new objects between two garbage collections: many, to save CPU time of figures and analysis
+# new objects between two garbage collections: many, to save CPU time of figures and analysis
+GARBAGE = 500_000
 JOINED = "several values of an option are joined by commas"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one verb; return the exit status. Without `argv` the process serves this command alone."""
+    """Run one verb; return the exit status. Without `argv` the process serves this command
+    alone.
+    """
     with processes.handled({signal.SIGTERM: processes.terminate}):
         if argv is not None:
             return _status(argv)
@@ -46,7 +50,9 @@ def _status(argv: list[str]) -> int:
         try:
             parser = build_parser(argv)
             arguments, further = parser.parse_known_args(argv, Namespace(argv=argv))
-            arguments.further = [word for word in further if word != "--"]  # passed on to another program
+            arguments.further = [
+                word for word in further if word != "--"
+            ]  # passed on to another program
             if further and argv[0] != "run":
                 parser.error(f"unrecognized arguments: {' '.join(further)}")
             return arguments.verb(arguments) or DONE
@@ -72,9 +78,15 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
 
     If `argv` begins with a verb, only its module is imported: importing all takes time.
     """
-    parser = _Parser("brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones.")
-    version = f"brownpipe {versions()['brownpipe_version']}" if "--version" in argv else ""  # to look it up takes time
-    parser.add_argument("--version", action="version", version=version, help="show the version and exit")
+    parser = _Parser(
+        "brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones."
+    )
+    version = (
+        f"brownpipe {versions()['brownpipe_version']}" if "--version" in argv else ""
+    )  # to look it up takes time
+    parser.add_argument(
+        "--version", action="version", version=version, help="show the version and exit"
+    )
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
     given = [name for name in argv[:1] if name in VERBS]
     for name in given or VERBS:
@@ -82,7 +94,9 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
         verb = getattr(module, name)
         description, _, example = (verb.__doc__ or "").rpartition("\n\n")
         brief = description.partition("\n")[0]
-        subparser = subparsers.add_parser(name, help=brief, description=description, epilog=example.strip())
+        subparser = subparsers.add_parser(
+            name, help=brief, description=description, epilog=example.strip()
+        )
         subparser.set_defaults(verb=verb)
         if given:
             parser.of_verb = subparser
@@ -97,12 +111,19 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         parser = self.of_verb or self
-        hinted = _with_hint(" ".join(message.split()), [name for one in parser._actions for name in one.option_strings])
-        self.exit(WRONG_REQUEST, f"{printable(f'{parser.prog}: {hinted} (see {parser.prog} --help)')}\n")
+        hinted = _with_hint(
+            " ".join(message.split()),
+            [name for one in parser._actions for name in one.option_strings],
+        )
+        self.exit(
+            WRONG_REQUEST, f"{printable(f'{parser.prog}: {hinted} (see {parser.prog} --help)')}\n"
+        )
 
 
 def _with_hint(message: str, options: Sequence[str]) -> str:
-    """Return a message of argparse with what was probably meant; `options` are those of the verb."""
+    """Return a message of argparse with what was probably meant; `options` are those of the
+    verb.
+    """
     from brownpipe.scene.reading import did_you_mean  # takes 0.2 s
 
     if found := re.fullmatch(r"unrecognized arguments: (\S+).*", message):

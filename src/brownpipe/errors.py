@@ -1,4 +1,6 @@
-"""The exceptions of brownpipe, with the exit status of the command line. Every message is one printable line."""
+"""The exceptions of brownpipe, with the exit status of the command line. Every message is one
+printable line.
+"""
 
 from brownpipe.text import printable
 
@@ -19,7 +21,8 @@ class BrownpipeError(Exception):
 class RequestError(BrownpipeError, ValueError):
     """A scene, study, option or seed is not valid. Nothing is written.
 
-    Raised during a run, it ends the whole batch, but RunError and PlacementError end that run alone.
+    Raised during a run, it ends the whole batch, but RunError and PlacementError end that run
+    alone.
     """
 
     exit_status = WRONG_REQUEST
@@ -46,7 +49,9 @@ class RunError(BrownpipeError):
 
 
 class StorageError(BrownpipeError):
-    """A file cannot be written, or its contents are damaged; the message names the file and a remedy."""
+    """A file cannot be written, or its contents are damaged; the message names the file and a
+    remedy.
+    """
 
 
 class WrongFileError(StorageError):

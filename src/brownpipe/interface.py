@@ -1,9 +1,10 @@
 """The Python interface: what the command line does, with xarray in place of files.
 
-The same scene, seeds and engine give the same numbers, to the bit, as `brownpipe simulate` and `brownpipe aggregate`.
-Arguments have the names and values of the keys of scene and study files (config/README.md); NumPy's scalars and arrays
-may stand for numbers and lists. All quantities are in the scene's reduced units. A wrong argument raises an error of
-`brownpipe.errors`, a ValueError of one line that names the argument, before anything is computed.
+The same scene, seeds and engine give the same numbers, to the bit, as `brownpipe simulate` and
+`brownpipe aggregate`. Arguments have the names and values of the keys of scene and study files
+(config/README.md); NumPy's scalars and arrays may stand for numbers and lists. All quantities are
+in the scene's reduced units. A wrong argument raises an error of `brownpipe.errors`, a ValueError
+of one line that names the argument, before anything is computed.
 """
 
 import json
@@ -51,7 +52,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-BATCHES = 16  # of seeds for each core: cores then finish together even if run times differ, and progress is shown
+# of seeds for each core: cores then finish together even if run times differ, and progress is shown
+BATCHES = 16
 SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings._fields]  # of engines
 
 
@@ -70,7 +72,8 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     """Return a scene from the keys of a scene file, as `read_scene` does from the file.
 
     box: {"x": (low, high), "y": (low, high), "boundary": "reflecting" or "periodic"} [length].
-    disks: {"tracer": ..., "species": [...]}, or a list of disks with position, velocity, radius and mass.
+    disks: {"tracer": ..., "species": [...]}, or a list of disks with position, velocity, radius and
+    mass.
     duration, sample_interval: [time].
     samples: {"per_decade": n, "first": t}, logarithmic sample times instead of the interval.
     particles: total number of disks.
@@ -78,9 +81,10 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     equilibrate: {"time": t, "tracer": "free" or "pinned"}, or t alone, simulated before t = 0.
     name: of the scene in datasets and figures.
 
-    `scene.replace(duration=5.0)` returns a scene with other values of some keys, `scene.replace(**{"disks.tracer.mass":
-    3})` one with another value below a key: a path as in `scan`. Scenes to be compared have names of their own:
-    `scene.replace(duration=5.0, name="long")`.
+    `scene.replace(duration=5.0)` returns a scene with other values of some keys,
+    `scene.replace(**{"disks.tracer.mass": 3})` one with another value below a key: a path as in
+    `scan`. Scenes to be compared have names of their own: `scene.replace(duration=5.0,
+    name="long")`.
 
     Raises RequestError for anything that `read_scene` refuses.
     """
@@ -111,30 +115,33 @@ def simulate(
 ) -> DataTree:
     """Run a scene once for every seed; return the runs.
 
-    Runs that studies have stored in `results` of the current folder are read, and verified, instead of made again, if
-    they are the same: scene and name, engine, seeds, `record`, `observables`, `average`, and source of brownpipe.
-    Nothing is written there.
+    Runs that studies have stored in `results` of the current folder are read, and verified, instead
+    of made again, if they are the same: scene and name, engine, seeds, `record`, `observables`,
+    `average`, and source of brownpipe. Nothing is written there.
 
     scene: a scene, or the path of a scene file.
     seeds: how many (seeds 0, 1, ...), or which: "17", "0-2399", a list or an array.
     particles: number of disks instead of that of the scene file.
-    engine, settings: "exact", "timestep" (time_step=...) or "langevin" (friction=...), as in studies.
+    engine, settings: "exact", "timestep" (time_step=...) or "langevin" (friction=...), as in
+    studies.
     record: "tracer", "velocity" (of the tracer, too), "all", "events", "none", or several of them.
     observables: names or functions of your own, measured in each run.
-    average: "runs", or what displacements are averaged over within each run, too: "origins" or "disks".
+    average: "runs", or what displacements are averaged over within each run, too: "origins" or
+    "disks".
     cores: processes that share the seeds (on Linux); the runs are the same, to the bit.
     quiet: no progress on stderr.
 
-    Returns a tree with `position` (time, seed, component) of the tracer [length], `velocity` if recorded, and the
-    engine's report on each run (seed): `failed`, `worst_overlap`, `energy_drift`, numbers of collisions, ... With
-    `record="all"`, `disks` holds position and velocity (time, seed, disk, component) of all disks; with
-    `record="events"`, `events` the collisions (event) of all runs. Displacements are differences of `unwrapped`, which
-    in a periodic box goes on where `position` comes back from the other side. `box_size` (component) is width and
-    height of the box [length].
+    Returns a tree with `position` (time, seed, component) of the tracer [length], `velocity` if
+    recorded, and the engine's report on each run (seed): `failed`, `worst_overlap`, `energy_drift`,
+    numbers of collisions, ... With `record="all"`, `disks` holds position and velocity (time, seed,
+    disk, component) of all disks; with `record="events"`, `events` the collisions (event) of all
+    runs. Displacements are differences of `unwrapped`, which in a periodic box goes on where
+    `position` comes back from the other side. `box_size` (component) is width and height of the box
+    [length].
 
-    Raises RequestError for what `brownpipe simulate` refuses, RunError if the friction of the langevin engine cannot be
-    measured. Warns of runs that failed their health check or could not go on (`stopped` says why, their numbers are
-    NaN), and of an engine that is rough in this scene.
+    Raises RequestError for what `brownpipe simulate` refuses, RunError if the friction of the
+    langevin engine cannot be measured. Warns of runs that failed their health check or could not go
+    on (`stopped` says why, their numbers are NaN), and of an engine that is rough in this scene.
     """
     asked = dict(locals())
     asked |= asked.pop("settings")
@@ -143,7 +150,9 @@ def simulate(
         warnings.warn(caution, stacklevel=2)
     make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average)
     with progress.shown("simulate", silent=quiet):
-        parts = stored_runs(scene, chosen, runs_digest(scene, chosen, recorded, names, average), np.asarray(numbers))
+        parts = stored_runs(
+            scene, chosen, runs_digest(scene, chosen, recorded, names, average), np.asarray(numbers)
+        )
         missing = without(np.asarray(numbers), [(part.seeds[0], part.seeds[-1]) for part in parts])
         found = joined([*parts, *_made(make, missing, cores)])
         ensemble = select(found, np.isin(found.seeds, numbers))
@@ -160,20 +169,27 @@ def analyse(
     displacement_times: Sequence[float] = (),
     quiet: bool = False,
 ) -> Dataset:
-    """Return mean squared displacements, fits, distributions and their errors over runs, as `brownpipe aggregate`.
+    """Return mean squared displacements, fits, distributions and their errors over runs, as
+    `brownpipe aggregate`.
 
-    runs: what `simulate` or `open` returns, the path of a trajectory file, or several of these, of any scenes and
-    engines.
-    fit_windows: (t0, t1) of the straight-line fits to the MSD [time]; by default two, from when the tracer's motion is
-    diffusive, and from twice that time, to the end of the shortest run.
-    rings: {"dr": width [length], "count": number} of the displacement distribution, by default from the data.
+    runs: what `simulate` or `open` returns, the path of a trajectory file, or several of these, of
+    any scenes and engines.
+    fit_windows: (t0, t1) of the straight-line fits to the MSD [time]; by default two, from when the
+    tracer's motion is diffusive, and from twice that time, to the end of the shortest run.
+    rings: {"dr": width [length], "count": number} of the displacement distribution, by default from
+    the data.
     displacement_times: its times [time], by default the end of each run.
     quiet: no progress on stderr.
 
-    The variables have the dimensions scene, particles, engine, and time, seed, r, ...; `result.msd.attrs` says what
-    a variable means. Raises AnalysisError for runs that do not belong together, or for times outside them.
+    The variables have the dimensions scene, particles, engine, and time, seed, r, ...;
+    `result.msd.attrs` says what a variable means. Raises AnalysisError for runs that do not belong
+    together, or for times outside them.
     """
-    several = list(runs) if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord) else [runs]
+    several = (
+        list(runs)
+        if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord)
+        else [runs]
+    )
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
     given = validated(Rings | None, plain(rings), key="rings")
     width, count = (given.dr, given.count) if given else (None, None)
@@ -196,13 +212,14 @@ def scan(
 ) -> Dataset:
     """Return the analysis of runs of a scene with all combinations of values of some of its keys.
 
-    vary: values by key, such as {"disks.tracer.mass": [1, 10, 100], "packing_fraction": [0.1, 0.3]}, or
-    {"from": 1, "to": 100, "count": 5, "spacing": "log"} in place of a list.
+    vary: values by key, such as {"disks.tracer.mass": [1, 10, 100], "packing_fraction": [0.1,
+    0.3]}, or {"from": 1, "to": 100, "count": 5, "spacing": "log"} in place of a list.
     particles: total number of disks, for the path of a scene file.
     together: the first values of all keys, then the second ones, ..., instead of all combinations.
     fit_windows: as in `analyse`. options: as in `simulate`, with the same seeds for all values.
 
-    Each key is a dimension: `result.diffusion_coefficient.sel(tracer_mass=10)`. Raises what `simulate` does.
+    Each key is a dimension: `result.diffusion_coefficient.sel(tracer_mass=10)`. Raises what
+    `simulate` does.
     """
     if isinstance(scene, SceneRecord):
         name, mapping, where = scene.name, _scene(scene, particles).given, "scene"
@@ -210,32 +227,56 @@ def scan(
         name, mapping, where = None, read_yaml(validated(Path, scene, key="scene")), str(scene)
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
-    scenes = [scene_with(mapping, where, one, plain(particles), name) for one in combinations(values, together)]
+    scenes = [
+        scene_with(mapping, where, one, plain(particles), name)
+        for one in combinations(values, together)
+    ]
     options = {key: [*one] if isinstance(one, Iterator) else one for key, one in options.items()}
     for one in scenes:
-        *_, record, names, _ = _requested({**simulate.__kwdefaults__, **options, "scene": one, "seeds": seeds})
+        *_, record, names, _ = _requested(
+            {**simulate.__kwdefaults__, **options, "scene": one, "seeds": seeds}
+        )
         if windows and "tracer" not in record and "square_displacement" not in names:
-            raise RequestError("fit_windows: must go with record='tracer', or the observable square_displacement")
+            raise RequestError(
+                "fit_windows: must go with record='tracer', or the observable square_displacement"
+            )
     refuse_windows(windows or (), [one.times for one in scenes])  # not when all runs are made
     with progress.shown("scan", silent=quiet):
-        runs = [from_tree(simulate(one, seeds, quiet=quiet, **options)) for one in progress.tracked(scenes, "scenes")]
+        runs = [
+            from_tree(simulate(one, seeds, quiet=quiet, **options))
+            for one in progress.tracked(scenes, "scenes")
+        ]
         return aggregate(runs, windows, vary=[*values], vary_together=together)
 
 
-def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] | None = None) -> Dataset:
-    """Run a study as `brownpipe run` does, with all results in `results` of the current folder; return its dataset.
+def run(
+    study: str | Path, cores: int | None = None, config: Mapping[str, Any] | None = None
+) -> Dataset:
+    """Run a study as `brownpipe run` does, with all results in `results` of the current folder;
+    return its dataset.
 
-    cores: jobs at the same time, by default as many as there are cores. config: values of keys in place of those of the
-    study file, such as {"seeds": 100}; they have results of their own.
+    cores: jobs at the same time, by default as many as there are cores. config: values of keys in
+    place of those of the study file, such as {"seeds": 100}; they have results of their own.
 
-    What is there is not made again. Raises RequestError for a mistake in the study, RunError if a job fails.
+    What is there is not made again. Raises RequestError for a mistake in the study, RunError if a
+    job fails.
     """
-    path, values = validated(Path, study, key="study"), validated(dict, plain(config or {}), key="config")
-    for key in (key for key, value in values.items() if repr(from_command_line(value)) != repr(value)):
-        raise RequestError(f"config: {key}: must not have a text for a number, true, false or null: {values[key]!r}")
+    path, values = (
+        validated(Path, study, key="study"),
+        validated(dict, plain(config or {}), key="config"),
+    )
+    for key in (
+        key for key, value in values.items() if repr(from_command_line(value)) != repr(value)
+    ):
+        raise RequestError(
+            f"config: {key}: must not have a text for a number, true, false or null: "
+            f"{values[key]!r}"
+        )
     name = read_study(path, values).name
     command = [sys.executable, "-P", "-m", "brownpipe", "run", str(path)]
-    command += ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))] if cores is not None else []
+    command += (
+        ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))] if cores is not None else []
+    )
     words = [f"{key}={json.dumps(value, default=str)}" for key, value in values.items()]
     command += ["--config", *words] if words else []
     status, said = progress.relayed(command)
@@ -247,10 +288,11 @@ def run(study: str | Path, cores: int | None = None, config: Mapping[str, Any] |
 def mean(array: DataArray) -> Dataset:
     """Return the mean of an array of your own over runs, its dimension `seed`, with errors.
 
-    The Dataset has `value`, `standard_error` and the 95 % interval, `low` to `high`, with coordinates and attributes
-    of the array, as `analyse` estimates them: by a bootstrap over runs, not over time points (docs/theory.md, section
-    5). Failed runs are left out if the array has the coordinate `failed`, as every array calculated from the tracer
-    has; so are runs whose value is NaN.
+    The Dataset has `value`, `standard_error` and the 95 % interval, `low` to `high`, with
+    coordinates and attributes of the array, as `analyse` estimates them: by a bootstrap over runs,
+    not over time points (docs/theory.md, section 5). Failed runs are left out if the array has the
+    coordinate `failed`, as every array calculated from the tracer has; so are runs whose value is
+    NaN.
 
         square = ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2).sum("component")
         msd = bp.mean(square)
@@ -261,28 +303,44 @@ def mean(array: DataArray) -> Dataset:
         raise RequestError("array: must be an array with the dimension seed")
     ordered = array.transpose("seed", ...).sortby("seed")
     if (seeds := ordered.seed.values).dtype.kind not in "iu" or (np.diff(seeds) == 0).any():
-        raise RequestError("array: must have every seed once; take the mean of each scene and engine by itself")
+        raise RequestError(
+            "array: must have every seed once; take the mean of each scene and engine by itself"
+        )
     values = ordered.values.astype(float)
-    is_kept = ~np.isnan(values.reshape(len(seeds), -1)).all(axis=1) & np.equal(ordered.coords.get("failed", 0), 0)
-    parts = zip(("value", "standard_error", "low", "high"), resample(values[is_kept], seeds[is_kept]), strict=True)
+    is_kept = ~np.isnan(values.reshape(len(seeds), -1)).all(axis=1) & np.equal(
+        ordered.coords.get("failed", 0), 0
+    )
+    parts = zip(
+        ("value", "standard_error", "low", "high"),
+        resample(values[is_kept], seeds[is_kept]),
+        strict=True,
+    )
     return Dataset({name: ordered.isel(seed=0, drop=True).copy(data=part) for name, part in parts})
 
 
 def table(result: Dataset) -> "DataFrame":
-    """Return the results of an analysis as a pandas table, with a row for each scene, number of disks and engine.
+    """Return the results of an analysis as a pandas table, with a row for each scene, number of
+    disks and engine.
 
-    Its columns are what was measured, each beside its standard error; fits are those in the first window, too early if
-    `window_start` is below `diffusive_from`. `drifts`: whether the runs are found not to be in equilibrium. `attrs` has
-    their units. Raises RequestError for anything else than an analysis.
+    Its columns are what was measured, each beside its standard error; fits are those in the first
+    window, too early if `window_start` is below `diffusive_from`. `drifts`: whether the runs are
+    found not to be in equilibrium. `attrs` has their units. Raises RequestError for anything else
+    than an analysis.
     """
     _refuse_part(result, RequestError)
     frame = summary_table(result.isel(window=[0]))
     empty = frame.columns[frame.isna().all()]
     frame = frame[[name for name in frame if name.removesuffix("_standard_error") not in empty]]
     left_out = (*SHAPE, "failed_runs", "time", "slope", "slope_standard_error")
-    shown = frame[[name for name in frame if name in ("drifts", *result.variables) and name not in left_out]]
+    shown = frame[
+        [name for name in frame if name in ("drifts", *result.variables) and name not in left_out]
+    ]
     of_result = result.variables.items()
-    shown.attrs = {name: one.attrs["units"] for name, one in of_result if name in shown and "units" in one.attrs}
+    shown.attrs = {
+        name: one.attrs["units"]
+        for name, one in of_result
+        if name in shown and "units" in one.attrs
+    }
     return shown
 
 
@@ -297,13 +355,15 @@ def plot(
 ) -> "Figure | Axes":
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
-    figure: msd, displacement_distribution, diffusion, velocity_autocorrelation, velocity_distribution,
-    pair_distribution, density_profile, orientational_order, energy, own_observables,
+    figure: msd, displacement_distribution, diffusion, velocity_autocorrelation,
+    velocity_distribution, pair_distribution, density_profile, orientational_order, energy,
+    own_observables,
     thermodynamics, scan or health.
     particles: show the runs with this many disks; by default each scene's largest number.
-    panel: dimensions, such as scene or tracer_mass: cases that differ in them are drawn in panels of their own.
-    ax, looks: draw the main panel into these axes of yours, in your style, and return them; looks are those of the
-    lines, such as color="red", label="my runs".
+    panel: dimensions, such as scene or tracer_mass: cases that differ in them are drawn in panels
+    of their own.
+    ax, looks: draw the main panel into these axes of yours, in your style, and return them; looks
+    are those of the lines, such as color="red", label="my runs".
 
     Notebooks show a figure by themselves. Raises FigureError if the dataset has no data for it.
     """
@@ -316,7 +376,9 @@ def plot(
     try:
         if ax is not None:
             return draw_into(ax, result, figure, plain(particles), **looks)
-        drawn = draw(result, figure, plain(particles), _words("panel", panel).split(",") if panel else ())
+        drawn = draw(
+            result, figure, plain(particles), _words("panel", panel).split(",") if panel else ()
+        )
     except (AttributeError, FigureError, KeyError, StopIteration) as error:
         if lacking := ", ".join(sorted(ALWAYS - result.variables.keys())):
             why = f"{error}; " if isinstance(error, FigureError) else ""
@@ -327,9 +389,11 @@ def plot(
 
 
 def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it returns an object
-    """Return the runs of a trajectory file, as `simulate` does, or the dataset of an analysis, verified byte by byte.
+    """Return the runs of a trajectory file, as `simulate` does, or the dataset of an analysis,
+    verified byte by byte.
 
-    Raises StorageError, which says how to make a damaged file again, and WrongFileError for any other file.
+    Raises StorageError, which says how to make a damaged file again, and WrongFileError for any
+    other file.
     """
     contents = read_contents(validated(Path, path, key="path"))
     return to_tree(contents) if isinstance(contents, Trajectories) else contents
@@ -338,8 +402,8 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
 def save(data: DataTree | Dataset, path: str | Path) -> None:
     """Write runs to a trajectory file, or an analysis to a dataset, as the command line does.
 
-    Raises RequestError for anything else, for variables that you have added to runs, and for a file that is there and
-    not of brownpipe; StorageError and OSError if the file cannot be written.
+    Raises RequestError for anything else, for variables that you have added to runs, and for a file
+    that is there and not of brownpipe; StorageError and OSError if the file cannot be written.
     """
     path = validated(Path, path, key="path")
     if not (isinstance(data, DataTree) or _is_analysis(data)):
@@ -354,15 +418,23 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
         return
     try:
         write_dataset(path, data)
-    except (NotImplementedError, TypeError, ValueError) as error:  # of xarray, for contents that no file can have
+    except (
+        NotImplementedError,
+        TypeError,
+        ValueError,
+    ) as error:  # of xarray, for contents that no file can have
         raise RequestError(f"data: cannot be written: {' '.join(str(error).split())}") from error
 
 
-# -- runs -----------------------------------------------------------------------------------------------------------
+# -- runs ------------------------------------------------------------------------------------------
 
 
-def _requested(asked: Mapping[str, Any]) -> tuple[SceneRecord, Engine, Sequence[int], frozenset[str], Any, int]:
-    """Return scene, engine, seeds, record, observables and cores of the arguments of `simulate`; refuse wrong ones."""
+def _requested(
+    asked: Mapping[str, Any],
+) -> tuple[SceneRecord, Engine, Sequence[int], frozenset[str], Any, int]:
+    """Return scene, engine, seeds, record, observables and cores of the arguments of `simulate`;
+    refuse wrong ones.
+    """
     parameters, seeds = signature(simulate).parameters.keys() - {"settings"}, asked["seeds"]
     scene = _scene(asked["scene"], asked["particles"])
     settings = {key: plain(value) for key, value in asked.items() if key not in parameters}
@@ -389,7 +461,7 @@ def _made(make: Callable[[list[int]], Ensemble], seeds: np.ndarray, cores: int) 
     return calculated(lambda batch: make(batch.tolist()), batches, "batches", cores)
 
 
-# -- arguments ------------------------------------------------------------------------------------------------------
+# -- arguments -------------------------------------------------------------------------------------
 
 
 def _scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
@@ -397,7 +469,9 @@ def _scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
     if not isinstance(scene, SceneRecord):
         return scene_of_file(validated(Path, scene, key="scene"), plain(particles))
     if particles is not None:
-        raise RequestError("particles: must not be given with a scene, which has its number of disks")
+        raise RequestError(
+            "particles: must not be given with a scene, which has its number of disks"
+        )
     return scene
 
 
@@ -409,12 +483,17 @@ def _words(name: str, value: Any) -> str:
 
 
 def _refuse_part(result: Any, kind: type[BrownpipeError]) -> None:
-    """Raise an error of this kind unless the result is an analysis with the dimensions of its cases."""
+    """Raise an error of this kind unless the result is an analysis with the dimensions of its
+    cases.
+    """
     if not _is_analysis(result):
         raise kind("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
     for dim in ("scene", "particles", "engine", *({"window"} & {*result.coords})):
         if not result.sizes.get(dim):
-            raise kind(f"result: has no dimension {dim}, or nothing along it; take it before squeeze or sel")
+            raise kind(
+                f"result: has no dimension {dim}, or nothing along it; take it before squeeze or "
+                "sel"
+            )
 
 
 def _is_analysis(data: object) -> bool:

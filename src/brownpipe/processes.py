@@ -1,7 +1,8 @@
 """Signals, and independent pieces of work on several cores.
 
-Ctrl-C and SIGTERM raise exceptions, except while kernels are compiled. Work on several cores is done in processes that
-are forked from this one and inherit its data. They only calculate: this process alone writes files and shows progress.
+Ctrl-C and SIGTERM raise exceptions, except while kernels are compiled. Work on several cores is
+done in processes that are forked from this one and inherit its data. They only calculate: this
+process alone writes files and shows progress.
 """
 
 import multiprocessing
@@ -33,7 +34,9 @@ def terminate(*_: object) -> NoReturn:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Defer signals that arrive in this context to its end; in a thread other than the main one nothing changes."""
+    """Defer signals that arrive in this context to its end; in a thread other than the main one
+    nothing changes.
+    """
     arrived: list[int] = []
     try:
         with handled(dict.fromkeys(SIGNALS, lambda number, _: arrived.append(number))):
@@ -45,7 +48,9 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def handled(handlers: dict) -> Iterator[None]:
-    """Handle signals by these handlers in this context; in a thread other than the main one nothing changes."""
+    """Handle signals by these handlers in this context; in a thread other than the main one nothing
+    changes.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -57,20 +62,29 @@ def handled(handlers: dict) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-# -- several cores --------------------------------------------------------------------------------------------------
+# -- several cores ---------------------------------------------------------------------------------
 
 
-def calculated(work: Callable[[Item], Result], items: Sequence[Item], unit: str, cores: int) -> list[Result]:
-    """Return `work(item)` for each item, done on up to `cores` cores; `unit` names the items in progress messages.
+def calculated(
+    work: Callable[[Item], Result], items: Sequence[Item], unit: str, cores: int
+) -> list[Result]:
+    """Return `work(item)` for each item, done on up to `cores` cores; `unit` names the items in
+    progress messages.
 
-    Where processes cannot be forked (on macOS its own libraries may fail then), one core does the work.
+    Where processes cannot be forked (on macOS its own libraries may fail then), one core does the
+    work.
     """
     if min(cores, len(items)) < 2 or sys.platform != "linux":
         return [work(item) for item in progress.tracked(items, unit)]
     fork, results = multiprocessing.get_context("fork"), list[Result]()
-    pool, others = ProcessPoolExecutor(min(cores, len(items)), fork, _begin, (work, items)), {*fork.active_children()}
+    pool, others = (
+        ProcessPoolExecutor(min(cores, len(items)), fork, _begin, (work, items)),
+        {*fork.active_children()},
+    )
     try:
-        with suppress(Exception):  # an error of the work, which is raised again below; or a process was killed
+        with suppress(
+            Exception
+        ):  # an error of the work, which is raised again below; or a process was killed
             for result in pool.map(_do, range(len(items))):
                 results.append(result)
                 progress.report(unit, len(results), len(items))

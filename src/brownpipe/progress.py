@@ -3,10 +3,11 @@
     with progress.shown("simulate"):
         ...
 
-A stage is a number of pieces of work that take about the same time each, such as the runs of a batch or the frames of a
-movie. It is reported as (unit, done, total): a plural noun, the number of finished pieces, including the fraction of an
-unfinished one if it is known, and that of all pieces. The screen shows one line that is overwritten, or in a log a line
-every half a minute, on standard error. The display of a whole study is the same: snakemake_logger_plugin_brownpipe.
+A stage is a number of pieces of work that take about the same time each, such as the runs of a
+batch or the frames of a movie. It is reported as (unit, done, total): a plural noun, the number of
+finished pieces, including the fraction of an unfinished one if it is known, and that of all pieces.
+The screen shows one line that is overwritten, or in a log a line every half a minute, on standard
+error. The display of a whole study is the same: snakemake_logger_plugin_brownpipe.
 """
 
 import os
@@ -24,14 +25,18 @@ INTERVAL = 0.2  # s between two updates of it
 LINE_INTERVAL = 30.0  # s between two lines in a log, and before the first
 Item = TypeVar("Item")
 
-listeners: list[Callable[[str, float, int], object]] = []  # called with unit, done and total of a stage
+listeners: list[
+    Callable[[str, float, int], object]
+] = []  # called with unit, done and total of a stage
 remark_listeners: list[Callable[[str], object]] = []  # called with every remark, a line
 _tracked: list[tuple[str, int, int]] = []  # stages that `tracked` has begun, outermost first
 _piece: list[tuple[str, int, int]] = []  # the stage whose next piece has begun
 
 
 def report(unit: str, done: float, total: int) -> None:
-    """Tell the listeners how much is done of the outermost stage; each inner stage is a piece of the one around it."""
+    """Tell the listeners how much is done of the outermost stage; each inner stage is a piece of
+    the one around it.
+    """
     for outer, before, count in reversed(_tracked):
         unit, done, total = outer, before + done / total, count
     for listener in listeners:
@@ -39,7 +44,9 @@ def report(unit: str, done: float, total: int) -> None:
 
 
 def begin_piece(unit: str, done: int, total: int) -> None:
-    """Begin the next piece of a stage, after `done` others; `within` reports how much of it is done."""
+    """Begin the next piece of a stage, after `done` others; `within` reports how much of it is
+    done.
+    """
     _piece[:] = [(unit, done, total)]
 
 
@@ -50,7 +57,9 @@ def within(fraction: float) -> None:
 
 
 def tracked(items: Collection[Item], unit: str) -> Iterator[Item]:
-    """Yield the items, and report after each how many are done; what is reported within an item are fractions of it."""
+    """Yield the items, and report after each how many are done; what is reported within an item are
+    fractions of it.
+    """
     for done, item in enumerate(items):
         _tracked.append((unit, done, len(items)))
         try:
@@ -68,7 +77,9 @@ def remark(text: str) -> None:
 
 @contextmanager
 def unreported() -> Iterator[None]:
-    """Report no stage in this context, so that CPU times measured in it are of the calculation alone."""
+    """Report no stage in this context, so that CPU times measured in it are of the calculation
+    alone.
+    """
     before, listeners[:] = listeners[:], []
     try:
         yield
@@ -76,12 +87,13 @@ def unreported() -> Iterator[None]:
         listeners[:] = before
 
 
-# -- the screen --------------------------------------------------------------------------------------------------------
+# -- the screen ------------------------------------------------------------------------------------
 
 
 @contextmanager
 def shown(title: str, silent: bool = False) -> Iterator[None]:
-    """Show the stages and remarks of what is calculated in this context; `title` is its name, such as the verb.
+    """Show the stages and remarks of what is calculated in this context; `title` is its name, such
+    as the verb.
 
     If `silent`, or within another such context, nothing changes.
     """
@@ -91,7 +103,9 @@ def shown(title: str, silent: bool = False) -> Iterator[None]:
     display = Display()
 
     def update(unit: str, done: float, total: int) -> None:
-        display.update(f"{title}: {int(done):,} of {total:,} {unit} ({100 * done / total:.0f} %)", done, total)
+        display.update(
+            f"{title}: {int(done):,} of {total:,} {unit} ({100 * done / total:.0f} %)", done, total
+        )
 
     listeners.append(update)
     remark_listeners.append(display.say)
@@ -123,15 +137,20 @@ class Display:
     """A line of progress and the messages above it. No error of the screen ends a calculation."""
 
     def __init__(self) -> None:
-        is_terminal = getattr(sys.stderr, "isatty", lambda: False)() and os.environ.get("TERM") != "dumb"
+        is_terminal = (
+            getattr(sys.stderr, "isatty", lambda: False)() and os.environ.get("TERM") != "dumb"
+        )
         self.overwrites = is_terminal or "ipykernel" in sys.modules
         self.began = self.stage_began = time.monotonic()
         self.due = self.began + (DELAY if self.overwrites else LINE_INTERVAL)
-        self.first = self.done = self.total = 0.0  # of the stage: done at its first report and at the last one, all
+        # of the stage: done at its first report and at the last one, all
+        self.first = self.done = self.total = 0.0
         self.length = 0  # of the line on the screen
 
     def update(self, text: str, done: float, total: float) -> None:
-        """If an update is due, show a text with the elapsed time and the time left, from the pace of the stage."""
+        """If an update is due, show a text with the elapsed time and the time left, from the pace
+        of the stage.
+        """
         now = time.monotonic()
         if total != self.total or done < self.done:  # another stage, or it begins again
             self.stage_began, self.first, self.total = now, done, total
@@ -161,7 +180,10 @@ class Display:
             self._overwrite("")
 
     def _overwrite(self, text: str) -> None:
-        padded, self.length = f"{text:{self.length}}", len(text)  # before it is printed: Ctrl-C may come meanwhile
+        padded, self.length = (
+            f"{text:{self.length}}",
+            len(text),
+        )  # before it is printed: Ctrl-C may come meanwhile
         with suppress(OSError):
             print(f"\r{padded}", end="", file=sys.stderr, flush=True)
 

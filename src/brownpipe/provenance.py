@@ -1,4 +1,5 @@
-"""Which source files determine a result, and with which versions of packages it was made. Imports nothing heavy.
+"""Which source files determine a result, and with which versions of packages it was made. Imports
+nothing heavy.
 
 Versions of packages are recorded, but another version does not make a result outdated.
 """
@@ -15,8 +16,9 @@ SUFFIXES = (".py", ".css", ".html", ".js", ".mplstyle", ".rst")  # of source fil
 PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "scipy")  # that compute and write runs
 ANALYSIS_PACKAGES = ("h5netcdf", "matplotlib", "pandas", "xarray")  # and datasets and figures
 
-# Source files that determine the output of a step, besides its input and options; `tests/test_architecture.py` compares
-# them with what is imported. `sources` adds those of the engine that runs; all engines use parts of the exact one.
+# Source files that determine the output of a step, besides its input and options;
+# `tests/test_architecture.py` compares them with what is imported. `sources` adds those of the
+# engine that runs; all engines use parts of the exact one.
 RUNS = ("theory.py", "scene/*", "observables/*", "engines/*", "storage/*")
 STEPS = {
     "simulate": (*RUNS, "engines/exact/*"),
@@ -32,12 +34,16 @@ def digest_of(*parts: object) -> str:
 
 
 def made_with(step: str, engine: str | None = None) -> dict[str, str]:
-    """Return the digest of a step's source, with that of an `engine` if given, and the versions of its packages."""
+    """Return the digest of a step's source, with that of an `engine` if given, and the versions of
+    its packages.
+    """
     return {"source_digest": source_digest(step, engine)} | versions(step)
 
 
 def sources(step: str, engine: str | None = None, folder: Path = PACKAGE) -> list[Path]:
-    """Return the source files that determine the output of a step, sorted; with those of an `engine`."""
+    """Return the source files that determine the output of a step, sorted; with those of an
+    `engine`.
+    """
     patterns = STEPS[step] if engine is None else (*STEPS[step], f"engines/{engine}/*")
     files = {file for pattern in patterns for file in folder.glob(pattern)}
     return sorted(file for file in files if file.suffix in SUFFIXES)
@@ -45,7 +51,9 @@ def sources(step: str, engine: str | None = None, folder: Path = PACKAGE) -> lis
 
 @cache  # a study asks for it once for each set of runs
 def source_digest(step: str, engine: str | None = None, folder: Path = PACKAGE) -> str:
-    """Return the SHA-256 over names and texts of the `sources` of a step; the kind of line ends has no effect."""
+    """Return the SHA-256 over names and texts of the `sources` of a step; the kind of line ends has
+    no effect.
+    """
     total = hashlib.sha256()
     for file in sources(step, engine, folder):
         text = file.read_text(encoding="utf-8").encode()
@@ -55,7 +63,9 @@ def source_digest(step: str, engine: str | None = None, folder: Path = PACKAGE) 
 
 
 def versions(step: str = "simulate") -> dict[str, str]:
-    """Return the versions of brownpipe and of the packages that compute and write what a step makes."""
+    """Return the versions of brownpipe and of the packages that compute and write what a step
+    makes.
+    """
     names = (NAME, *PACKAGES, *(() if step == "simulate" else ANALYSIS_PACKAGES))
     return {f"{name}_version": _version(name) for name in names}
 

@@ -1,4 +1,6 @@
-"""Times, sizes and counts as text; names and paths that others have chosen as text for the screen and for a shell."""
+"""Times, sizes and counts as text; names and paths that others have chosen as text for the screen
+and for a shell.
+"""
 
 import os
 import shlex
@@ -6,12 +8,18 @@ from collections.abc import Iterable
 
 
 def printable(text: object) -> str:
-    """Return a text as one line; control characters and undecodable bytes of file names become escapes: \\x1b."""
-    return "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in str(text))
+    """Return a text as one line; control characters and undecodable bytes of file names become
+    escapes: \\x1b.
+    """
+    return "".join(
+        char if char.isprintable() else char.encode("unicode_escape").decode() for char in str(text)
+    )
 
 
 def in_lines(lines: Iterable[str]) -> str:
-    """Return lines, each made `printable`, as one text; only the line feeds between them are control characters."""
+    """Return lines, each made `printable`, as one text; only the line feeds between them are
+    control characters.
+    """
     return "\n".join(map(printable, lines))
 
 
@@ -22,10 +30,16 @@ def shell_path(path: str | os.PathLike) -> str:
 
 
 def in_time(seconds: float) -> str:
-    """Return a time [s] with two digits in the largest unit of which it has two: 90 s, 2.5 min, 700 ms, 3 days."""
+    """Return a time [s] with two digits in the largest unit of which it has two: 90 s, 2.5 min, 700
+    ms, 3 days.
+    """
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0), ("s", 1.0)):
         if seconds >= 2 * size or (unit == "s" and seconds >= size):
-            return f"{seconds / size:.2g} {unit}" if seconds < 100 * size else f"{seconds / size:,.0f} {unit}"
+            return (
+                f"{seconds / size:.2g} {unit}"
+                if seconds < 100 * size
+                else f"{seconds / size:,.0f} {unit}"
+            )
     return f"{1e3 * seconds:.0f} ms" if seconds >= 0.01 else f"{1e3 * seconds:.2g} ms"
 
 

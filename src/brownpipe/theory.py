@@ -1,9 +1,11 @@
-"""Closed forms that the simulation is compared with: diffusion, ballistic flight, Enskog, and the ideal gas in a box.
+"""Closed forms that the simulation is compared with: diffusion, ballistic flight, Enskog, and the
+ideal gas in a box.
 
-Unless stated otherwise, a function takes scalars or arrays that broadcast against each other and returns an array of
-the broadcast shape. Quantities are in the scene's units of length, time and mass; `temperature` is kT, an energy.
-"Eq." is an equation of D. W. Harrison, "Brownian motion simulation" (2020), the note that brownpipe follows.
-docs/theory.md states the formulas, their limits and their sources; each docstring names its section.
+Unless stated otherwise, a function takes scalars or arrays that broadcast against each other and
+returns an array of the broadcast shape. Quantities are in the scene's units of length, time and
+mass; `temperature` is kT, an energy. "Eq." is an equation of D. W. Harrison, "Brownian motion
+simulation" (2020), the note that brownpipe follows. docs/theory.md states the formulas, their
+limits and their sources; each docstring names its section.
 """
 
 import math
@@ -14,29 +16,35 @@ import numpy as np
 from numpy.polynomial import legendre
 
 Numbers = float | np.ndarray
-Broadcast = Any  # a float if all arguments are floats, otherwise an array: more than a type checker can tell
+# a float if all arguments are floats, otherwise an array: more than a type checker can tell
+Broadcast = Any
 leggauss = cache(legendre.leggauss)  # 64 nodes take 10 ms
 
-# Below this D t / a^2 the walls of a square of half-width a change the MSD by less than round-off: the probability
-# erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of the series are exact to round-off.
+# Below this D t / a^2 the walls of a square of half-width a change the MSD by less than round-off:
+# the probability erfc(1 / (2 sqrt(0.0068))) to have reached a wall is 1e-17. Above it 24 terms of
+# the series are exact to round-off.
 _WALLS_UNSEEN = 0.0068
 _SERIES_TERMS = 24
-_NODES = 64  # nodes of the quadrature over a quarter circle; error 1e-15 for the narrowest density of the series
+# nodes of the quadrature over a quarter circle; error 1e-15 for the narrowest density of the series
+_NODES = 64
 
 
 # --- diffusion
 
 
 def diffusive_msd(t: Numbers, diffusion: Numbers) -> Broadcast:
-    """Return the MSD [length^2] of free diffusion in the plane, 4 D t: eq. (12); docs/theory.md, section 2."""
+    """Return the MSD [length^2] of free diffusion in the plane, 4 D t: eq. (12); docs/theory.md,
+    section 2.
+    """
     return 4.0 * diffusion * np.asarray(t, float)
 
 
 def ring_probability(inner: Numbers, outer: Numbers, t: Numbers, diffusion: Numbers) -> Broadcast:
-    """Return the probability that free diffusion from the origin ends between two radii after time `t > 0`.
+    """Return the probability that free diffusion from the origin ends between two radii after time
+    `t > 0`.
 
-    Eq. (18) integrated over the ring, exact for any width: exp(-inner^2/4Dt) - exp(-outer^2/4Dt). `outer` may be inf.
-    docs/theory.md, section 2.
+    Eq. (18) integrated over the ring, exact for any width: exp(-inner^2/4Dt) - exp(-outer^2/4Dt).
+    `outer` may be inf. docs/theory.md, section 2.
     """
     square = 4.0 * diffusion * np.asarray(t, float)
     inner_exponent, outer_exponent = np.square(inner) / square, np.square(outer) / square
@@ -46,10 +54,11 @@ def ring_probability(inner: Numbers, outer: Numbers, t: Numbers, diffusion: Numb
 def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -> Broadcast:
     """Return the MSD [length^2] of diffusion that starts at the centre of a reflecting square.
 
-    `half_width` is that of the accessible square, a = w - R for a disk of radius R between walls at +-w. The two
-    components are independent; each is the cosine series of the diffusion equation on [-a, a],
-    <x^2> = a^2/3 + (4 a^2/pi^2) sum_k (-1)^k k^-2 exp(-D k^2 pi^2 t / a^2), which rises as 2Dt at first and
-    approaches a^2/3. docs/theory.md, section 2.
+    `half_width` is that of the accessible square, a = w - R for a disk of radius R between walls at
+    +-w. The two components are independent; each is the cosine series of the diffusion equation on
+    [-a, a],
+    <x^2> = a^2/3 + (4 a^2/pi^2) sum_k (-1)^k k^-2 exp(-D k^2 pi^2 t / a^2), which rises as 2Dt at
+    first and approaches a^2/3. docs/theory.md, section 2.
     """
     tau = np.asarray(diffusion * np.asarray(t, float) / np.square(half_width), float)
     k = np.arange(1, _SERIES_TERMS + 1)
@@ -59,14 +68,18 @@ def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -
     return 2.0 * np.square(half_width) * component
 
 
-def reflecting_square_within(r: Numbers, t: float, diffusion: float, half_width: float) -> np.ndarray:
-    """Return the probability (K,) that diffusion in a reflecting square ends within `r` (K,) of the centre.
+def reflecting_square_within(
+    r: Numbers, t: float, diffusion: float, half_width: float
+) -> np.ndarray:
+    """Return the probability (K,) that diffusion in a reflecting square ends within `r` (K,) of the
+    centre.
 
-    It started at the centre a time `t > 0` earlier; `half_width` a is that of the accessible square. Both components
-    have the density p(x) = (1 + 2 sum_k cos(k pi x/a) exp(-D k^2 pi^2 t/a^2)) / 2a on [-a, a], whose integral over
-    [-h, h] is C(h). With s = sqrt(max(r^2 - a^2, 0)) the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx,
-    by Gauss-Legendre quadrature over the angle. For D t/a^2 < 0.0068 it is that of free diffusion; for r beyond the
-    corners it is 1. docs/theory.md, section 2.
+    It started at the centre a time `t > 0` earlier; `half_width` a is that of the accessible
+    square. Both components have the density p(x) = (1 + 2 sum_k cos(k pi x/a) exp(-D k^2 pi^2
+    t/a^2)) / 2a on [-a, a], whose integral over [-h, h] is C(h). With s = sqrt(max(r^2 - a^2, 0))
+    the probability is C(s) + 2 int_s^a p(x) C(sqrt(r^2 - x^2)) dx, by Gauss-Legendre quadrature
+    over the angle. For D t/a^2 < 0.0068 it is that of free diffusion; for r beyond the corners it
+    is 1. docs/theory.md, section 2.
     """
     a, r = half_width, np.atleast_1d(np.asarray(r, float))
     tau = diffusion * t / a**2
@@ -76,7 +89,9 @@ def reflecting_square_within(r: Numbers, t: float, diffusion: float, half_width:
     first, last = np.arcsin(s / np.maximum(r, a)), np.arcsin(np.minimum(a / np.maximum(r, a), 1.0))
     node, weight = leggauss(_NODES)
     angle = first + (last - first) * (node[:, None] + 1) / 2
-    inner = _component_density(r * np.sin(angle), tau, a) * _component_within(r * np.cos(angle), tau, a)
+    inner = _component_density(r * np.sin(angle), tau, a) * _component_within(
+        r * np.cos(angle), tau, a
+    )
     arc = (weight[:, None] * inner * r * np.cos(angle)).sum(axis=0) * (last - first)
     return np.where(r >= np.sqrt(2.0) * a, 1.0, np.minimum(_component_within(s, tau, a) + arc, 1.0))
 
@@ -98,8 +113,8 @@ def _component_within(h: np.ndarray, tau: float, a: float) -> np.ndarray:
 def reflecting_square_diffusion(msd: float, t: float, half_width: float) -> float:
     """Return the D [length^2/time] for which `reflecting_square_msd` at time `t > 0` is `msd`.
 
-    NaN where there is none: `msd` is not positive, or not below its limit 2 a^2/3 by more than round-off. By bisection
-    to neighbouring floating-point numbers. docs/theory.md, section 2.
+    NaN where there is none: `msd` is not positive, or not below its limit 2 a^2/3 by more than
+    round-off. By bisection to neighbouring floating-point numbers. docs/theory.md, section 2.
     """
     low, high = 0.0, 4.0 * np.square(half_width) / t
     if not 0.0 < msd < reflecting_square_msd(t, high, half_width):
@@ -108,14 +123,17 @@ def reflecting_square_diffusion(msd: float, t: float, half_width: float) -> floa
         middle = (low + high) / 2
         if middle in (low, high):
             return middle
-        low, high = (middle, high) if reflecting_square_msd(t, middle, half_width) < msd else (low, middle)
+        low, high = (
+            (middle, high) if reflecting_square_msd(t, middle, half_width) < msd else (low, middle)
+        )
 
 
 # --- from ballistic flight to diffusion
 
 
 def ballistic_msd(t: Numbers, mean_square_speed: Numbers) -> Broadcast:
-    """Return the MSD [length^2] before the first collision, <v0^2> t^2; `mean_square_speed` counts both components.
+    """Return the MSD [length^2] before the first collision, <v0^2> t^2; `mean_square_speed` counts
+    both components.
 
     docs/theory.md, section 4.
     """
@@ -126,7 +144,8 @@ def ballistic_msd(t: Numbers, mean_square_speed: Numbers) -> Broadcast:
 
 
 def contact_value_henderson(packing_fraction: Numbers) -> Broadcast:
-    """Return Henderson's contact value g(sigma+) of equal disks; its Z is 2 % too high at a packing fraction of 0.65.
+    """Return Henderson's contact value g(sigma+) of equal disks; its Z is 2 % too high at a packing
+    fraction of 0.65.
 
     D. Henderson, Mol. Phys. 30, 971 (1975); docs/theory.md, section 3.
     """
@@ -134,23 +153,32 @@ def contact_value_henderson(packing_fraction: Numbers) -> Broadcast:
 
 
 def contact_value(packing_fraction: Numbers) -> Broadcast:
-    """Return Luding's contact value chi = g(sigma+), the pair correlation function at contact, of equal disks.
+    """Return Luding's contact value chi = g(sigma+), the pair correlation function at contact, of
+    equal disks.
 
-    Henderson's form less phi^3 / (128 (1 - phi)^4): within 0.1 % of simulations up to a packing fraction of 0.65, not
-    applicable to the dense phases above 0.7. S. Luding, Phys. Rev. E 63, 042201 (2001); docs/theory.md, section 3.
+    Henderson's form less phi^3 / (128 (1 - phi)^4): within 0.1 % of simulations up to a packing
+    fraction of 0.65, not applicable to the dense phases above 0.7. S. Luding, Phys. Rev. E 63,
+    042201 (2001); docs/theory.md, section 3.
     """
-    crowding = packing_fraction * np.square(packing_fraction) / (128.0 * np.square(np.square(1.0 - packing_fraction)))
+    crowding = (
+        packing_fraction
+        * np.square(packing_fraction)
+        / (128.0 * np.square(np.square(1.0 - packing_fraction)))
+    )
     return contact_value_henderson(packing_fraction) - crowding
 
 
 def dilute_pair_distribution(r: Numbers, diameter: Numbers, packing_fraction: Numbers) -> Broadcast:
-    """Return g(r) of equal disks to first order in the density n: 1 + n A(r) beyond contact, 0 within.
+    """Return g(r) of equal disks to first order in the density n: 1 + n A(r) beyond contact, 0
+    within.
 
-    A(r) is the area within a diameter of both of two points at distance r, 0 from two diameters on: a third disk
-    cannot have its centre there. docs/theory.md, section 3.
+    A(r) is the area within a diameter of both of two points at distance r, 0 from two diameters on:
+    a third disk cannot have its centre there. docs/theory.md, section 3.
     """
     half = np.minimum(np.asarray(r, float) / (2 * np.asarray(diameter, float)), 1.0)
-    overlap = 2.0 * (np.arccos(half) - half * np.sqrt(1.0 - half * half))  # A(r) over the squared diameter
+    overlap = 2.0 * (
+        np.arccos(half) - half * np.sqrt(1.0 - half * half)
+    )  # A(r) over the squared diameter
     return np.where(np.asarray(r) < diameter, 0.0, 1.0 + 4.0 / np.pi * packing_fraction * overlap)
 
 
@@ -159,9 +187,9 @@ def contact_value_mixture(
 ) -> Broadcast:
     """Return the contact value g_ij of disks of two diameters in a mixture of K species.
 
-    `number_densities` [1/length^2] and `diameters` [length] have shape (K,). About 1 % too high for a radius ratio of
-    5; equal to `contact_value_henderson` for one species. J. T. Jenkins & F. Mancini, J. Appl. Mech. 54, 27 (1987);
-    docs/theory.md, section 3.
+    `number_densities` [1/length^2] and `diameters` [length] have shape (K,). About 1 % too high for
+    a radius ratio of 5; equal to `contact_value_henderson` for one species. J. T. Jenkins & F.
+    Mancini, J. Appl. Mech. 54, 27 (1987); docs/theory.md, section 3.
     """
     number_densities, diameters = np.asarray(number_densities, float), np.asarray(diameters, float)
     covered = np.pi / 4.0 * np.sum(number_densities * diameters**2)
@@ -171,7 +199,8 @@ def contact_value_mixture(
 
 
 def compressibility(packing_fraction: Numbers, contact: Numbers) -> Broadcast:
-    """Return Z = P/(n kT) = 1 + 2 phi chi of equal disks, the virial theorem in the plane; docs/theory.md, section 3.
+    """Return Z = P/(n kT) = 1 + 2 phi chi of equal disks, the virial theorem in the plane;
+    docs/theory.md, section 3.
 
     `contact` is the contact value chi.
     """
@@ -179,57 +208,87 @@ def compressibility(packing_fraction: Numbers, contact: Numbers) -> Broadcast:
 
 
 def reduced_mass(mass_a: Numbers, mass_b: Numbers) -> Broadcast:
-    """Return mu = m_a m_b/(m_a + m_b) [mass], as light/(1 + light/heavy), which neither over- nor underflows."""
+    """Return mu = m_a m_b/(m_a + m_b) [mass], as light/(1 + light/heavy), which neither over- nor
+    underflows.
+    """
     light, heavy = np.minimum(mass_a, mass_b), np.maximum(mass_a, mass_b)
     return light / (1.0 + light / heavy)
 
 
 def collision_rate(
-    number_density: Numbers, distance: Numbers, contact: Numbers, mass: Numbers, temperature: Numbers
+    number_density: Numbers,
+    distance: Numbers,
+    contact: Numbers,
+    mass: Numbers,
+    temperature: Numbers,
 ) -> Broadcast:
-    """Return the collisions per time [1/time] of one disk with a species in equilibrium, n chi sigma sqrt(2 pi kT/mu).
+    """Return the collisions per time [1/time] of one disk with a species in equilibrium, n chi
+    sigma sqrt(2 pi kT/mu).
 
-    n is the species' `number_density` [1/length^2], sigma = R_a + R_b the contact `distance` [length], chi the
-    `contact` value and mu the reduced `mass`. For equal disks of diameter s it is 2 n s chi sqrt(pi kT/m). Enskog's
-    theory, S. Chapman & T. G. Cowling, The Mathematical Theory of Non-Uniform Gases (1970); docs/theory.md, section 3.
+    n is the species' `number_density` [1/length^2], sigma = R_a + R_b the contact `distance`
+    [length], chi the `contact` value and mu the reduced `mass`. For equal disks of diameter s it is
+    2 n s chi sqrt(pi kT/m). Enskog's theory, S. Chapman & T. G. Cowling, The Mathematical Theory of
+    Non-Uniform Gases (1970); docs/theory.md, section 3.
     """
-    return number_density * contact * distance * (np.sqrt(2.0 * np.pi) * np.sqrt(temperature) / np.sqrt(mass))
+    return (
+        number_density
+        * contact
+        * distance
+        * (np.sqrt(2.0 * np.pi) * np.sqrt(temperature) / np.sqrt(mass))
+    )
 
 
 def mean_root_chi_square(degrees: float) -> float:
-    """Return the mean of sqrt(X/d), X chi-square with d > 0 `degrees` of freedom: sqrt(2/d) Gamma((d+1)/2)/Gamma(d/2).
+    """Return the mean of sqrt(X/d), X chi-square with d > 0 `degrees` of freedom: sqrt(2/d)
+    Gamma((d+1)/2)/Gamma(d/2).
 
-    This is the mean of sqrt(kT_run/kT) over runs whose kinetic energy has d degrees of freedom, about 1 - 1/(4 d). Its
-    inverse is the mean relative speed at fixed energy, divided by that of the Maxwell-Boltzmann distribution at the
-    same kT. docs/theory.md, section 3.
+    This is the mean of sqrt(kT_run/kT) over runs whose kinetic energy has d degrees of freedom,
+    about 1 - 1/(4 d). Its inverse is the mean relative speed at fixed energy, divided by that of
+    the Maxwell-Boltzmann distribution at the same kT. docs/theory.md, section 3.
     """
     half = degrees / 2.0
     steps = max(0, math.ceil(64.0 - half))
     w = half + steps - 0.25
     u = 1.0 / (w * w)
-    ratio = math.sqrt(w) * (1.0 + u * (1 / 64 + u * (-19 / 8192 + u * 631 / 524288)))  # of Gamma, from 64 on
+    ratio = math.sqrt(w) * (
+        1.0 + u * (1 / 64 + u * (-19 / 8192 + u * 631 / 524288))
+    )  # of Gamma, from 64 on
     for k in reversed(range(steps)):
         ratio *= (half + k) / (half + k + 0.5)
     return ratio / math.sqrt(half)
 
 
 def enskog_friction(
-    number_density: Numbers, distance: Numbers, contact: Numbers, mass: Numbers, temperature: Numbers
+    number_density: Numbers,
+    distance: Numbers,
+    contact: Numbers,
+    mass: Numbers,
+    temperature: Numbers,
 ) -> Broadcast:
-    """Return the friction coefficient zeta = 2 n chi sigma sqrt(2 pi mu kT) [mass/time] of a disk in a bath.
+    """Return the friction coefficient zeta = 2 n chi sigma sqrt(2 pi mu kT) [mass/time] of a disk
+    in a bath.
 
-    Enskog's theory in the first Sonine order; arguments and source as for `collision_rate`. The friction rate
-    gamma = zeta/m_a is exact for the initial decay of the velocity autocorrelation. The frictions of several species
-    add up. Enskog's diffusion coefficient is D_E = kT/zeta. It describes the times after a few collisions: in the plane
-    the velocity autocorrelation has a 1/t tail, so that D(t) goes on rising slowly. docs/theory.md, sections 3 and 4.
+    Enskog's theory in the first Sonine order; arguments and source as for `collision_rate`. The
+    friction rate gamma = zeta/m_a is exact for the initial decay of the velocity autocorrelation.
+    The frictions of several species add up. Enskog's diffusion coefficient is D_E = kT/zeta. It
+    describes the times after a few collisions: in the plane the velocity autocorrelation has a 1/t
+    tail, so that D(t) goes on rising slowly. docs/theory.md, sections 3 and 4.
     """
-    return 2.0 * number_density * contact * distance * (np.sqrt(2.0 * np.pi) * np.sqrt(mass) * np.sqrt(temperature))
+    return (
+        2.0
+        * number_density
+        * contact
+        * distance
+        * (np.sqrt(2.0 * np.pi) * np.sqrt(mass) * np.sqrt(temperature))
+    )
 
 
 def mixture_contact_values(number_densities: np.ndarray, diameters: np.ndarray) -> np.ndarray:
-    """Return the contact values (K, K) of all pairs of K species, from densities [1/length^2] and diameters (K,).
+    """Return the contact values (K, K) of all pairs of K species, from densities [1/length^2] and
+    diameters (K,).
 
-    `contact_value` if all diameters are equal, else `contact_value_mixture`. docs/theory.md, section 3.
+    `contact_value` if all diameters are equal, else `contact_value_mixture`. docs/theory.md,
+    section 3.
     """
     number_densities, diameters = np.asarray(number_densities, float), np.asarray(diameters, float)
     if np.unique(diameters).size == 1:
@@ -241,9 +300,11 @@ def mixture_contact_values(number_densities: np.ndarray, diameters: np.ndarray) 
 def mixture_collision_rates(
     number_densities: np.ndarray, diameters: np.ndarray, masses: np.ndarray, temperature: float
 ) -> np.ndarray:
-    """Return the collisions per time (K, K) [1/time] of one disk of species i with all disks of species j.
+    """Return the collisions per time (K, K) [1/time] of one disk of species i with all disks of
+    species j.
 
-    Densities [1/length^2], diameters and masses have shape (K,). `collision_rate`; docs/theory.md, section 3.
+    Densities [1/length^2], diameters and masses have shape (K,). `collision_rate`; docs/theory.md,
+    section 3.
     """
     chi = mixture_contact_values(number_densities, diameters)
     distance = np.add.outer(diameters, diameters) / 2.0
@@ -254,7 +315,8 @@ def mixture_collision_rates(
 def mixture_compressibility(number_densities: np.ndarray, diameters: np.ndarray) -> float:
     """Return Z = P/(n kT) = 1 + (pi/2n) sum_ij n_i n_j sigma_ij^2 chi_ij of a mixture of K species.
 
-    The virial theorem in the plane, from densities [1/length^2] and diameters (K,). docs/theory.md, section 3.
+    The virial theorem in the plane, from densities [1/length^2] and diameters (K,). docs/theory.md,
+    section 3.
     """
     n, distance = np.asarray(number_densities, float), np.add.outer(diameters, diameters) / 2.0
     pairs = n[:, None] * n * distance**2 * mixture_contact_values(n, diameters)
@@ -264,19 +326,25 @@ def mixture_compressibility(number_densities: np.ndarray, diameters: np.ndarray)
 # --- two uniform points in a box
 
 
-def pair_distance_density_between(r: Numbers, first: tuple[float, float], second: tuple[float, float]) -> np.ndarray:
-    """Return the density [1/length] of the distance of two independent uniform points, one in each of two rectangles.
+def pair_distance_density_between(
+    r: Numbers, first: tuple[float, float], second: tuple[float, float]
+) -> np.ndarray:
+    """Return the density [1/length] of the distance of two independent uniform points, one in each
+    of two rectangles.
 
-    `first` and `second` are (width, height) of rectangles with the same centre: where the centres of disks of two sizes
-    can be between walls. The pair count of an ideal gas there is the number of pairs times this density; it normalises
-    g(r). p(r) = 4 r times the integral over a quarter circle of directions q of f_x(r cos q) f_y(r sin q), where f is
-    the density of the difference of two uniform numbers: constant up to half the difference of the sides, then falling
-    linearly to 0 at half their sum. Gauss-Legendre quadrature from kink to kink is exact to round-off. docs/theory.md,
-    section 3.
+    `first` and `second` are (width, height) of rectangles with the same centre: where the centres
+    of disks of two sizes can be between walls. The pair count of an ideal gas there is the number
+    of pairs times this density; it normalises g(r). p(r) = 4 r times the integral over a quarter
+    circle of directions q of f_x(r cos q) f_y(r sin q), where f is the density of the difference of
+    two uniform numbers: constant up to half the difference of the sides, then falling linearly to 0
+    at half their sum. Gauss-Legendre quadrature from kink to kink is exact to round-off.
+    docs/theory.md, section 3.
     """
     r = np.asarray(r, float)
     d = np.where(r > 0.0, r, 1.0)[..., None]
-    along_x, along_y = (np.array([abs(a - b), a + b]) / 2 for a, b in zip(first, second, strict=True))
+    along_x, along_y = (
+        np.array([abs(a - b), a + b]) / 2 for a, b in zip(first, second, strict=True)
+    )
     kinks = [np.arccos(np.minimum(along_x / d, 1.0)), np.arcsin(np.minimum(along_y / d, 1.0))]
     ends = np.zeros_like(d), np.full_like(d, np.pi / 2)
     cuts = np.sort(np.concatenate([ends[0], *kinks, ends[1]], axis=-1))[..., None]
@@ -289,16 +357,22 @@ def pair_distance_density_between(r: Numbers, first: tuple[float, float], second
 
 
 def _difference_density(x: np.ndarray, a: float, b: float) -> np.ndarray:
-    """Return the density at x >= 0 of the difference of uniform numbers on concentric intervals of lengths a and b."""
+    """Return the density at x >= 0 of the difference of uniform numbers on concentric intervals of
+    lengths a and b.
+    """
     return np.clip((a + b) / 2 - x, 0.0, min(a, b)) / (a * b)
 
 
-def pair_distance_probability(edges: np.ndarray, first: tuple[float, float], second: tuple[float, float]) -> np.ndarray:
-    """Return the probability (K,) that the distance of two such points is between edges[k] and edges[k + 1].
+def pair_distance_probability(
+    edges: np.ndarray, first: tuple[float, float], second: tuple[float, float]
+) -> np.ndarray:
+    """Return the probability (K,) that the distance of two such points is between edges[k] and
+    edges[k + 1].
 
-    `edges` has shape (K + 1,). `pair_distance_density_between` is integrated over each bin by Gauss's formula with 8
-    points. As the density has kinks, this is meant for narrow bins: over all distances the probabilities of 32 equal
-    bins sum to 1 within 1e-6, those of 2 within 1e-3. docs/theory.md, section 3.
+    `edges` has shape (K + 1,). `pair_distance_density_between` is integrated over each bin by
+    Gauss's formula with 8 points. As the density has kinks, this is meant for narrow bins: over all
+    distances the probabilities of 32 equal bins sum to 1 within 1e-6, those of 2 within 1e-3.
+    docs/theory.md, section 3.
     """
     edges = np.asarray(edges, float)
     node, weight = leggauss(8)
@@ -310,15 +384,19 @@ def pair_distance_probability(edges: np.ndarray, first: tuple[float, float], sec
 # --- an ideal gas around a disk in a box
 
 
-def disk_area_in_rectangle(r: Numbers, x: Numbers, y: Numbers, width: float, height: float) -> Broadcast:
-    """Return the area [length^2] that a disk of radius `r` >= 0 around (x, y) shares with a rectangle around (0, 0).
+def disk_area_in_rectangle(
+    r: Numbers, x: Numbers, y: Numbers, width: float, height: float
+) -> Broadcast:
+    """Return the area [length^2] that a disk of radius `r` >= 0 around (x, y) shares with a
+    rectangle around (0, 0).
 
-    The centre may be outside the rectangle. Of N uniform points in the rectangle, N/(width height) times the growth of
-    this area from r to r + dr are expected at distances between r and r + dr from (x, y). The disk is cut into four
-    quadrants, each bounded by walls at the distances a and b. A quadrant has the area of 0 <= u <= min(a, r),
-    0 <= w <= min(b, sqrt(r^2 - u^2)): a b if the corner (a, b) is within the disk, else F(a) + F(b) - pi r^2/4, with
-    the area F(u) = (u sqrt(r^2 - u^2) + r^2 asin(u/r))/2 of the strip up to u, F(r) for u > r. It is odd in a and in b,
-    so that a wall on the other side of the centre subtracts. docs/theory.md, section 3.
+    The centre may be outside the rectangle. Of N uniform points in the rectangle, N/(width height)
+    times the growth of this area from r to r + dr are expected at distances between r and r + dr
+    from (x, y). The disk is cut into four quadrants, each bounded by walls at the distances a and
+    b. A quadrant has the area of 0 <= u <= min(a, r), 0 <= w <= min(b, sqrt(r^2 - u^2)): a b if the
+    corner (a, b) is within the disk, else F(a) + F(b) - pi r^2/4, with the area F(u) = (u sqrt(r^2
+    - u^2) + r^2 asin(u/r))/2 of the strip up to u, F(r) for u > r. It is odd in a and in b, so that
+    a wall on the other side of the centre subtracts. docs/theory.md, section 3.
     """
     r = np.asarray(r, float)
     square, safe = r**2, np.where(r > 0.0, r, 1.0)
@@ -331,5 +409,7 @@ def disk_area_in_rectangle(r: Numbers, x: Numbers, y: Numbers, width: float, hei
     def quadrant(a: Numbers, b: Numbers, half_a: np.ndarray, half_b: np.ndarray) -> np.ndarray:
         return np.where(a**2 + b**2 <= square, a * b, np.sign(a) * np.sign(b) * (half_a + half_b))
 
-    across, along = ([(d, strip(d)) for d in (s / 2 - at, s / 2 + at)] for s, at in ((width, x), (height, y)))
+    across, along = (
+        [(d, strip(d)) for d in (s / 2 - at, s / 2 + at)] for s, at in ((width, x), (height, y))
+    )
     return sum(quadrant(a, b, half_a, half_b) for a, half_a in across for b, half_b in along)

@@ -1,9 +1,10 @@
-"""What a study shows on the screen while Snakemake runs it: progress in runs, time left, and errors.
+"""What a study shows on the screen while Snakemake runs it: progress in runs, time left, and
+errors.
 
-Snakemake finds this package by its name; profiles/default selects it. Snakemake's own messages, with every command, go
-to its log file below .snakemake/log; warnings and errors are shown here, too. With -n or --verbose all messages are
-shown as Snakemake formats them. The progress of a running job is read from its log, in which `brownpipe.progress`
-writes lines.
+Snakemake finds this package by its name; profiles/default selects it. Snakemake's own messages,
+with every command, go to its log file below .snakemake/log; warnings and errors are shown here,
+too. With -n or --verbose all messages are shown as Snakemake formats them. The progress of a
+running job is read from its log, in which `brownpipe.progress` writes lines.
 """
 
 import logging
@@ -18,17 +19,29 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from brownpipe.progress import Display
 
-UNSAID = re.compile(  # in Snakemake's log alone: its steps, what is explained here, submitted jobs, that all is done
-    r"Assuming unrestricted|Building DAG|DAG of jobs|Updating checkpoint|Using shell|Select jobs|Execute |Elapsed"
-    r"|RuleException|brownpipe: .*: 0 runs|SLURM run ID|Job \S+ has been submitted|Cleaning up SLURM"
-    r"|Job rate limit reached|Exiting because a job|WorkflowError:\nAt least one job did not complete"
+# in Snakemake's log alone: its steps, what is explained here, submitted jobs, that all is done
+UNSAID = re.compile(
+    r"Assuming unrestricted|Building DAG|DAG of jobs|Updating checkpoint|Using shell|Select "
+    r"jobs|Execute |Elapsed"
+    r"|RuleException|brownpipe: .*: 0 runs|SLURM run ID|Job \S+ has been submitted|Cleaning up "
+    r"SLURM"
+    r"|Job rate limit reached|Exiting because a job|WorkflowError:\nAt least one job did not "
+    r"complete"
 )
 RUNS_DONE = re.compile(r"^simulate: ([\d,]+) of ([\d,]+) runs", re.MULTILINE)  # in the log of a job
 REMARK = re.compile(r"^brownpipe: .*", re.MULTILINE)
-PASSING = re.compile(r"\w+: [\d,]+ of |brownpipe: compiling")  # lines of a log that give no reason for a failure
+PASSING = re.compile(
+    r"\w+: [\d,]+ of |brownpipe: compiling"
+)  # lines of a log that give no reason for a failure
 INTERRUPTED = "brownpipe: interrupted; the same command goes on from here"
-LOCKED = "brownpipe: another run writes in this folder; wait for it, or if there is none: brownpipe run STUDY --unlock"
-KILLED = "brownpipe: killed, most likely out of memory, or the disk is full; try -j 1, a smaller `batch:` or more room"
+LOCKED = (
+    "brownpipe: another run writes in this folder; wait for it, or if there is none: brownpipe "
+    "run STUDY --unlock"
+)
+KILLED = (
+    "brownpipe: killed, most likely out of memory, or the disk is full; try -j 1, a smaller "
+    "`batch:` or more room"
+)
 MOST_FAILURES = 3  # that are explained at the end
 LONGEST_REASON = 8  # lines of a log, its last ones
 LOOK_INTERVAL = 0.5  # seconds between two looks at the logs of running jobs
@@ -47,14 +60,20 @@ class LogHandler(LogHandlerBase):
         self.runs: dict[str, int] = {}  # to be simulated, by file
         self.seconds: dict[str, float] = {}  # CPU time that they are expected to take
         self.shares: dict[str, float] = {}  # how much of them is done
-        self.running: dict[int, Any] = {}  # Snakemake's messages on running jobs, by its number of the job
+        self.running: dict[
+            int, Any
+        ] = {}  # Snakemake's messages on running jobs, by its number of the job
         self.remarks: set[str] = set()  # that were shown
-        self.failures: dict[int, str] = {}  # an explanation of each failed job, by its number, shown at the end
+        self.failures: dict[
+            int, str
+        ] = {}  # an explanation of each failed job, by its number, shown at the end
         self.closed = threading.Event()
         threading.Thread(target=self.watch, daemon=True).start()
 
     def emit(self, record: Any) -> None:
-        """Evaluate a message of Snakemake, which adds attributes to the record; show it if it concerns the user."""
+        """Evaluate a message of Snakemake, which adds attributes to the record; show it if it
+        concerns the user.
+        """
         event = getattr(record, "event", None)
         if self.verbatim:
             self.display.say(self.format(record))
@@ -89,7 +108,8 @@ class LogHandler(LogHandlerBase):
     def look(self) -> None:
         """Show new remarks of running jobs, identical ones once, and the progress of all.
 
-        As runs of different cases take different times, the time left follows from the times expected of the jobs.
+        As runs of different cases take different times, the time left follows from the times
+        expected of the jobs.
         """
         for job in self.running.values():
             log = log_of(job)
@@ -98,13 +118,21 @@ class LogHandler(LogHandlerBase):
                     self.remarks.add(remark)
                     self.display.say(remark)
             for done, total in RUNS_DONE.findall(log)[-1:]:
-                self.shares[job.output[0]] = int(done.replace(",", "")) / int(total.replace(",", ""))
+                self.shares[job.output[0]] = int(done.replace(",", "")) / int(
+                    total.replace(",", "")
+                )
         rules = sorted({job.rule_name for job in self.running.values()})
         if not all(job.log for job in self.running.values()):  # it prints results
             self.display.erase()
         elif rules:
-            runs = f": {self.done_of(self.runs):,.0f} of {sum(self.runs.values()):,} runs" if self.runs else ""
-            self.display.update(", ".join(rules) + runs, self.done_of(self.seconds), sum(self.seconds.values()))
+            runs = (
+                f": {self.done_of(self.runs):,.0f} of {sum(self.runs.values()):,} runs"
+                if self.runs
+                else ""
+            )
+            self.display.update(
+                ", ".join(rules) + runs, self.done_of(self.seconds), sum(self.seconds.values())
+            )
 
     def done_of(self, totals: Mapping[str, float]) -> float:
         """Return how much is done of totals by file."""
@@ -114,7 +142,9 @@ class LogHandler(LogHandlerBase):
         """Stop, and explain at the end, below Snakemake's own messages, why jobs failed."""
         self.closed.set()
         self.display.erase()
-        failures = [INTERRUPTED] if INTERRUPTED in self.failures.values() else [*self.failures.values()]
+        failures = (
+            [INTERRUPTED] if INTERRUPTED in self.failures.values() else [*self.failures.values()]
+        )
         if len(failures) > MOST_FAILURES:
             self.display.say(f"brownpipe: {len(failures)} jobs failed, among them:")
         for text in failures[:MOST_FAILURES]:
@@ -134,4 +164,6 @@ def explanation(job: Any) -> str:
     said = f"{getattr(job, 'rule_msg', None) or ''}\n{log_of(job)}".splitlines()
     reason = [line for line in said if line and not PASSING.match(line)][-LONGEST_REASON:]
     command = " ".join(str(job.shellcmd).split())
-    return "\n    ".join([f"brownpipe: the rule {job.rule_name} failed: {command}", *(reason or [KILLED])])
+    return "\n    ".join(
+        [f"brownpipe: the rule {job.rule_name} failed: {command}", *(reason or [KILLED])]
+    )

@@ -1,4 +1,5 @@
-"""Show the numerical stability: run the experiments, draw, and write the tables of docs/stability.md.
+"""Show the numerical stability: run the experiments, draw, and write the tables of
+docs/stability.md.
 
     python -m validation.stability              all of them
     python -m validation.stability pi_digits    one of them
@@ -45,13 +46,23 @@ def _in_few_colours(png: bytes) -> Image.Image:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("experiments", metavar="NAME", nargs="*", help=f"of {', '.join(EXPERIMENTS)}; default: all")
-    parser.add_argument("--large", action="store_true", help="runs some ten times as long, where there are any")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "experiments", metavar="NAME", nargs="*", help=f"of {', '.join(EXPERIMENTS)}; default: all"
+    )
+    parser.add_argument(
+        "--large", action="store_true", help="runs some ten times as long, where there are any"
+    )
     options = parser.parse_args()
     if unknown := set(options.experiments) - set(EXPERIMENTS):
         parser.error(f"{', '.join(sorted(unknown))}: must be of {', '.join(EXPERIMENTS)}")
-    rows = [row for name in options.experiments or EXPERIMENTS for row in show(EXPERIMENTS[name], options.large)]
+    rows = [
+        row
+        for name in options.experiments or EXPERIMENTS
+        for row in show(EXPERIMENTS[name], options.large)
+    ]
     broken = [row for row in rows if not row.is_kept]
     for row in broken:
         print(f"{row.experiment}: promised {row.promised}, found {row.cells[0]}")

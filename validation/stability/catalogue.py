@@ -21,14 +21,24 @@ LARGE_CONSERVATION = {"long": conservation.LONG | {"equal disks": (1e8, 1e9)}}
 EXPERIMENTS = {
     experiment.name: experiment
     for experiment in (
-        Experiment("reversal", reversal, {"times": (0.1, 0.5), "seeds": 2, "pairs": 2, "games": ()}, {}),
+        Experiment(
+            "reversal", reversal, {"times": (0.1, 0.5), "seeds": 2, "pairs": 2, "games": ()}, {}
+        ),
         Experiment(
             "conservation",
             conservation,
-            {"events": (1e5,), "others": (1e4,), "long": {}, "scenes": ("masses 1 : 1e12",), "steps": 100},
+            {
+                "events": (1e5,),
+                "others": (1e4,),
+                "long": {},
+                "scenes": ("masses 1 : 1e12",),
+                "steps": 100,
+            },
             LARGE_CONSERVATION,
         ),
-        Experiment("packings", packings, {"gaps": (1e-2, 1e-12), "crossings": 1000.0, "steps": 10}, {}),
+        Experiment(
+            "packings", packings, {"gaps": (1e-2, 1e-12), "crossings": 1000.0, "steps": 10}, {}
+        ),
         Experiment("clocks", clocks, {"durations": (1e5, 1e6), "near": 0.25}, {}),
         Experiment("speeds", speeds, {"powers": (-531, 0, 565), "duration": 1.0}, {}),
         Experiment("pi_digits", pi_digits, {"digits": 4, "games": 0}, {"digits": 8}),

@@ -35,7 +35,9 @@ def measure(
     scenes: Sequence[str] = tuple(SCENES),
     steps: int = MOST_STEPS,
 ) -> Found:
-    """Run every scene for about so many events; `long`: further numbers of events of single scenes, brownpipe alone."""
+    """Run every scene for about so many events; `long`: further numbers of events of single scenes,
+    brownpipe alone.
+    """
     runs: Found = {}
     long = LONG if long is None else long
     for name in scenes:
@@ -65,7 +67,9 @@ def rows(found: Found) -> list[Row]:
                 continue
             cells = [_cell(found.get((name, program), {}).get(n)) for program in EVENT_DRIVEN]
             game = found.get((name, GAME), {}) if n == COMPARED else {}
-            cells.append("; ".join(f"{_cell(one)} ({k:,.0f} events)" for k, one in game.items()) or "-")
+            cells.append(
+                "; ".join(f"{_cell(one)} ({k:,.0f} events)" for k, one in game.items()) or "-"
+            )
             kept = not run.failed and max(map(abs, run[3:6])) <= HEALTH_BOUND
             made.append(Row(f"{name}, {count(n)} events", shown(HEALTH_BOUND), cells, kept))
     return made
@@ -80,15 +84,27 @@ def draw(found: Found) -> Figure:
     figure, (panels,) = grid(1, 2, 4.4, 3.5)
     names = dict.fromkeys(scene for scene, _ in found)
     looks = dict(zip((*OTHERS, GAME), SERIES[1:], strict=False))
-    labels = {"energy_drift": "energy drift (relative)", "worst_overlap": "worst overlap [contact distances]"}
+    labels = {
+        "energy_drift": "energy drift (relative)",
+        "worst_overlap": "worst overlap [contact distances]",
+    }
     for axes, (field, label) in zip(panels, labels.items(), strict=True):
         for name, colour in zip(names, shades(len(names)), strict=True):
             _line(axes, found[name, "brownpipe"], field, color=colour, marker="o", label=name)
         for program, (colour, line, marker) in looks.items():
             drawn = [found[name, program] for name in names if (name, program) in found]
             for k, runs in enumerate(drawn):
-                _line(axes, runs, field, color=colour, linestyle=line, marker=marker, linewidth=0.8, alpha=0.6,
-                      label=f"{program}, the same scenes" if k == 0 else None)  # fmt: skip
+                _line(
+                    axes,
+                    runs,
+                    field,
+                    color=colour,
+                    linestyle=line,
+                    marker=marker,
+                    linewidth=0.8,
+                    alpha=0.6,
+                    label=f"{program}, the same scenes" if k == 0 else None,
+                )
         axes.axhline(HEALTH_BOUND, color=GREY, linestyle=DOTTED, label="promised")
         axes.set(xscale="log", yscale="log", xlabel="events", ylabel=label, ylim=(1e-17, 10))
     panels[0].legend(fontsize=6.5, loc="upper left", ncols=2)

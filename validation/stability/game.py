@@ -1,4 +1,6 @@
-"""pymunk, a rigid-body library for games, which moves in fixed time steps; None where it is not installed."""
+"""pymunk, a rigid-body library for games, which moves in fixed time steps; None where it is not
+installed.
+"""
 
 import importlib.util
 import math
@@ -22,12 +24,14 @@ def time_step(start: Start) -> float:
     return PATH * float(start.state.radius.min()) / speed
 
 
-def pymunk(start: Start, duration: float, step: float | None = None, most_steps: int = MOST_STEPS) -> Outcome | None:
+def pymunk(
+    start: Start, duration: float, step: float | None = None, most_steps: int = MOST_STEPS
+) -> Outcome | None:
     """Run by pymunk; None where it is not installed, or the run needs more steps than `most_steps`.
 
-    Elasticity 1, no friction, no rotation, no allowed overlap (`collision_slop` 0, its default is 0.1), else defaults:
-    10 iterations of its solver. Collisions are counted when a contact begins; overlaps are looked at after each step.
-    The impulses of the walls are not recorded.
+    Elasticity 1, no friction, no rotation, no allowed overlap (`collision_slop` 0, its default is
+    0.1), else defaults: 10 iterations of its solver. Collisions are counted when a contact begins;
+    overlaps are looked at after each step. The impulses of the walls are not recorded.
     """
     step = step or time_step(start)
     if not IS_INSTALLED or not duration <= step * most_steps:
@@ -47,20 +51,25 @@ def pymunk(start: Start, duration: float, step: float | None = None, most_steps:
             apart = position[first] - position[second]
             depth = max(depth, float((1.0 - np.hypot(apart[:, 0], apart[:, 1]) / sigma).max()))
     velocity = np.array([body.velocity for body in bodies])
-    return measured(start, position, velocity, counts, np.zeros(4), depth)._replace(momentum_residual=math.nan)
+    return measured(start, position, velocity, counts, np.zeros(4), depth)._replace(
+        momentum_residual=math.nan
+    )
 
 
 def space_of(state: State, x: tuple[float, float], y: tuple[float, float]) -> tuple[Any, list[Any]]:
-    """Return a space of pymunk with these disks, which do not rotate, between four walls; and their bodies.
+    """Return a space of pymunk with these disks, which do not rotate, between four walls; and their
+    bodies.
 
-    Elasticity 1, no friction. Collision types: 1 of disks, 2 of walls. Each wall is as thick as the box, with its
-    surface at the edge of the box.
+    Elasticity 1, no friction. Collision types: 1 of disks, 2 of walls. Each wall is as thick as the
+    box, with its surface at the edge of the box.
     """
     import pymunk as library
 
     space, bodies = library.Space(), []
     shapes: list[library.Shape] = []
-    for position, velocity, radius, mass in zip(*(values.tolist() for values in state), strict=True):
+    for position, velocity, radius, mass in zip(
+        *(values.tolist() for values in state), strict=True
+    ):
         bodies.append(library.Body(mass, math.inf))
         bodies[-1].position, bodies[-1].velocity = tuple(position), tuple(velocity)
         shapes.append(library.Circle(bodies[-1], radius))

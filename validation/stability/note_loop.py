@@ -1,7 +1,7 @@
 """The note's loop: eqs. (1)-(10) as printed, in double precision.
 
-The smallest time t >= 0 of all pairs and of the walls ahead is the next event; all disks move there. Times are relative
-to the last event; the sum of them is compared with the duration.
+The smallest time t >= 0 of all pairs and of the walls ahead is the next event; all disks move
+there. Times are relative to the last event; the sum of them is compared with the duration.
 """
 
 import math
@@ -20,7 +20,9 @@ def note_loop(start: Start, duration: float, most_events: int = MOST_EVENTS) -> 
     position, velocity, radius, mass = (np.array(column, order="C") for column in start.state)
     walls, counts, impulse = np.array((*start.x, *start.y)), np.zeros(2, np.int64), np.zeros(4)
     with np.errstate(all="ignore"):
-        depth = _loop(position, velocity, radius, mass, walls, float(duration), most_events, counts, impulse)
+        depth = _loop(
+            position, velocity, radius, mass, walls, float(duration), most_events, counts, impulse
+        )
     return measured(start, position, velocity, counts, impulse, depth)
 
 
@@ -36,7 +38,9 @@ def _loop(
     counts: np.ndarray,
     impulse: np.ndarray,
 ) -> float:
-    """Advance x, v (N, 2) to the duration; return the deepest overlap. walls: left, right, bottom, top."""
+    """Advance x, v (N, 2) to the duration; return the deepest overlap. walls: left, right, bottom,
+    top.
+    """
     n, now, depth = len(x), 0.0, 0.0
     while counts[0] + counts[1] < most_events:
         first, a, b, wall = math.inf, 0, 0, -1
@@ -48,8 +52,18 @@ def _loop(
                 if 0.0 <= t < first:
                     first, a, wall = t, i, ahead
             for j in range(i):
-                rx, ry, vx, vy = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], v[i, 0] - v[j, 0], v[i, 1] - v[j, 1]
-                rv, vv, rr, sigma = rx * vx + ry * vy, vx * vx + vy * vy, rx * rx + ry * ry, radius[i] + radius[j]
+                rx, ry, vx, vy = (
+                    x[i, 0] - x[j, 0],
+                    x[i, 1] - x[j, 1],
+                    v[i, 0] - v[j, 0],
+                    v[i, 1] - v[j, 1],
+                )
+                rv, vv, rr, sigma = (
+                    rx * vx + ry * vy,
+                    vx * vx + vy * vy,
+                    rx * rx + ry * ry,
+                    radius[i] + radius[j],
+                )
                 if rr < sigma * sigma:
                     depth = max(depth, 1.0 - math.sqrt(rr) / sigma)
                 root = rv * rv - vv * (rr - sigma * sigma)
@@ -74,7 +88,10 @@ def _loop(
             r = math.sqrt(rx * rx + ry * ry)
             nx, ny = rx / r, ry / r  # eq. (8)
             f = nx * (v[a, 0] - v[b, 0]) + ny * (v[a, 1] - v[b, 1])  # eq. (7)
-            share_a, share_b = 2.0 * mass[b] / (mass[a] + mass[b]), 2.0 * mass[a] / (mass[a] + mass[b])
+            share_a, share_b = (
+                2.0 * mass[b] / (mass[a] + mass[b]),
+                2.0 * mass[a] / (mass[a] + mass[b]),
+            )
             v[a, 0] -= share_a * f * nx  # eqs. (5)-(6)
             v[a, 1] -= share_a * f * ny
             v[b, 0] += share_b * f * nx

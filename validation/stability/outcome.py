@@ -12,14 +12,18 @@ from validation.stability.start import Start
 
 
 class Outcome(NamedTuple):
-    """The end of a run. Energy and momentum are compared with those of the start, by the same formulas for all."""
+    """The end of a run. Energy and momentum are compared with those of the start, by the same
+    formulas for all.
+    """
 
     state: State  # at the end
     pair_collisions: int
     wall_collisions: int
     worst_overlap: float  # of any pair that the program looked at [contact distances]
     energy_drift: float  # relative
-    momentum_residual: float  # balance of momentum with the impulses of the walls, relative; NaN: not known
+    momentum_residual: (
+        float  # balance of momentum with the impulses of the walls, relative; NaN: not known
+    )
     failed: bool = False  # brownpipe: its health check; others: no program of theirs has one
 
     @property
@@ -28,17 +32,24 @@ class Outcome(NamedTuple):
 
 
 def measured(
-    start: Start, position: np.ndarray, velocity: np.ndarray, counts: np.ndarray, impulse: np.ndarray, depth: float
+    start: Start,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    counts: np.ndarray,
+    impulse: np.ndarray,
+    depth: float,
 ) -> Outcome:
     """Return the outcome of another program.
 
-    counts: (2,) pair and wall collisions. impulse: (4,) total impulses >= 0 given by the walls left, right, bottom and
-    top. depth: deepest overlap.
+    counts: (2,) pair and wall collisions. impulse: (4,) total impulses >= 0 given by the walls
+    left, right, bottom and top. depth: deepest overlap.
     """
     state = start.state._replace(position=position, velocity=velocity)
     first, last = (np.hstack([each.position, each.velocity]) for each in (start.state, state))
     kept = conservation(start.state.mass, first, last, impulse)
-    return Outcome(state, int(counts[0]), int(counts[1]), depth, kept.energy_drift, kept.momentum_residual)
+    return Outcome(
+        state, int(counts[0]), int(counts[1]), depth, kept.energy_drift, kept.momentum_residual
+    )
 
 
 def brownpipe(start: Start, duration: float) -> Outcome:

@@ -1,4 +1,6 @@
-"""Packings nearly as dense as disks can be: gaps down to 1e-14 of a diameter, every disk caged by its neighbours."""
+"""Packings nearly as dense as disks can be: gaps down to 1e-14 of a diameter, every disk caged by
+its neighbours.
+"""
 
 from collections.abc import Sequence
 
@@ -26,20 +28,27 @@ def measure(
 
     pymunk runs for so many steps, in each of which such a disk crosses a hundredth of a gap.
     """
-    found: Found = {name: {g: run(packing(g), crossings * g) for g in gaps} for name, run in EVENT_DRIVEN.items()}
+    found: Found = {
+        name: {g: run(packing(g), crossings * g) for g in gaps}
+        for name, run in EVENT_DRIVEN.items()
+    }
     games = {g: pymunk(packing(g), steps * PATH * g, PATH * g) for g in gaps}
     found[GAME] = {g: run for g, run in games.items() if run is not None}
     return found
 
 
 def escaped(gap: float, run: Outcome) -> int:
-    """Return the number of disks that are more than CAGE gaps away from where they began, or nowhere."""
+    """Return the number of disks that are more than CAGE gaps away from where they began, or
+    nowhere.
+    """
     way = np.hypot(*(run.state.position - packing(gap).state.position).T)
     return int((~(way < CAGE * gap)).sum())
 
 
 def rows(found: Found) -> list[Row]:
-    """Return rows: collisions, worst overlap, relative energy drift, disks that left their cages."""
+    """Return rows: collisions, worst overlap, relative energy drift, disks that left their
+    cages.
+    """
     made = []
     for gap, ours in found["brownpipe"].items():
         cells = [_cell(gap, found[name].get(gap)) for name in found]
@@ -63,9 +72,19 @@ def draw(found: Found) -> Figure:
         gaps = np.array(list(runs))
         panels[0].plot(gaps, [max(run.worst_overlap, 1e-17) for run in runs.values()], **looks)
         panels[1].plot(gaps, [max(abs(run.energy_drift), 1e-17) for run in runs.values()], **looks)
-    for axes, label in zip(panels, ("worst overlap [diameters]", "energy drift (relative)"), strict=True):
+    for axes, label in zip(
+        panels, ("worst overlap [diameters]", "energy drift (relative)"), strict=True
+    ):
         axes.axhline(HEALTH_BOUND, color=GREY, linestyle=DOTTED, label="promised")
-        axes.set(xscale="log", yscale="log", xlabel="gap [diameters]", ylabel=label, ylim=(1e-17, 10))
-    panels[0].plot([*found["brownpipe"]], [*found["brownpipe"]], color=GREY, linewidth=0.8, label="the gap itself")
+        axes.set(
+            xscale="log", yscale="log", xlabel="gap [diameters]", ylabel=label, ylim=(1e-17, 10)
+        )
+    panels[0].plot(
+        [*found["brownpipe"]],
+        [*found["brownpipe"]],
+        color=GREY,
+        linewidth=0.8,
+        label="the gap itself",
+    )
     panels[1].legend(*panels[0].get_legend_handles_labels(), fontsize=7)
     return figure

@@ -1,7 +1,7 @@
 """The digits of pi from collisions: Galperin (2003).
 
-A disk of mass 100^k comes to a light one at rest before a wall. The number of all collisions is the integer part of
-10^k pi: 3, 31, 314, ...
+A disk of mass 100^k comes to a light one at rest before a wall. The number of all collisions is the
+integer part of 10^k pi: 3, 31, 314, ...
 """
 
 import math
@@ -28,7 +28,10 @@ def start(k: int) -> Start:
 
 def measure(digits: int = 7, games: int = 2) -> Found:
     """Count collisions for k = 0 to `digits`, by pymunk to `games`."""
-    found: Found = {name: {k: run(start(k), DURATION) for k in range(digits + 1)} for name, run in EVENT_DRIVEN.items()}
+    found: Found = {
+        name: {k: run(start(k), DURATION) for k in range(digits + 1)}
+        for name, run in EVENT_DRIVEN.items()
+    }
     runs = {k: pymunk(start(k), DURATION, PATH * 0.5 / 10**k, 10**6) for k in range(games + 1)}
     found[GAME] = {k: run for k, run in runs.items() if run is not None}
     return found
@@ -54,8 +57,14 @@ def draw(found: Found) -> Figure:
     figure, (panels,) = grid(1, 2, 4.4, 3.5)
     for (name, runs), (colour, line, marker) in zip(found.items(), SERIES, strict=False):
         looks = {"color": colour, "linestyle": line, "marker": marker, "label": name}
-        panels[0].plot(list(runs), [run.events - math.floor(10**k * math.pi) for k, run in runs.items()], **looks)
-        panels[1].plot(list(runs), [max(abs(run.energy_drift), 1e-17) for run in runs.values()], **looks)
+        panels[0].plot(
+            list(runs),
+            [run.events - math.floor(10**k * math.pi) for k, run in runs.items()],
+            **looks,
+        )
+        panels[1].plot(
+            list(runs), [max(abs(run.energy_drift), 1e-17) for run in runs.values()], **looks
+        )
     panels[0].set(xlabel="$k$, mass ratio $100^k$", ylabel="collisions too many")
     panels[0].set_yscale("symlog", linthresh=1)
     panels[1].axhline(HEALTH_BOUND, color=GREY, linestyle=DOTTED, label="promised")

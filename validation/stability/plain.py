@@ -1,7 +1,9 @@
-"""A plain event-driven code, as in a textbook: Sedgewick and Wayne, Algorithms, 4th ed. (2011), section 6.1.
+"""A plain event-driven code, as in a textbook: Sedgewick and Wayne, Algorithms, 4th ed. (2011),
+section 6.1.
 
-A binary heap of predicted collisions with absolute times in double precision. All disks move to each event. A
-prediction is skipped when it comes up if one of its disks has collided since. Each disk is predicted with all others.
+A binary heap of predicted collisions with absolute times in double precision. All disks move to
+each event. A prediction is skipped when it comes up if one of its disks has collided since. Each
+disk is predicted with all others.
 """
 
 import math
@@ -19,7 +21,9 @@ def plain(start: Start, duration: float, most_events: int = MOST_EVENTS) -> Outc
     """Run by the plain event-driven code."""
     n = len(start.state.radius)
     room = 16 * (n + 4) * (n + 4)
-    disks = np.column_stack((start.state.position, start.state.velocity, start.state.radius, start.state.mass))
+    disks = np.column_stack(
+        (start.state.position, start.state.velocity, start.state.radius, start.state.mass)
+    )
     times, events, collided = np.empty(room), np.empty((room, 4), np.int64), np.zeros(n, np.int64)
     counts, impulse, walls = np.zeros(2, np.int64), np.zeros(4), np.array((*start.x, *start.y))
     depth = _run(disks, collided, times, events, walls, duration, most_events, counts, impulse)
@@ -28,7 +32,9 @@ def plain(start: Start, duration: float, most_events: int = MOST_EVENTS) -> Outc
 
 @kernel
 def _delay(disks: np.ndarray, i: int, j: int) -> float:
-    """Return the time until disks i and j touch, negative if they overlap by round-off; inf if never."""
+    """Return the time until disks i and j touch, negative if they overlap by round-off; inf if
+    never.
+    """
     rx, ry = disks[j, 0] - disks[i, 0], disks[j, 1] - disks[i, 1]
     vx, vy = disks[j, 2] - disks[i, 2], disks[j, 3] - disks[i, 3]
     rv, vv, sigma = rx * vx + ry * vy, vx * vx + vy * vy, disks[i, 4] + disks[j, 4]
@@ -57,7 +63,9 @@ def _copy(times: np.ndarray, events: np.ndarray, source: int, target: int) -> No
 
 
 @kernel
-def _push(times: np.ndarray, events: np.ndarray, size: int, t: float, i: int, j: int, n_i: int, n_j: int) -> int:
+def _push(
+    times: np.ndarray, events: np.ndarray, size: int, t: float, i: int, j: int, n_i: int, n_j: int
+) -> int:
     """Put an event on the heap; return its new size."""
     child = size
     while child > 0 and times[(child - 1) // 2] > t:
@@ -98,10 +106,11 @@ def _run(
     counts: np.ndarray,
     impulse: np.ndarray,
 ) -> float:
-    """Advance the disks (N, 6), rows x, y, vx, vy, radius, mass; return the deepest overlap at a prediction.
+    """Advance the disks (N, 6), rows x, y, vx, vy, radius, mass; return the deepest overlap at a
+    prediction.
 
-    collided (N,): how often each disk has collided. events: i, j and their numbers of collisions when it was predicted;
-    j < 0 is a wall: -1 left, -2 right, -3 bottom, -4 top.
+    collided (N,): how often each disk has collided. events: i, j and their numbers of collisions
+    when it was predicted; j < 0 is a wall: -1 left, -2 right, -3 bottom, -4 top.
     """
     n, now, size, depth = len(disks), 0.0, 0, 0.0
     a, b, predict_all = 0, -1, True
@@ -112,7 +121,11 @@ def _run(
             if predict_all or i in (a, b):
                 for j in range(n):
                     if i != j:
-                        rx, ry, sigma = disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1], disks[i, 4] + disks[j, 4]
+                        rx, ry, sigma = (
+                            disks[i, 0] - disks[j, 0],
+                            disks[i, 1] - disks[j, 1],
+                            disks[i, 4] + disks[j, 4],
+                        )
                         if rx * rx + ry * ry < sigma * sigma:
                             depth = max(depth, 1.0 - math.sqrt(rx * rx + ry * ry) / sigma)
                         t = now + _delay(disks, i, j)
@@ -125,7 +138,8 @@ def _run(
                         size = _push(times, events, size, t, i, wall, collided[i], 0)
         predict_all = False
         while size > 0 and (
-            events[0, 2] != collided[events[0, 0]] or (events[0, 1] >= 0 and events[0, 3] != collided[events[0, 1]])
+            events[0, 2] != collided[events[0, 0]]
+            or (events[0, 1] >= 0 and events[0, 3] != collided[events[0, 1]])
         ):
             size = _drop_first(times, events, size)
         t = times[0] if size > 0 else duration

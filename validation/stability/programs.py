@@ -1,4 +1,6 @@
-"""The programs that are compared, by the names of their columns; pymunk is apart, as it moves in time steps."""
+"""The programs that are compared, by the names of their columns; pymunk is apart, as it moves in
+time steps.
+"""
 
 from collections.abc import Callable, Mapping
 

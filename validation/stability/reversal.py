@@ -1,6 +1,8 @@
-"""Time reversal in the note's scene: velocities flipped after T, back after another T to where all began.
+"""Time reversal in the note's scene: velocities flipped after T, back after another T to where all
+began.
 
-Errors grow as exp(lambda t). Pairs of runs that begin 1e-15 apart measure lambda, the largest Lyapunov exponent.
+Errors grow as exp(lambda t). Pairs of runs that begin 1e-15 apart measure lambda, the largest
+Lyapunov exponent.
 """
 
 from collections.abc import Sequence
@@ -19,7 +21,10 @@ from validation.stability.table import Row, shown
 
 PROMISED = {0.1: 1e-12, 0.5: 1e-8}  # T: distance; tests/test_exact.py
 APART = 1e-15  # of the two runs of a pair, at the beginning
-LINEAR = (0.3, 1.1)  # times between which separations grow exponentially: above round-off, far below a radius
+LINEAR = (
+    0.3,
+    1.1,
+)  # times between which separations grow exponentially: above round-off, far below a radius
 SAMPLING = 0.02  # of the separations [time]
 
 
@@ -27,14 +32,18 @@ class Reversals(NamedTuple):
     """Distances from the start and separations, [length]."""
 
     times: tuple[float, ...]  # T
-    distance: dict[str, np.ndarray]  # program: (seeds, times), the largest of any disk; NaN: not run
+    distance: dict[
+        str, np.ndarray
+    ]  # program: (seeds, times), the largest of any disk; NaN: not run
     separation: np.ndarray  # (pairs, samples) of pairs of runs, root of the sum over disks
     exponents: np.ndarray  # (pairs,) lambda [1/time]
 
     @property
     def exponent(self) -> tuple[float, float]:
         """Lambda with its standard error."""
-        return float(self.exponents.mean()), float(self.exponents.std(ddof=1) / np.sqrt(len(self.exponents)))
+        return float(self.exponents.mean()), float(
+            self.exponents.std(ddof=1) / np.sqrt(len(self.exponents))
+        )
 
 
 def measure(
@@ -49,13 +58,19 @@ def measure(
         name: np.array([[there_and_back(run, start, t) for t in times] for start in starts])
         for name, run in EVENT_DRIVEN.items()
     }
-    distance[GAME] = np.array([[there_and_back(pymunk, starts[0], t) if t in games else np.nan for t in times]])
+    distance[GAME] = np.array(
+        [[there_and_back(pymunk, starts[0], t) if t in games else np.nan for t in times]]
+    )
     separation = np.array([_separation(notes_scene(seed)) for seed in range(pairs)])
-    return Reversals(tuple(times), distance, separation, np.array([_exponent(each) for each in separation]))
+    return Reversals(
+        tuple(times), distance, separation, np.array([_exponent(each) for each in separation])
+    )
 
 
 def there_and_back(run: Run, start: Start, duration: float) -> float:
-    """Return how far the disk is from its start that is furthest from it; NaN if the program is not there."""
+    """Return how far the disk is from its start that is furthest from it; NaN if the program is not
+    there.
+    """
     there = run(start, duration)
     if there is None:
         return np.nan
@@ -94,25 +109,50 @@ def rows(found: Reversals) -> list[Row]:
 def _cell(values: np.ndarray) -> str:
     if np.isnan(values).all():
         return "-"
-    return shown(values[0]) if len(values) == 1 else f"{shown(np.median(values))}, at most {shown(values.max())}"
+    return (
+        shown(values[0])
+        if len(values) == 1
+        else f"{shown(np.median(values))}, at most {shown(values.max())}"
+    )
 
 
 def draw(found: Reversals) -> Figure:
     """Draw distances against T, and separations against time."""
     figure, ((left, right),) = grid(1, 2, 4.4, 3.5)
-    for (name, distance), (colour, line, marker) in zip(found.distance.items(), SERIES, strict=False):
+    for (name, distance), (colour, line, marker) in zip(
+        found.distance.items(), SERIES, strict=False
+    ):
         seen = ~np.isnan(distance).all(axis=0)
         if seen.any():
             middle = np.median(distance[:, seen], axis=0)
-            left.plot(np.array(found.times)[seen], middle, color=colour, linestyle=line, marker=marker, label=name)
+            left.plot(
+                np.array(found.times)[seen],
+                middle,
+                color=colour,
+                linestyle=line,
+                marker=marker,
+                label=name,
+            )
     for t, bound in PROMISED.items():
-        left.plot([t], [bound], color=GREY, marker="v", linestyle="", label="promised" if t == 0.1 else None)
-    left.set(yscale="log", xlabel="time $T$ of the reversal", ylabel="distance from the start [length]")
+        left.plot(
+            [t],
+            [bound],
+            color=GREY,
+            marker="v",
+            linestyle="",
+            label="promised" if t == 0.1 else None,
+        )
+    left.set(
+        yscale="log", xlabel="time $T$ of the reversal", ylabel="distance from the start [length]"
+    )
     left.legend()
     time = SAMPLING * np.arange(found.separation.shape[1])
     right.plot(time, found.separation[:20].T, color=GREY, linewidth=0.4, alpha=0.5)
     right.plot(
-        time, np.median(found.separation, axis=0), color=SERIES[0][0], label=f"median of {len(found.separation)}"
+        time,
+        np.median(found.separation, axis=0),
+        color=SERIES[0][0],
+        label=f"median of {len(found.separation)}",
     )
     exponent, error = found.exponent
     middle = len(time) // 2
@@ -124,6 +164,8 @@ def draw(found: Reversals) -> Figure:
         linestyle=DASHED,
         label=f"$\\exp(\\lambda t)$, $\\lambda = {exponent:.2f} \\pm {error:.2f}$",
     )
-    right.set(yscale="log", xlabel="time $t$", ylabel="separation of two runs [length]", ylim=(1e-16, 30))
+    right.set(
+        yscale="log", xlabel="time $t$", ylabel="separation of two runs [length]", ylim=(1e-16, 30)
+    )
     right.legend()
     return figure

@@ -1,4 +1,6 @@
-"""Speeds from 1e-170 to 1e160: the same disks in other units, by powers of two, must do the same to the bit."""
+"""Speeds from 1e-170 to 1e160: the same disks in other units, by powers of two, must do the same to
+the bit.
+"""
 
 from collections.abc import Sequence
 
@@ -13,10 +15,14 @@ from validation.stability.start import gas
 from validation.stability.table import Row
 
 PROGRAMS = {**EVENT_DRIVEN, GAME: pymunk}
-Found = dict[str, dict[int, tuple[int, bool]]]  # program: exponent of the unit of time: events, same bits as with 0
+Found = dict[
+    str, dict[int, tuple[int, bool]]
+]  # program: exponent of the unit of time: events, same bits as with 0
 
 
-def measure(powers: Sequence[int] = (-531, -515, -332, 0, 332, 480, 515, 565), duration: float = 4.0) -> Found:
+def measure(
+    powers: Sequence[int] = (-531, -515, -332, 0, 332, 480, 515, 565), duration: float = 4.0
+) -> Found:
     """Run with units of time of 2^-power, which makes speeds of 2^-power."""
     start = gas(1.0, [(8, 0.1, 1.0), (8, 0.14, 0.3)])
     found: Found = {}
@@ -24,7 +30,8 @@ def measure(powers: Sequence[int] = (-531, -515, -332, 0, 332, 480, 515, 565), d
         plainly = run(start, duration)
         if plainly is not None:
             found[name] = {
-                k: _compared(run(start.scaled(0, k), float(np.ldexp(duration, k))), plainly, k) for k in powers
+                k: _compared(run(start.scaled(0, k), float(np.ldexp(duration, k))), plainly, k)
+                for k in powers
             }
     return found
 
@@ -41,7 +48,9 @@ def rows(found: Found) -> list[Row]:
     for power in found["brownpipe"]:
         if power == 0:
             continue
-        cells = [_cell(found[name][power], found[name][0]) if name in found else "-" for name in PROGRAMS]
+        cells = [
+            _cell(found[name][power], found[name][0]) if name in found else "-" for name in PROGRAMS
+        ]
         speed = f"$10^{{{-power * np.log10(2):.0f}}}$"
         made.append(Row(f"speeds of {speed}", "same bits", cells, found["brownpipe"][power][1]))
     return made
@@ -57,7 +66,14 @@ def draw(found: Found) -> Figure:
     for (name, runs), (colour, line, marker) in zip(found.items(), SERIES, strict=False):
         powers = sorted(runs)
         share = [runs[k][0] / runs[0][0] for k in powers]
-        axes.plot([-k * np.log10(2) for k in powers], share, color=colour, linestyle=line, marker=marker, label=name)
+        axes.plot(
+            [-k * np.log10(2) for k in powers],
+            share,
+            color=colour,
+            linestyle=line,
+            marker=marker,
+            label=name,
+        )
     axes.set(xlabel="$\\log_{10}$ of the speeds", ylabel="collisions, relative to\nspeeds of 1")
     axes.legend()
     return figure

@@ -1,4 +1,6 @@
-"""Where runs begin: a box and the state of all disks, the same for every program; and states to begin from."""
+"""Where runs begin: a box and the state of all disks, the same for every program; and states to
+begin from.
+"""
 
 from typing import NamedTuple
 
@@ -22,10 +24,14 @@ class Start(NamedTuple):
         rows = zip(*(column.tolist() for column in self.state), strict=True)
         disks = [dict(zip(keys, row, strict=True)) for row in rows]
         box = {"x": list(self.x), "y": list(self.y)}
-        return parse_scene({"box": box, "disks": disks, "duration": duration} | more, "stability.yaml")
+        return parse_scene(
+            {"box": box, "disks": disks, "duration": duration} | more, "stability.yaml"
+        )
 
     def scaled(self, length: int, time: int) -> "Start":
-        """Return the same disks in units of length and time smaller by these powers of two: every bit is kept."""
+        """Return the same disks in units of length and time smaller by these powers of two: every
+        bit is kept.
+        """
         old = self.state
         position, radius = np.ldexp(old.position, length), np.ldexp(old.radius, length)
         state = State(position, np.ldexp(old.velocity, length - time), radius, old.mass)
@@ -41,14 +47,25 @@ class Start(NamedTuple):
 def listed(half: float, rows: list[tuple[float, ...]]) -> Start:
     """Return disks in [-half, half]^2 from rows (x, y, vx, vy, radius, mass)."""
     table = np.array(rows, dtype=float)
-    return Start((-half, half), (-half, half), State(table[:, :2], table[:, 2:4], table[:, 4], table[:, 5]))
+    return Start(
+        (-half, half), (-half, half), State(table[:, :2], table[:, 2:4], table[:, 4], table[:, 5])
+    )
 
 
 def gas(half: float, species: list[tuple[int, float, float]], seed: int = 1) -> Start:
-    """Return disks at random places in [-half, half]^2 at kT = 1; species: (number, radius, mass)."""
-    named = [{"name": f"s{k}", "count": n, "radius": r, "mass": m} for k, (n, r, m) in enumerate(species)]
+    """Return disks at random places in [-half, half]^2 at kT = 1; species: (number, radius,
+    mass).
+    """
+    named = [
+        {"name": f"s{k}", "count": n, "radius": r, "mass": m} for k, (n, r, m) in enumerate(species)
+    ]
     box = {"x": [-half, half], "y": [-half, half]}
-    mapping = {"box": box, "disks": {"species": named}, "velocities": {"temperature": 1.0}, "duration": 1.0}
+    mapping = {
+        "box": box,
+        "disks": {"species": named},
+        "velocities": {"temperature": 1.0},
+        "duration": 1.0,
+    }
     return Start((-half, half), (-half, half), draw(parse_scene(mapping, "gas.yaml"), seed))
 
 
@@ -57,12 +74,18 @@ def notes_scene(seed: int) -> Start:
     bath = {"name": "bath", "count": 149, "radius": 0.1, "mass": 0.4}
     disks = {"tracer": {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}, "species": [bath]}
     box = {"x": [-3.0, 3.0], "y": [-3.0, 3.0]}
-    mapping = {"box": box, "disks": disks, "velocities": {"standard_deviation": 2.0}, "duration": 1.0}
+    mapping = {
+        "box": box,
+        "disks": disks,
+        "velocities": {"standard_deviation": 2.0},
+        "duration": 1.0,
+    }
     return Start((-3.0, 3.0), (-3.0, 3.0), draw(parse_scene(mapping, "note.yaml"), seed))
 
 
 def packing(gap: float, columns: int = 5, rows: int = 6) -> Start:
-    """Return a triangular lattice of disks of diameter 1 between walls, spread so that all gaps are about `gap`.
+    """Return a triangular lattice of disks of diameter 1 between walls, spread so that all gaps are
+    about `gap`.
 
     At gap 0 every disk touches its neighbours and the walls beside it: none can leave its place.
     """
@@ -71,4 +94,6 @@ def packing(gap: float, columns: int = 5, rows: int = 6) -> Start:
     position = np.stack([(column + 0.5 * (row % 2)) * a, row * a * np.sqrt(0.75)], axis=1) + 0.5 * a
     velocity = np.random.default_rng(1).standard_normal(position.shape)
     state = State(position, velocity, np.full(len(position), 0.5), np.ones(len(position)))
-    return Start((0.0, (columns + 0.5) * a), (0.0, float(a * (1 + (rows - 1) * np.sqrt(0.75)))), state)
+    return Start(
+        (0.0, (columns + 0.5) * a), (0.0, float(a * (1 + (rows - 1) * np.sqrt(0.75)))), state
+    )

@@ -8,7 +8,12 @@
 # it has read) or on what Snakemake remembers (`rerun-triggers: input` in the profile). `ancient` marks the very object
 # it is given, so it gets a copy, `str`, of an output's name: rule all has that name, too, and would not be due after
 # another step.
-from brownpipe.study.workflow import ended_by_mistakes, forecast, read_workflow_study, remove_stale_locks
+from brownpipe.study.workflow import (
+    ended_by_mistakes,
+    forecast,
+    read_workflow_study,
+    remove_stale_locks,
+)
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import commands, digests, figure_options, files_of, requests
 from brownpipe.provenance import PACKAGE
@@ -25,7 +30,9 @@ simulations = commands(study)
 request = requests(study)
 captions = PACKAGE / "figures"
 awaits_plan = []  # the job that says how many runs there are, until it is done
-not_as_made = "echo 'brownpipe: delete what is not as the study made it, and run the study again' >&2; exit 1"
+not_as_made = (
+    "echo 'brownpipe: delete what is not as the study made it, and run the study again' >&2; exit 1"
+)
 
 
 wildcard_constraints:

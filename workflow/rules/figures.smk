@@ -4,14 +4,25 @@ rule figures:
         ancient(str(rules.aggregate.output.made_from)),
         dataset=ancient(str(rules.aggregate.output.dataset)),
     output:
-        summary=report(f"{results}/figures/summary.txt", caption="../report/summary.rst", category="Answer"),
+        summary=report(
+            f"{results}/figures/summary.txt", caption="../report/summary.rst", category="Answer"
+        ),
         numbers=f"{results}/figures/summary.csv",
         provenance=update(f"{results}/figures/provenance.json"),  # lists the files of the drawing before
         figures=[
-            report(f"{results}/figures/{name}.svg", caption=f"{captions}/{name}.rst", category="Figures")
+            report(
+                f"{results}/figures/{name}.svg",
+                caption=f"{captions}/{name}.rst",
+                category="Figures",
+            )
             for name in study.figures
         ],
-        others=expand("{results}/figures/{name}.{kind}", results=results, name=study.figures, kind=["png", "csv"]),
+        others=expand(
+            "{results}/figures/{name}.{kind}",
+            results=results,
+            name=study.figures,
+            kind=["png", "csv"],
+        ),
         page=f"{results}/report.html",
         drawn_from=f"{results}/figures/drawn_from_{made_from['figures']}.txt",
     log:

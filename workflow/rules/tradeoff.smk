@@ -27,14 +27,24 @@ rule tradeoff_drawings:
         ancient(str(rules.tradeoff.output.made_from)),
         dataset=ancient(str(rules.tradeoff.output.dataset)),
     output:
-        table=report(f"{results}/tradeoff/tradeoff.txt", caption=f"{captions}/tradeoff.rst", category="Trade-off"),
+        table=report(
+            f"{results}/tradeoff/tradeoff.txt",
+            caption=f"{captions}/tradeoff.rst",
+            category="Trade-off",
+        ),
         numbers=f"{results}/tradeoff/tradeoff.csv",
         provenance=update(f"{results}/tradeoff/provenance.json"),  # lists the files of the drawing before
         figures=[
-            report(f"{results}/tradeoff/tradeoff_{name}.svg", caption=f"{captions}/tradeoff.rst", category="Trade-off")
+            report(
+                f"{results}/tradeoff/tradeoff_{name}.svg",
+                caption=f"{captions}/tradeoff.rst",
+                category="Trade-off",
+            )
             for name in study.tradeoff_cases
         ],
-        others=expand("{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.tradeoff_cases),
+        others=expand(
+            "{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.tradeoff_cases
+        ),
         page=f"{results}/tradeoff/report.html",
         drawn_from=f"{results}/tradeoff/drawn_from_{made_from['tradeoff_figures']}.txt",
     log:

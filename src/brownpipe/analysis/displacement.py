@@ -1,7 +1,8 @@
-"""Mean squared displacement of the tracer: the curve, straight-line fits in windows; its limits, from the scene alone.
+"""Mean squared displacement of the tracer: the curve, straight-line fits in windows; its limits,
+from the scene alone.
 
-S runs, n runs of a block, T sample times, W windows. Lengths and times in the reduced units of the scene. See
-docs/theory.md, section 5.
+S runs, n runs of a block, T sample times, W windows. Lengths and times in the reduced units of the
+scene. See docs/theory.md, section 5.
 """
 
 from collections.abc import Sequence
@@ -10,20 +11,33 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.estimator import Averages, Case, Columns
-from brownpipe.analysis.variables import AREA, EACH, ERROR, FOLLOWED, RATE, SEED, SPEED2, TIME, Mean, Variable
+from brownpipe.analysis.variables import (
+    AREA,
+    EACH,
+    ERROR,
+    FOLLOWED,
+    RATE,
+    SEED,
+    SPEED2,
+    TIME,
+    Mean,
+    Variable,
+)
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DECAY_TIMES, are_inside, diffusive_from
 from brownpipe.observables.displacement import displacement, squared
 from brownpipe.scene import Scene
 
-CENTRED = 1e-12  # relative distance from the centre, or difference of the sides, that counts as round-off
+# relative distance from the centre, or difference of the sides, that counts as round-off
+CENTRED = 1e-12
 
 
 def line_weights(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
-    """Return weights (2, T) such that slope, intercept = weights @ y is the least-squares line through y(t).
+    """Return weights (2, T) such that slope, intercept = weights @ y is the least-squares line
+    through y(t).
 
-    The line is fitted from the window's start to its end, both included to round-off. NaN where it is not defined: the
-    times (T,) end before the window does, or fewer than three lie in it.
+    The line is fitted from the window's start to its end, both included to round-off. NaN where it
+    is not defined: the times (T,) end before the window does, or fewer than three lie in it.
     """
     inside = are_inside(times, window)
     if np.count_nonzero(inside) < 3 or times[-1] < (1 - 1e-9) * window[1]:
@@ -34,12 +48,18 @@ def line_weights(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     return np.stack([slope, inside / np.count_nonzero(inside) - middle * slope])
 
 
-def per_run_lines(squared: np.ndarray, times: np.ndarray, windows: Sequence[tuple[float, float]]) -> np.ndarray:
-    """Return slope and intercept (S, 2, W) of the line through r^2(t) (S, T) of every run in each window.
+def per_run_lines(
+    squared: np.ndarray, times: np.ndarray, windows: Sequence[tuple[float, float]]
+) -> np.ndarray:
+    """Return slope and intercept (S, 2, W) of the line through r^2(t) (S, T) of every run in each
+    window.
 
-    Least squares is linear: their means over runs are slope and intercept of the line through the MSD.
+    Least squares is linear: their means over runs are slope and intercept of the line through the
+    MSD.
     """
-    return np.stack([(squared[:, None, :] * line_weights(times, one)).sum(axis=-1) for one in windows], axis=-1)
+    return np.stack(
+        [(squared[:, None, :] * line_weights(times, one)).sum(axis=-1) for one in windows], axis=-1
+    )
 
 
 def labels(windows: Sequence[tuple[float, float]]) -> list[str]:
@@ -51,25 +71,40 @@ def labels(windows: Sequence[tuple[float, float]]) -> list[str]:
 
 
 def initial_square_speed(scene: Scene) -> float:
-    """Return <v0^2> [length^2/time^2] of the tracer as the scene prescribes it: the coefficient of ballistic flight.
+    """Return <v0^2> [length^2/time^2] of the tracer as the scene prescribes it: the coefficient of
+    ballistic flight.
 
-    2 s^2 for components of standard deviation s, 2 kT/m for a temperature, the squared speed of explicit disks. With
-    zero total momentum the subtracted centre-of-mass velocity is accounted for. NaN if it is not known beforehand:
-    a tracer that exchanges energy before t = 0 with a bath of another temperature.
+    2 s^2 for components of standard deviation s, 2 kT/m for a temperature, the squared speed of
+    explicit disks. With zero total momentum the subtracted centre-of-mass velocity is accounted
+    for. NaN if it is not known beforehand: a tracer that exchanges energy before t = 0 with a bath
+    of another temperature.
     """
     if scene.velocities is None or not scene.particles:
         return float(np.square(scene.listed[0].velocity).sum()) if scene.listed else np.nan
-    if scene.equilibrate.time and scene.equilibrate.tracer == "free" and scene.velocities.temperature is None:
+    if (
+        scene.equilibrate.time
+        and scene.equilibrate.tracer == "free"
+        and scene.velocities.temperature is None
+    ):
         return np.nan
-    kt, share = scene.velocities.temperature, scene.velocities.zero_momentum * scene.mass / scene.mass.sum()
-    variance = np.full(scene.particles, scene.velocities.standard_deviation**2) if kt is None else kt / scene.mass
+    kt, share = (
+        scene.velocities.temperature,
+        scene.velocities.zero_momentum * scene.mass / scene.mass.sum(),
+    )
+    variance = (
+        np.full(scene.particles, scene.velocities.standard_deviation**2)
+        if kt is None
+        else kt / scene.mass
+    )
     return float(2.0 * (variance[0] * (1 - 2 * share[0]) + (share**2 * variance).sum()))
 
 
 def accessible_half_width(scene: Scene) -> float:
-    """Return half the side [length] of the square accessible to the tracer's centre; NaN if it starts elsewhere.
+    """Return half the side [length] of the square accessible to the tracer's centre; NaN if it
+    starts elsewhere.
 
-    Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for a start in its centre.
+    Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for a
+    start in its centre.
     """
     box, start = scene.box, next((disk.position for disk in scene.listed or scene.species), None)
     moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
@@ -84,7 +119,9 @@ def accessible_half_width(scene: Scene) -> float:
 
 
 def squared_of(case: Case, runs: Ensemble) -> np.ndarray | None:
-    """Return the squared displacement (n, T) of every run: the observable, else from the tracer's track; else None."""
+    """Return the squared displacement (n, T) of every run: the observable, else from the tracer's
+    track; else None.
+    """
     measured = runs.observables.get("square_displacement")
     return tracer_square_displacement(case, runs) if measured is None else measured
 
@@ -97,7 +134,9 @@ def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
     if runs.tracer is None:
         return runs.observables.get("square_displacement") if case.average == "runs" else None
     size = (case.scene.box.width, case.scene.box.height)
-    return np.ascontiguousarray(squared(displacement(runs.tracer.position, runs.tracer.image, size)).T)
+    return np.ascontiguousarray(
+        squared(displacement(runs.tracer.position, runs.tracer.image, size)).T
+    )
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
@@ -111,7 +150,9 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     lines = per_run_lines(square, case.times, case.windows)
     kept = {"run_msd": square[:, -1], "run_diffusion_coefficient": lines[:, 0, 0] / 4}
     friction = {name: one for name, one in runs.observables.items() if name == "friction_rate"}
-    return Columns({"msd": square, "slope": lines[:, 0], "intercept": lines[:, 1]} | friction, kept=kept)
+    return Columns(
+        {"msd": square, "slope": lines[:, 0], "intercept": lines[:, 1]} | friction, kept=kept
+    )
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -142,17 +183,27 @@ WINDOW = (*EACH, "window")
 VARIABLES = {
     "msd": Mean(TIME, AREA, f"mean squared displacement {FOLLOWED}"),
     "msd_over_4t": Mean(TIME, RATE, "mean squared displacement over 4 t"),
-    "slope": Mean(WINDOW, RATE, "least-squares slope of the mean squared displacement in the window"),
+    "slope": Mean(
+        WINDOW, RATE, "least-squares slope of the mean squared displacement in the window"
+    ),
     "intercept": Variable(WINDOW, AREA, "intercept of the least-squares line in the window", ERROR),
     "run_msd": Variable(SEED, AREA, "squared displacement of a run at its end"),
-    "run_diffusion_coefficient": Variable(SEED, RATE, "slope/4 of a run's squared displacement in the first window"),
+    "run_diffusion_coefficient": Variable(
+        SEED, RATE, "slope/4 of a run's squared displacement in the first window"
+    ),
     "diffusion_coefficient": Mean(WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
     "box_width": Variable(EACH, "length", "width of the box"),
     "duration": Variable(EACH, "time", "duration of a run"),
     "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
-    "initial_square_speed": Variable(EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"),
-    "diffusive_from": Variable(EACH, "time", "3/gamma of the tracer: lines may be fitted to the MSD after it"),
-    "accessible_half_width": Variable(EACH, "length", "half the side of the square in whose centre the tracer starts"),
+    "initial_square_speed": Variable(
+        EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"
+    ),
+    "diffusive_from": Variable(
+        EACH, "time", "3/gamma of the tracer: lines may be fitted to the MSD after it"
+    ),
+    "accessible_half_width": Variable(
+        EACH, "length", "half the side of the square in whose centre the tracer starts"
+    ),
 }
 COORDINATES = {
     "window": Variable(("window",), None, "time window of the straight-line fit"),

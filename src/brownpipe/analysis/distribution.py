@@ -1,8 +1,9 @@
-"""Distribution of the tracer's displacement at some times: counts in rings, eq. (18), kurtosis, goodness of fit.
+"""Distribution of the tracer's displacement at some times: counts in rings, eq. (18), kurtosis,
+goodness of fit.
 
-The histogram over rings is the self part of the van Hove function (L. Van Hove, Phys. Rev. 95, 249 (1954)), integrated
-over directions. K rings, D times, M models, n runs. Lengths and times in the reduced units of the scene. See
-docs/theory.md, sections 2 and 5.
+The histogram over rings is the self part of the van Hove function (L. Van Hove, Phys. Rev. 95, 249
+(1954)), integrated over directions. K rings, D times, M models, n runs. Lengths and times in the
+reduced units of the scene. See docs/theory.md, sections 2 and 5.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,27 +16,43 @@ from brownpipe import theory
 from brownpipe.analysis import displacement, goodness, resampling
 from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
-from brownpipe.analysis.variables import EACH, ENDS, ERROR, RATE, SAME_TIME, TIME, Mean, Variable, with_intervals
+from brownpipe.analysis.variables import (
+    EACH,
+    ENDS,
+    ERROR,
+    RATE,
+    SAME_TIME,
+    TIME,
+    Mean,
+    Variable,
+    with_intervals,
+)
 from brownpipe.engines.ensemble import Ensemble
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
 MOST_RINGS, REACH = 32, 3.0  # default rings: at most MOST_RINGS, out to REACH rms displacements
-BEYOND = 0.02  # of the runs that default rings are chosen from: the largest share beyond the last ring
-FEWEST_TO_CONTROL = 200  # runs (tracer alone) for a control variate: with 100 its stated error is 0.8 of the true one
+# of the runs that default rings are chosen from: the largest share beyond the last ring
+BEYOND = 0.02
+# runs (tracer alone) for a control variate: with 100 its stated error is 0.8 of the true one
+FEWEST_TO_CONTROL = 200
 LOG_STEP = 1e-4  # step in ln D for derivatives of the expected counts
 
 
 def ring_of(distance: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return the number k (n,) of the ring [edges[k], edges[k + 1]) at each distance; K beyond the outermost edge."""
+    """Return the number k (n,) of the ring [edges[k], edges[k + 1]) at each distance; K beyond the
+    outermost edge.
+    """
     return np.searchsorted(edges, distance, side="right") - 1
 
 
 def expected_ring_counts(
     runs: int, edges: np.ndarray, t: float, diffusion: float, half_width: float | None = None
 ) -> np.ndarray:
-    """Return how many of `runs` diffusers eq. (18) expects in each ring and beyond the last, (K + 1,), after time t.
+    """Return how many of `runs` diffusers eq. (18) expects in each ring and beyond the last, (K +
+    1,), after time t.
 
-    With `half_width` they start in the centre of a reflecting square, `theory.reflecting_square_within`.
+    With `half_width` they start in the centre of a reflecting square,
+    `theory.reflecting_square_within`.
     """
     if half_width is None:
         return runs * theory.ring_probability(edges, np.append(edges[1:], np.inf), t, diffusion)
@@ -47,7 +64,8 @@ def expected_ring_counts(
 
 
 def chosen_times(case: Case) -> np.ndarray:
-    """Return the indices (D,) of the sample times at `displacement_times`; by default of the last sample.
+    """Return the indices (D,) of the sample times at `displacement_times`; by default of the last
+    sample.
 
     Times at which the case has no sample are left out.
     """
@@ -57,11 +75,13 @@ def chosen_times(case: Case) -> np.ndarray:
 
 
 def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
-    """Return the edges (K + 1,) of the rings at each of the D times: `edges`, else chosen from these runs.
+    """Return the edges (K + 1,) of the rings at each of the D times: `edges`, else chosen from
+    these runs.
 
-    MOST_RINGS/2 to MOST_RINGS rings extend to REACH rms displacements, or further if more than BEYOND of the runs end
-    beyond (for a Gaussian in the plane, eq. (18), these are exp(-REACH^2) = 0.01 %). Their width is a power of two, so
-    that rings of two times or scenes either coincide or have different centres.
+    MOST_RINGS/2 to MOST_RINGS rings extend to REACH rms displacements, or further if more than
+    BEYOND of the runs end beyond (for a Gaussian in the plane, eq. (18), these are exp(-REACH^2) =
+    0.01 %). Their width is a power of two, so that rings of two times or scenes either coincide or
+    have different centres.
     """
     at = chosen_times(case)
     if case.edges is not None:
@@ -79,16 +99,23 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
-    """Return powers of r at the displacement times, counts in the rings, and moments for the non-Gaussian parameter."""
+    """Return powers of r at the displacement times, counts in the rings, and moments for the
+    non-Gaussian parameter.
+    """
     at, squared = chosen_times(case), displacement.squared_of(case, runs)
     distance2, moments = displacement.tracer_square_displacement(case, runs), {}
-    alike = "square_displacement" in runs.observables or case.average == "runs"  # r^2 and r^4 are averaged
+    alike = (
+        "square_displacement" in runs.observables or case.average == "runs"
+    )  # r^2 and r^4 are averaged
     if "quartic_displacement" in runs.observables and squared is not None and alike:
         quartic = runs.observables["quartic_displacement"]
         moments = {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
     if squared is None or distance2 is None or not len(at):
         return Columns(moments)
-    r2, slopes = distance2[:, at], displacement.per_run_lines(squared, case.times, case.windows)[:, 0]
+    r2, slopes = (
+        distance2[:, at],
+        displacement.per_run_lines(squared, case.times, case.windows)[:, 0],
+    )
     size = max(map(len, case.rings))
     counts, shared = [], []
     for k, column, edges in zip(at, r2.T, case.rings, strict=True):
@@ -100,7 +127,9 @@ def columns(case: Case, runs: Ensemble) -> Columns:
 
 
 def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
-    """Yield the values of all variables and coordinates at each of the displacement times, which have own rings."""
+    """Yield the values of all variables and coordinates at each of the displacement times, which
+    have own rings.
+    """
     square = ["square"] if np.isfinite(displacement.accessible_half_width(case.scene)) else []
     models = ["msd", *(f"slope {label}" for label in displacement.labels(case.windows)), *square]
     if "r2" not in averages.places:
@@ -132,7 +161,9 @@ def _rings(edges: np.ndarray) -> dict[str, np.ndarray]:
 
 
 class Model(NamedTuple):
-    """A model of the distribution and its D, with what `goodness.chi_square` needs to know of the source of D."""
+    """A model of the distribution and its D, with what `goodness.chi_square` needs to know of the
+    source of D.
+    """
 
     diffusion: float
     half_width: float | None  # of a reflecting square, None for the plane
@@ -143,12 +174,18 @@ class Model(NamedTuple):
 def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, list]:
     """Tests of every model (M,) against the counts (K + 1,) at the k-th time: variable -> M values.
 
-    D is the mean of r^2/4t or of a slope over 4, or that which gives the reflecting square this mean of r^2; NaN if the
-    mean is not positive.
+    D is the mean of r^2/4t or of a slope over 4, or that which gives the reflecting square this
+    mean of r^2; NaN if the mean is not positive.
     """
-    at, edges, half_width = chosen_times(case)[k], case.rings[k], displacement.accessible_half_width(case.scene)
+    at, edges, half_width = (
+        chosen_times(case)[k],
+        case.rings[k],
+        displacement.accessible_half_width(case.scene),
+    )
     t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
-    of_msd, of_slope = (np.stack(resampling.moments(averages.of(name), 0))[:, 0] for name in ("msd", "slope"))
+    of_msd, of_slope = (
+        np.stack(resampling.moments(averages.of(name), 0))[:, 0] for name in ("msd", "slope")
+    )
     means, variances = np.column_stack([of_msd[:, at], of_slope])
     means = np.where(means > 0.0, means, np.nan)
     variances = variances / means**2
@@ -157,20 +194,32 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     models = [Model(d, None, *of_source) for d, *of_source in each]
     if np.isfinite(half_width):
         larger = means[0] * (1.0 + LOG_STEP)
-        d, raised = (theory.reflecting_square_diffusion(msd, t, half_width) for msd in (means[0], larger))
+        d, raised = (
+            theory.reflecting_square_diffusion(msd, t, half_width) for msd in (means[0], larger)
+        )
         elasticity = (raised / d - 1.0) / LOG_STEP
         models.append(Model(d, half_width, elasticity * shared[0], elasticity**2 * variances[0]))
     tests = [_test(counts, edges, t, kurtosis_p, model) for model in models]
     return {name: [test[name] for test in tests] for name in tests[0]}
 
 
-def _test(counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, model: Model) -> dict[str, Any]:
+def _test(
+    counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, model: Model
+) -> dict[str, Any]:
     """Test of one model: variable -> value."""
     expected, raised, lowered, *wrong = (
         expected_ring_counts(counts.sum(), edges, t, model.diffusion * scale, model.half_width)
-        for scale in (1.0, float(np.exp(LOG_STEP)), float(np.exp(-LOG_STEP)), 1 + WRONG_BY, 1 - WRONG_BY)
+        for scale in (
+            1.0,
+            float(np.exp(LOG_STEP)),
+            float(np.exp(-LOG_STEP)),
+            1 + WRONG_BY,
+            1 - WRONG_BY,
+        )
     )
-    test = goodness.chi_square(counts, expected, (raised - lowered) / (2 * LOG_STEP), model.shared, model.variance)
+    test = goodness.chi_square(
+        counts, expected, (raised - lowered) / (2 * LOG_STEP), model.shared, model.variance
+    )
     of_shape = kurtosis_p if model.half_width is None else np.nan
     level = goodness.LEVEL / (1 + np.isfinite(of_shape))
     return {
@@ -186,20 +235,27 @@ def _test(counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, mo
 
 
 def kurtosis(averages: Averages, names: Sequence[str] = ("r2", "r4", "r6")) -> Estimate:
-    """Return <r^4> / (2 <r^2>^2) of the displacements at each time, (D,): 1 for a normal distribution in the plane.
+    """Return <r^4> / (2 <r^2>^2) of the displacements at each time, (D,): 1 for a normal
+    distribution in the plane.
 
-    `names` of the columns: r^2 and r^4 of each run, which may be averages within the run, and their product.
-    The bootstrap-t is applied to its inverse cube, studentized by the delta method with the moments of each replicate.
-    Of the powers tried this one has the best coverage for a normal distribution: 95, 91, 93 and 94 % of 600 ensembles
-    of 20, 50, 100 and 400 runs; the kurtosis itself has 90, 88, 91 and 94 %, plain percentiles 83 to 92 %.
+    `names` of the columns: r^2 and r^4 of each run, which may be averages within the run, and their
+    product. The bootstrap-t is applied to its inverse cube, studentized by the delta method with
+    the moments of each replicate. Of the powers tried this one has the best coverage for a normal
+    distribution: 95, 91, 93 and 94 % of 600 ensembles of 20, 50, 100 and 400 runs; the kurtosis
+    itself has 90, 88, 91 and 94 %, plain percentiles 83 to 92 %.
     """
     cube = resampling.estimate(*map(averages.of, names), of=_inverse_cube)
     with np.errstate(over="ignore", divide="ignore"):  # an interval that reaches 0 has no upper end
-        mean, high, low = (np.exp(np.log(np.maximum(value, 0.0)) / -3.0) for value in (cube.mean, cube.low, cube.high))
+        mean, high, low = (
+            np.exp(np.log(np.maximum(value, 0.0)) / -3.0)
+            for value in (cube.mean, cube.low, cube.high)
+        )
     return Estimate(mean, mean * cube.standard_error / (3 * cube.mean), low, high)
 
 
-def _inverse_cube(m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, *variances: np.ndarray) -> tuple[np.ndarray, ...]:
+def _inverse_cube(
+    m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, *variances: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """(m4 / (2 m2^2))^-3, and the square of its standard error times n - 1; NaN at t = 0."""
     m2, m4 = np.where(m2 > 0.0, m2, np.nan), np.where(m4 > 0.0, m4, np.nan)
     covariance = (m6 - m2 * m4) / (m2 * m4)
@@ -208,9 +264,14 @@ def _inverse_cube(m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, *variances: np
     return cube, 9 * cube**2 * np.maximum(of_logarithm, 0.0)
 
 
-# --- the non-Gaussian parameter: the kurtosis minus 1 at each sample time, with all averages within the runs
+# --- the non-Gaussian parameter: the kurtosis minus 1 at each sample time, with all averages within
+# the runs
 
-MOMENTS = ("msd", "quartic_displacement", "square_times_quartic")  # r^2, r^4 and their product; `displacement` has msd
+MOMENTS = (
+    "msd",
+    "quartic_displacement",
+    "square_times_quartic",
+)  # r^2, r^4 and their product; `displacement` has msd
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -218,22 +279,27 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "quartic_displacement" not in averages.places:
         return {}
     mean, error, low, high = kurtosis(averages, MOMENTS)
-    found: dict[str, ArrayLike] = {"non_gaussian_parameter": Estimate(mean - 1, error, low - 1, high - 1)}
+    found: dict[str, ArrayLike] = {
+        "non_gaussian_parameter": Estimate(mean - 1, error, low - 1, high - 1)
+    }
     fewest = FEWEST_TO_CONTROL if case.average == "runs" else FEWEST_FOR_INTERVAL
     return found if averages.runs < fewest else found | _controlled(averages, mean - 1)
 
 
 def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
-    """Non-Gaussian parameter (T,) with its value at the first sample after t = 0 as control variate.
+    """Non-Gaussian parameter (T,) with its value at the first sample after t = 0 as control
+    variate.
 
-    If that sample is well within the mean free time, its value is that of the initial velocities: 0 on average for
-    normal ones, and its scatter is subtracted. {} with few samples, or if nothing moves. Coefficient and standard error
-    are calculated from the replicates of the bootstrap.
+    If that sample is well within the mean free time, its value is that of the initial velocities: 0
+    on average for normal ones, and its scatter is subtracted. {} with few samples, or if nothing
+    moves. Coefficient and standard error are calculated from the replicates of the bootstrap.
     """
     if len(value) < 2 or not np.isfinite(value[1:]).all():
         return {}
     drawn = (resampling.moments(averages.of(name))[0][1:] for name in MOMENTS[:2])
-    r2, r4 = (means[np.isfinite(means).all(axis=1), 1:] for means in drawn)  # a replicate may have no runs
+    r2, r4 = (
+        means[np.isfinite(means).all(axis=1), 1:] for means in drawn
+    )  # a replicate may have no runs
     change = r4 / (2 * r2**2) - 1 - value[1:]
     first = change[:, :1]
     b = (change * first).mean(axis=0) / (first**2).mean()
@@ -244,34 +310,55 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
 
 
 MODELS = (
-    "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of the 2020 note; "
+    "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of "
+    "the 2020 note; "
     "square = diffusion in a reflecting square, D from MSD(t)"
 )
 AT = (*EACH, "displacement_time")
 RING, MODEL = (*AT, "r"), (*AT, "model")
 
-MEANING = "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 for a normal distribution"
+MEANING = (
+    "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 for a normal distribution"
+)
 
 AT_TIMES = {
     "displacement_counts": Variable(RING, "1", "number of runs in the ring", ENDS),
     "displacement_overflow": Variable(AT, "1", "number of runs beyond the outermost ring"),
     "model_diffusion_coefficient": Variable(MODEL, RATE, "diffusion coefficient of the model"),
-    "expected_counts": Variable((*MODEL, "r"), "1", "number of runs expected in the ring by the model"),
-    "expected_overflow": Variable(MODEL, "1", "number of runs expected beyond the outermost ring by the model"),
-    "chi_square": Variable(MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"),
-    "degrees_of_freedom": Variable(MODEL, "1", "number of pooled bins minus one for the total and one for D"),
+    "expected_counts": Variable(
+        (*MODEL, "r"), "1", "number of runs expected in the ring by the model"
+    ),
+    "expected_overflow": Variable(
+        MODEL, "1", "number of runs expected beyond the outermost ring by the model"
+    ),
+    "chi_square": Variable(
+        MODEL, "1", "chi-square of the counts, overflow included, sparse rings pooled"
+    ),
+    "degrees_of_freedom": Variable(
+        MODEL, "1", "number of pooled bins minus one for the total and one for D"
+    ),
     "p_value": Variable(MODEL, "1", "p-value of the chi-square, D estimated from the same runs"),
-    "p_value_joint": Variable(MODEL, "1", "p-value of rings and kurtosis together; for the square that of the rings"),
-    "power_5_percent": Variable(MODEL, "1", "power: chance that the test of the rings rejects a D wrong by 5 %"),
+    "p_value_joint": Variable(
+        MODEL, "1", "p-value of rings and kurtosis together; for the square that of the rings"
+    ),
+    "power_5_percent": Variable(
+        MODEL, "1", "power: chance that the test of the rings rejects a D wrong by 5 %"
+    ),
     "kurtosis_p_value": Variable(AT, "1", "p-value of the kurtosis for a normal displacement"),
-    "kurtosis": Mean(AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution"),
+    "kurtosis": Mean(
+        AT, "1", "kurtosis <r^4>/(2 <r^2>^2) of the displacement, 1 for a normal distribution"
+    ),
 }
 VARIABLES = AT_TIMES | {
     "non_gaussian_parameter": Mean(TIME, "1", MEANING),
-    "non_gaussian_parameter_controlled": Variable(TIME, "1", f"{MEANING}; control variate: the first after 0", ERROR),
+    "non_gaussian_parameter_controlled": Variable(
+        TIME, "1", f"{MEANING}; control variate: the first after 0", ERROR
+    ),
 }
 COORDINATES = {
-    "displacement_time": Variable(("displacement_time",), "time", "time of the displacement distribution"),
+    "displacement_time": Variable(
+        ("displacement_time",), "time", "time of the displacement distribution"
+    ),
     "r": Variable(("r",), "length", "middle of the ring"),
     "r_inner": Variable(("r",), "length", "inner radius of the ring"),
     "r_outer": Variable(("r",), "length", "outer radius of the ring"),

@@ -1,8 +1,10 @@
-"""Drifts within the runs of a scene that claims to be in equilibrium from t = 0. See docs/theory.md, section 5.
+"""Drifts within the runs of a scene that claims to be in equilibrium from t = 0. See
+docs/theory.md, section 5.
 
-In each run a quantity in the last quarter is compared with the same in the first. In equilibrium their difference is as
-likely as its negative, because the motion of hard disks is reversible: over n runs the mean over its standard error is
-Student's t with n - 1 degrees of freedom. The quantities of all cases of a dataset are one family of tests (Holm).
+In each run a quantity in the last quarter is compared with the same in the first. In equilibrium
+their difference is as likely as its negative, because the motion of hard disks is reversible: over
+n runs the mean over its standard error is Student's t with n - 1 degrees of freedom. The quantities
+of all cases of a dataset are one family of tests (Holm).
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,14 +26,22 @@ from brownpipe.scene import Scene
 
 LEVEL = 0.01  # family-wise error rate
 FEWEST_RUNS = 8
-TOO_FEW = f"too few runs, samples or collisions to test for drifts: it takes {FEWEST_RUNS} runs of 4 sample intervals"
+TOO_FEW = (
+    f"too few runs, samples or collisions to test for drifts: it takes {FEWEST_RUNS} runs of 4 "
+    "sample intervals"
+)
 POWER = 0.9
 LONGER = 2.0
-COUNTED = "kinetic_energy", "quarter_"  # first words of what is counted in the quarters of every run
+COUNTED = (
+    "kinetic_energy",
+    "quarter_",
+)  # first words of what is counted in the quarters of every run
 
 
 class Drift(NamedTuple):
-    """The last quarter of the runs minus the first, relative to the mean; arrays (Q,), one entry per quantity."""
+    """The last quarter of the runs minus the first, relative to the mean; arrays (Q,), one entry
+    per quantity.
+    """
 
     quantity: Sequence[str]
     change: np.ndarray
@@ -40,18 +50,26 @@ class Drift(NamedTuple):
 
 
 def is_tested(scene: Scene, engine: Engine) -> bool:
-    """Return whether runs are tested: those of the exact engine. Others drift towards an equilibrium of their own."""
+    """Return whether runs are tested: those of the exact engine. Others drift towards an
+    equilibrium of their own.
+    """
     return claims_equilibrium(scene) and engine.definition is EXACT
 
 
-def quarters_of(scene: Scene, times: np.ndarray, observables: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return each quantity in the quarters (n, 4) of n runs sampled at `times` (T,); {} if they were not counted."""
+def quarters_of(
+    scene: Scene, times: np.ndarray, observables: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Return each quantity in the quarters (n, 4) of n runs sampled at `times` (T,); {} if they
+    were not counted.
+    """
     if "quarter_virial" not in observables:
         return {}
     duration = np.diff(times[ends_of_quarters(times)])
     kt = temperature(scene, observables["kinetic_energy"])[:, None]
     found = {
-        "pressure": compressibility(scene, observables["quarter_virial"], np.where(kt > 0, kt, np.nan), duration),
+        "pressure": compressibility(
+            scene, observables["quarter_virial"], np.where(kt > 0, kt, np.nan), duration
+        ),
         "collision rate": observables["quarter_collisions"] / duration,
     }
     if "quarter_energy" in observables:
@@ -63,7 +81,8 @@ def quarters_of(scene: Scene, times: np.ndarray, observables: Mapping[str, np.nd
 
 
 def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
-    """Return the drift of quantities in the quarters (n, 4) of n runs, with the p-value of each test alone.
+    """Return the drift of quantities in the quarters (n, 4) of n runs, with the p-value of each
+    test alone.
 
     NaN for fewer than FEWEST_RUNS, for a quantity that is 0 and for one without scatter.
     """
@@ -73,7 +92,9 @@ def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
     runs, means = values.shape[1], values.mean(axis=(1, 2))
     changes = values[..., 3] - values[..., 0]
     change = changes.mean(axis=1)
-    error = changes.std(axis=1, ddof=1) / np.sqrt(runs) if runs > 1 else np.full(len(values), np.nan)
+    error = (
+        changes.std(axis=1, ddof=1) / np.sqrt(runs) if runs > 1 else np.full(len(values), np.nan)
+    )
     may_tell = (error > 0) & (means != 0) & (runs >= FEWEST_RUNS)
     t = np.divide(change, error, out=np.full(len(change), np.nan), where=may_tell)
     size = np.where(means != 0, np.abs(means), np.nan)
@@ -81,9 +102,11 @@ def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
 
 
 def found_with_power(error: np.ndarray, runs: int, tests: int) -> float:
-    """Return the pressure's drift that is found with probability POWER, at the first step of Holm's procedure.
+    """Return the pressure's drift that is found with probability POWER, at the first step of Holm's
+    procedure.
 
-    `error` (Q,) are the standard errors of the drifts over that number of `runs`, the pressure's first.
+    `error` (Q,) are the standard errors of the drifts over that number of `runs`, the pressure's
+    first.
     """
     from scipy.special import stdtrit
 
@@ -91,15 +114,21 @@ def found_with_power(error: np.ndarray, runs: int, tests: int) -> float:
 
 
 def time_to_try(scene: Scene) -> float:
-    """Return a longer equilibrate.time: LONGER times the end of runs that drift, and not below the forecast."""
+    """Return a longer equilibrate.time: LONGER times the end of runs that drift, and not below the
+    forecast.
+    """
     longer = np.fmax(LONGER * (scene.equilibrate.time + scene.duration), settling_time(scene))
     return float(f"{longer:.1g}")
 
 
 def in_words(found: Drift, to_try: float) -> str:
-    """Return what drifts within the runs, and the equilibrate.time to try; empty if nothing does."""
+    """Return what drifts within the runs, and the equilibrate.time to try; empty if nothing
+    does.
+    """
     rows = zip(*found, strict=True)
-    parts = [f"the {name} by {_percent(change, error)}" for name, change, error, p in rows if p < LEVEL]
+    parts = [
+        f"the {name} by {_percent(change, error)}" for name, change, error, p in rows if p < LEVEL
+    ]
     if not parts:
         return ""
     listed = ", ".join(parts).replace(" by ", " drifts by ", 1)
@@ -107,7 +136,9 @@ def in_words(found: Drift, to_try: float) -> str:
 
 
 def _percent(change: float, error: float) -> str:
-    """Return `-1.2(1) %`, a change with its standard error, rounded to one digit, in the last digit."""
+    """Return `-1.2(1) %`, a change with its standard error, rounded to one digit, in the last
+    digit.
+    """
     digit, exponent = f"{100 * error:.0e}".split("e")
     decimals = max(0, -int(exponent))
     return f"{100 * change:+.{decimals}f}({digit if decimals else f'{100 * error:.0f}'}) %"
@@ -115,7 +146,11 @@ def _percent(change: float, error: float) -> str:
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return what is counted in the quarters of every run."""
-    counted = {name: one for name, one in runs.observables.items() if name.startswith(COUNTED) and name not in case.own}
+    counted = {
+        name: one
+        for name, one in runs.observables.items()
+        if name.startswith(COUNTED) and name not in case.own
+    }
     return Columns(kept=counted if is_tested(case.scene, case.engine) else {})
 
 
@@ -125,14 +160,22 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         return {}
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
     if quarters := quarters_of(case.scene, case.times, averages.kept):
-        values |= zip(("quantity", "drift", "drift_standard_error", "drift_p_value"), drift_of(quarters), strict=True)
+        values |= zip(
+            ("quantity", "drift", "drift_standard_error", "drift_p_value"),
+            drift_of(quarters),
+            strict=True,
+        )
     return values
 
 
 QUANTITY = (*EACH, "quantity")
 VARIABLES = {
     "time_to_try": Variable(EACH, "time", "equilibrate.time to try if the runs drift"),
-    "drift": Variable(QUANTITY, "1", "relative change from the first to the last quarter of the runs", ERROR),
-    "drift_p_value": Variable(QUANTITY, "1", "p-value of the change in equilibrium, adjusted for the dataset (Holm)"),
+    "drift": Variable(
+        QUANTITY, "1", "relative change from the first to the last quarter of the runs", ERROR
+    ),
+    "drift_p_value": Variable(
+        QUANTITY, "1", "p-value of the change in equilibrium, adjusted for the dataset (Holm)"
+    ),
 }
 COORDINATES = {"quantity": Variable(("quantity",), None, "quantity that may drift")}

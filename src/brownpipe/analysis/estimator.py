@@ -1,11 +1,13 @@
-"""What an estimator is: a module that makes numbers from runs, one row per run, and variables from their averages.
+"""What an estimator is: a module that makes numbers from runs, one row per run, and variables from
+their averages.
 
     VARIABLES, COORDINATES      what it adds to the dataset (`variables.Variable`)
-    columns(case, runs)         numbers of a block of runs, as `Columns`; none for runs that lack what it needs
-    results(case, averages)     variables and coordinates by name, from the averages over all runs with their errors
+    columns(case, runs)         numbers of a block of runs, as `Columns`; none for runs that lack
+    what it needs results(case, averages)     variables and coordinates by name, from the averages
+    over all runs with their errors
 
-A variable with the name of one of the means takes its values, unless it is in the `results`. Nothing else of a run
-stays in memory. To add one, enter it in `dataset.ESTIMATORS`.
+A variable with the name of one of the means takes its values, unless it is in the `results`.
+Nothing else of a run stays in memory. To add one, enter it in `dataset.ESTIMATORS`.
 """
 
 from collections import ChainMap
@@ -31,10 +33,14 @@ class Case(NamedTuple):
     scene: Scene
     engine: Engine
     times: np.ndarray  # (T,) [time]
-    average: str = "runs"  # what displacements and autocorrelations are averaged over (observables.AVERAGES)
+    # what displacements and autocorrelations are averaged over (observables.AVERAGES)
+    average: str = "runs"
     windows: Sequence[tuple[float, float]] = ()  # (start, end) of the straight-line fits [time]
-    displacement_times: Sequence[float] = ()  # of the displacement distribution [time]; empty for the end of the run
-    edges: np.ndarray | None = None  # (K + 1,) requested edges of its rings [length]; None: from the data
+    displacement_times: Sequence[
+        float
+    ] = ()  # of the displacement distribution [time]; empty for the end of the run
+    # (K + 1,) requested edges of its rings [length]; None: from the data
+    edges: np.ndarray | None = None
     rings: tuple[np.ndarray, ...] = ()  # (K + 1,) edges of the rings at each of these times
     own: Own = NO_OWN  # arrays of the user's own functions
     varied: Sequence[str] = ()  # keys in which the scenes of the dataset differ
@@ -54,7 +60,9 @@ class Averages:
 
     runs: int = 0
     sums: Sums | None = None  # None: no runs
-    places: dict = field(default_factory=dict)  # name of a mean -> (columns in the sums: slice, shape of a run's entry)
+    places: dict = field(
+        default_factory=dict
+    )  # name of a mean -> (columns in the sums: slice, shape of a run's entry)
     totals: dict[str, np.ndarray] = field(default_factory=dict)  # sums over runs
     kept: dict[str, np.ndarray] = field(default_factory=dict)  # (runs, ...) of every run
 
@@ -64,8 +72,13 @@ class Averages:
         for name, values in columns.means.items():
             flat.append(np.reshape(values, (len(seeds), -1)))
             self.places[name] = slice(end, end := end + flat[-1].shape[1]), np.shape(values)[1:]
-        self.totals = {name: self.totals.get(name, 0) + values for name, values in columns.totals.items()}
-        self.kept = {name: np.concatenate([self.kept.get(name, one[:0]), one]) for name, one in columns.kept.items()}
+        self.totals = {
+            name: self.totals.get(name, 0) + values for name, values in columns.totals.items()
+        }
+        self.kept = {
+            name: np.concatenate([self.kept.get(name, one[:0]), one])
+            for name, one in columns.kept.items()
+        }
         self.runs += len(seeds)
         self.sums = resampling.add_block(self.sums, seeds, np.concatenate(flat, axis=1))
         return self
@@ -76,7 +89,9 @@ class Averages:
 
     def estimate(self, name: str) -> Estimate:
         """Return one of the means with error and interval."""
-        return Estimate(*(values.reshape(self.places[name][1]) for values in resampling.estimate(self.of(name))))
+        return Estimate(
+            *(values.reshape(self.places[name][1]) for values in resampling.estimate(self.of(name)))
+        )
 
     def mean(self, name: str) -> np.ndarray:
         """Return one of the means."""
@@ -92,8 +107,14 @@ def columns_of(estimators: Iterable[Any], case: Case, runs: Ensemble) -> Columns
 
 
 def results_of(estimators: Sequence[Any], case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    """Return the values of the variables and coordinates of some estimators, by name, and of the `AVERAGED`."""
-    derived = {name: value for one in estimators for name, value in one.results(case, averages).items()}
+    """Return the values of the variables and coordinates of some estimators, by name, and of the
+    `AVERAGED`.
+    """
+    derived = {
+        name: value for one in estimators for name, value in one.results(case, averages).items()
+    }
     variables = {*AVERAGED, *case.own, *(name for one in estimators for name in one.VARIABLES)}
     means = [name for name in averages.places if name in variables and name not in derived]
-    return with_intervals({name: averages.estimate(name).unless_alike() for name in means} | derived)
+    return with_intervals(
+        {name: averages.estimate(name).unless_alike() for name in means} | derived
+    )

@@ -1,19 +1,22 @@
-"""Goodness of fit of eq. (18): Pearson's chi-square with a D from the same runs, kurtosis, multiple tests.
+"""Goodness of fit of eq. (18): Pearson's chi-square with a D from the same runs, kurtosis, multiple
+tests.
 
-O_k of n runs end in bin k of K; the model expects E_k(D). With D known, X^2 = sum (O_k - E_k)^2/E_k is chi-square
-distributed with K - 1 degrees of freedom, and with D fitted to the counts by maximum likelihood with K - 2. Here D is
-estimated otherwise from the same runs, by <r^2>/4t or the slope of the MSD: a mean over runs of some s_i, with relative
-error delta. To first order the standardised counts are then Z_k - delta B_k with B_k = (dE_k/d ln D)/sqrt(E_k), where
-Z and delta are jointly normal. The covariance of Z_k and Z_l is 1 for k = l, less sqrt(E_k E_l)/n; that of Z_k and
-delta is C_k, the sum over the runs of bin k of (s_i/<s> - 1), over n sqrt(E_k); and delta has the variance
+O_k of n runs end in bin k of K; the model expects E_k(D). With D known, X^2 = sum (O_k - E_k)^2/E_k
+is chi-square distributed with K - 1 degrees of freedom, and with D fitted to the counts by maximum
+likelihood with K - 2. Here D is estimated otherwise from the same runs, by <r^2>/4t or the slope of
+the MSD: a mean over runs of some s_i, with relative error delta. To first order the standardised
+counts are then Z_k - delta B_k with B_k = (dE_k/d ln D)/sqrt(E_k), where Z and delta are jointly
+normal. The covariance of Z_k and Z_l is 1 for k = l, less sqrt(E_k E_l)/n; that of Z_k and delta is
+C_k, the sum over the runs of bin k of (s_i/<s> - 1), over n sqrt(E_k); and delta has the variance
 v = var(s)/(n <s>^2). So if the model holds,
 
     X^2 ~ chi2(K - 3) + l_1 chi2(1) + l_2 chi2(1),
 
-where l_1 - 1 and l_2 - 1 are the eigenvalues of v B B' - B C' - C B', a matrix of rank two. This sum is approximated by
-a chi-square, shifted and scaled to the same mean, variance and skewness (J. P. Imhof, Biometrika 48, 419 (1961), eq.
-4.1, after E. S. Pearson); this is exact for a D that is known or fitted to the counts. H. Chernoff and E. L. Lehmann,
-Ann. Math. Stat. 25, 579 (1954), treat a D fitted to single runs by maximum likelihood. See docs/theory.md, section 5.
+where l_1 - 1 and l_2 - 1 are the eigenvalues of v B B' - B C' - C B', a matrix of rank two. This
+sum is approximated by a chi-square, shifted and scaled to the same mean, variance and skewness (J.
+P. Imhof, Biometrika 48, 419 (1961), eq. 4.1, after E. S. Pearson); this is exact for a D that is
+known or fitted to the counts. H. Chernoff and E. L. Lehmann, Ann. Math. Stat. 25, 579 (1954), treat
+a D fitted to single runs by maximum likelihood. See docs/theory.md, section 5.
 """
 
 from typing import NamedTuple
@@ -35,13 +38,19 @@ class ChiSquare(NamedTuple):
 
 
 def chi_square(
-    observed: np.ndarray, expected: np.ndarray, change: np.ndarray, shared: np.ndarray, variance: float
+    observed: np.ndarray,
+    expected: np.ndarray,
+    change: np.ndarray,
+    shared: np.ndarray,
+    variance: float,
 ) -> ChiSquare:
-    """Return Pearson's test of counts (K,) against expected counts (K,) of the same total, for a D from the same runs.
+    """Return Pearson's test of counts (K,) against expected counts (K,) of the same total, for a D
+    from the same runs.
 
-    change: (K,) dE_k/d ln D. shared: (K,) sum over the runs of bin k of s_i/<s> - 1. variance: of s_i/<s> over runs.
-    Neighbouring bins are pooled until each expects FEWEST_EXPECTED. The nominal number of degrees of freedom is that of
-    the pooled bins minus one for the total and one for D; p follows from the distribution at the head of this module.
+    change: (K,) dE_k/d ln D. shared: (K,) sum over the runs of bin k of s_i/<s> - 1. variance: of
+    s_i/<s> over runs. Neighbouring bins are pooled until each expects FEWEST_EXPECTED. The nominal
+    number of degrees of freedom is that of the pooled bins minus one for the total and one for D; p
+    follows from the distribution at the head of this module.
     """
     from scipy.special import gammaincc
 
@@ -64,11 +73,13 @@ def chi_square(
 
 
 def power(expected: np.ndarray, others: np.ndarray, level: float = LEVEL) -> float:
-    """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,) holds.
+    """Return the power: the probability that `chi_square` rejects `expected` (K,) if `others` (K,)
+    holds.
 
-    X^2 is then treated as a noncentral chi-square with the nominal number of degrees of freedom. For a D from the
-    same runs this is an approximation: for a D that is 5 % wrong it gives 4 % where 5 or 6 % of 300 sets of 2,400 runs
-    are rejected, and 61 % where 66 to 69 % of 150 sets of 16,000 are. NaN without degrees of freedom.
+    X^2 is then treated as a noncentral chi-square with the nominal number of degrees of freedom.
+    For a D from the same runs this is an approximation: for a D that is 5 % wrong it gives 4 %
+    where 5 or 6 % of 300 sets of 2,400 runs are rejected, and 61 % where 66 to 69 % of 150 sets of
+    16,000 are. NaN without degrees of freedom.
     """
     from scipy.special import chdtri, chndtr
 
@@ -76,11 +87,15 @@ def power(expected: np.ndarray, others: np.ndarray, level: float = LEVEL) -> flo
     freedom = len(expected) - 2
     if freedom < 1 or not np.all(np.isfinite(expected + others)):
         return np.nan
-    return float(1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum()))
+    return float(
+        1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum())
+    )
 
 
 def _pooled(expected: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
-    """Sums over pools of neighbouring bins that expect FEWEST_EXPECTED or more; the rest joins the last pool."""
+    """Sums over pools of neighbouring bins that expect FEWEST_EXPECTED or more; the rest joins the
+    last pool.
+    """
     starts = [0]
     for k in range(1, len(expected)):
         if np.sum(expected[starts[-1] : k]) >= FEWEST_EXPECTED <= np.sum(expected[k:]):
@@ -92,13 +107,15 @@ def _pooled(expected: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
 
 
 def kurtosis_p_value(kurtosis: float, runs: int) -> float:
-    """Return the two-sided p-value of <r^4>/(2 <r^2>^2) of a number of runs if eq. (18) holds; NaN below three runs.
+    """Return the two-sided p-value of <r^4>/(2 <r^2>^2) of a number of runs if eq. (18) holds; NaN
+    below three runs.
 
-    r^2 is then exponential, and the kurtosis is runs/2 times Greenwood's statistic, the sum of squares of the parts of
-    the unit interval cut at random points (M. Greenwood, J. R. Stat. Soc. 109, 85 (1946); P. A. P. Moran, Suppl. J. R.
-    Stat. Soc. 9, 92 (1947)). A shifted lognormal distribution has the same mean, variance and skewness: a test at 1 %
-    rejects 1.5 % of ensembles of 50 runs, 1.1 % of 400 and 1.0 % of 2,400; at 0.16 %, the first step of Holm's
-    procedure for 16 tests, 0.4, 0.2 and 0.2 %.
+    r^2 is then exponential, and the kurtosis is runs/2 times Greenwood's statistic, the sum of
+    squares of the parts of the unit interval cut at random points (M. Greenwood, J. R. Stat. Soc.
+    109, 85 (1946); P. A. P. Moran, Suppl. J. R. Stat. Soc. 9, 92 (1947)). A shifted lognormal
+    distribution has the same mean, variance and skewness: a test at 1 % rejects 1.5 % of ensembles
+    of 50 runs, 1.1 % of 400 and 1.0 % of 2,400; at 0.16 %, the first step of Holm's procedure for
+    16 tests, 0.4, 0.2 and 0.2 %.
     """
     from scipy.special import ndtr
 
@@ -110,8 +127,12 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
     third = np.log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
     w = np.exp(third) + np.exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
     median = np.sqrt(variance / (w * (w - 1)))  # less the shift
-    above = kurtosis - n / (n + 1) + median * np.sqrt(w)  # the kurtosis less the shift; its mean is n/(n + 1)
-    return float(2 * ndtr(-abs(np.log(above / median)) / np.sqrt(np.log(w)))) if above > 0.0 else 0.0
+    above = (
+        kurtosis - n / (n + 1) + median * np.sqrt(w)
+    )  # the kurtosis less the shift; its mean is n/(n + 1)
+    return (
+        float(2 * ndtr(-abs(np.log(above / median)) / np.sqrt(np.log(w)))) if above > 0.0 else 0.0
+    )
 
 
 # --- multiple tests
@@ -128,7 +149,8 @@ def both(p: float, q: float) -> float:
 
 
 def holm(p: np.ndarray) -> np.ndarray:
-    """Return adjusted p-values (n,): rejecting those below a level has at most that family-wise error rate.
+    """Return adjusted p-values (n,): rejecting those below a level has at most that family-wise
+    error rate.
 
     S. Holm, Scand. J. Stat. 6, 65 (1979). NaN are left out.
     """
@@ -136,5 +158,7 @@ def holm(p: np.ndarray) -> np.ndarray:
     order = np.argsort(p, kind="stable")  # NaN last
     tests = np.count_nonzero(np.isfinite(p))
     adjusted = np.full(len(p), np.nan)
-    adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * np.maximum(tests - np.arange(len(p)), 1)), 1.0)
+    adjusted[order] = np.minimum(
+        np.maximum.accumulate(p[order] * np.maximum(tests - np.arange(len(p)), 1)), 1.0
+    )
     return adjusted

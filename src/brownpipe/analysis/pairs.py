@@ -1,7 +1,8 @@
-"""Pair distribution function g(r), its value at contact from g(r) and from collision rates; the density at the walls.
+"""Pair distribution function g(r), its value at contact from g(r) and from collision rates; the
+density at the walls.
 
-P pairs of species, R bins of distance, K species, B bins of distance from a wall, n runs. See docs/theory.md,
-section 3.
+P pairs of species, R bins of distance, K species, B bins of distance from a wall, n runs. See
+docs/theory.md, section 3.
 """
 
 import numpy as np
@@ -24,14 +25,15 @@ from brownpipe.scene import Scene
 NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrapolated to contact
 ORDER = 2  # of the polynomial that multiplies the decay there
 DECAY_AT_WALL = 2.2  # -d ln n/dz over phi chi near a wall, in diameters; theory has 8/pi at phi = 0
-DECAY = 1.6  # -d ln g/dr over phi chi up to NEAR, in contact distances; from simulations at phi = 0.5 and 0.65
+# -d ln g/dr over phi chi up to NEAR, in contact distances; from simulations at phi = 0.5 and 0.65
+DECAY = 1.6
 FEW = 20  # pairs in a bin, of all runs together
 NORMAL = 1.96  # standard errors in half a 95 % interval
 
 
 def pairs_in(scene: Scene) -> tuple[np.ndarray, ...]:
-    """Return the P pairs of species in a scene, each (P,): index of a species and of the other, a <= b, number of pairs
-    of disks, distance of two disks at contact [length].
+    """Return the P pairs of species in a scene, each (P,): index of a species and of the other, a
+    <= b, number of pairs of disks, distance of two disks at contact [length].
     """
     _, number, radius, *_ = table = species_table(scene)
     a, b = np.array(species_pairs(table), int).reshape(-1, 2).T
@@ -39,27 +41,35 @@ def pairs_in(scene: Scene) -> tuple[np.ndarray, ...]:
 
 
 def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
-    """Return the number of pairs (P, R) between `edges` (R + 1,) [length] expected for an ideal gas in this box.
+    """Return the number of pairs (P, R) between `edges` (R + 1,) [length] expected for an ideal gas
+    in this box.
 
-    Periodic box: the area of the ring over that of the box. Walls: two uniform points, each in the rectangle accessible
-    to its species, so that g(r) = 1 for an ideal gas at all distances. A lone disk need not be distributed uniformly:
-    see `_per_lone`.
+    Periodic box: the area of the ring over that of the box. Walls: two uniform points, each in the
+    rectangle accessible to its species, so that g(r) = 1 for an ideal gas at all distances. A lone
+    disk need not be distributed uniformly: see `_per_lone`.
     """
     a, b, number, _ = pairs_in(scene)
     if scene.box.periodic:
         return number[:, None] * np.pi * np.diff(edges**2) / scene.box.area
     areas = [scene.box.accessible(radius)[1] for radius in species_table(scene).radius]
-    shares = [theory.pair_distance_probability(edges, areas[k], areas[m]) for k, m in zip(a, b, strict=True)]
+    shares = [
+        theory.pair_distance_probability(edges, areas[k], areas[m])
+        for k, m in zip(a, b, strict=True)
+    ]
     return number[:, None] * shares
 
 
-def contact_weights(edges: np.ndarray, contact: float, decay: float, flat: bool = False) -> np.ndarray:
-    """Return weights (2, R) of g(r) in its bins: for the value at contact, and for its change by the next order.
+def contact_weights(
+    edges: np.ndarray, contact: float, decay: float, flat: bool = False
+) -> np.ndarray:
+    """Return weights (2, R) of g(r) in its bins: for the value at contact, and for its change by
+    the next order.
 
-    With x = r/contact - 1, a polynomial of degree ORDER in x times (1 + decay x/16)^-16, nearly exponential, is fitted
-    to the averages of g over the areas of the bins up to NEAR, by least squares with the areas as weights. The bins are
-    rings, or strips along a wall if `flat`. Averages are taken by three-point Gauss-Legendre quadrature. NaN if there
-    are too few bins for the next degree.
+    With x = r/contact - 1, a polynomial of degree ORDER in x times (1 + decay x/16)^-16, nearly
+    exponential, is fitted to the averages of g over the areas of the bins up to NEAR, by least
+    squares with the areas as weights. The bins are rings, or strips along a wall if `flat`.
+    Averages are taken by three-point Gauss-Legendre quadrature. NaN if there are too few bins for
+    the next degree.
     """
     inside = (edges[:-1] >= contact * (1 - 1e-9)) & (edges[1:] <= contact * NEAR * (1 + 1e-9))
     weights = np.zeros((2, len(inside)))
@@ -70,15 +80,20 @@ def contact_weights(edges: np.ndarray, contact: float, decay: float, flat: bool 
     x = ((1 - node) * low + (1 + node) * high) / 2  # (bins, nodes)
     area = (high - low) * share * (1 if flat else 1 + x)
     powers = (x[..., None] / (NEAR - 1)) ** np.arange(ORDER + 2)
-    averages = ((area / (1 + decay * x / 16) ** 16)[..., None] * powers).sum(axis=1) / area.sum(axis=1, keepdims=True)
+    averages = ((area / (1 + decay * x / 16) ** 16)[..., None] * powers).sum(axis=1) / area.sum(
+        axis=1, keepdims=True
+    )
     root = np.sqrt(area.sum(axis=1))
-    of_order, of_next = (np.linalg.pinv(root[:, None] * averages[:, :n])[0] * root for n in (ORDER + 1, ORDER + 2))
+    of_order, of_next = (
+        np.linalg.pinv(root[:, None] * averages[:, :n])[0] * root for n in (ORDER + 1, ORDER + 2)
+    )
     weights[:, inside] = of_order, of_next - of_order
     return weights
 
 
 def wall_weights(scene: Scene) -> np.ndarray:
-    """Return weights (2, K, B) of the profiles: for the density at contact, and for its change by the next order.
+    """Return weights (2, K, B) of the profiles: for the density at contact, and for its change by
+    the next order.
 
     `contact_weights` for a flat wall, up to a fifth of a diameter from it.
     """
@@ -86,27 +101,39 @@ def wall_weights(scene: Scene) -> np.ndarray:
     number, width = profile.bins(scene)
     edges, diameters = np.arange(number + 1) * width, 2 * species_table(scene).radius
     decay = DECAY_AT_WALL * phi * float(theory.contact_value(phi))
-    return np.stack([contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1)
+    return np.stack(
+        [contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1
+    )
 
 
 def widened(estimate: Estimate, following: Estimate) -> Estimate:
-    """Return the Estimate with the truncation error added in quadrature to its standard error and interval.
+    """Return the Estimate with the truncation error added in quadrature to its standard error and
+    interval.
 
-    This error is that of the next order, whose own noise is subtracted: sqrt(mean^2 - standard error^2), or 0.
+    This error is that of the next order, whose own noise is subtracted: sqrt(mean^2 - standard
+    error^2), or 0.
     """
     square = np.maximum(following.mean**2 - following.standard_error**2, 0.0)
-    reach = [np.sqrt((end - estimate.mean) ** 2 + NORMAL**2 * square) for end in (estimate.low, estimate.high)]
+    reach = [
+        np.sqrt((end - estimate.mean) ** 2 + NORMAL**2 * square)
+        for end in (estimate.low, estimate.high)
+    ]
     error = np.sqrt(estimate.standard_error**2 + square)
-    return Estimate(estimate.mean, error, estimate.mean - reach[0], estimate.mean + reach[1]).unless_alike()
+    return Estimate(
+        estimate.mean, error, estimate.mean - reach[0], estimate.mean + reach[1]
+    ).unless_alike()
 
 
-def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, duration: float) -> np.ndarray:
-    """Return contact values (n, P) from `collisions` (n, P) of runs of temperature `kt` (n,), in equilibrium.
+def contact_from_rate(
+    scene: Scene, collisions: np.ndarray, kt: np.ndarray, duration: float
+) -> np.ndarray:
+    """Return contact values (n, P) from `collisions` (n, P) of runs of temperature `kt` (n,), in
+    equilibrium.
 
-    A pair collides at the rate p(sigma) chi sqrt(kT/(2 pi mu)), p the density of its distance in an ideal gas: the flux
-    through contact of a Maxwell-Boltzmann distribution of relative velocities (S. Chapman and T. G. Cowling, The
-    Mathematical Theory of Non-Uniform Gases, ch. 5, in two dimensions). At the constant energy of a run the mean speed
-    is larger by 1/`friction.mean_root`.
+    A pair collides at the rate p(sigma) chi sqrt(kT/(2 pi mu)), p the density of its distance in an
+    ideal gas: the flux through contact of a Maxwell-Boltzmann distribution of relative velocities
+    (S. Chapman and T. G. Cowling, The Mathematical Theory of Non-Uniform Gases, ch. 5, in two
+    dimensions). At the constant energy of a run the mean speed is larger by 1/`friction.mean_root`.
     """
     (_, _, radius, mass, _), (a, b, number, contact) = species_table(scene), pairs_in(scene)
     if scene.box.periodic:
@@ -114,18 +141,30 @@ def contact_from_rate(scene: Scene, collisions: np.ndarray, kt: np.ndarray, dura
     else:
         areas = [scene.box.accessible(one)[1] for one in radius]
         each = zip(contact, a, b, strict=True)
-        p = np.array([theory.pair_distance_density_between(one, areas[k], areas[m]) for one, k, m in each], float)
-    rate = p * np.sqrt(kt[:, None] / (2 * np.pi * theory.reduced_mass(mass[a], mass[b]))) / mean_root(scene)
+        p = np.array(
+            [theory.pair_distance_density_between(one, areas[k], areas[m]) for one, k, m in each],
+            float,
+        )
+    rate = (
+        p
+        * np.sqrt(kt[:, None] / (2 * np.pi * theory.reduced_mass(mass[a], mass[b])))
+        / mean_root(scene)
+    )
     return _over(collisions, duration * number * rate)
 
 
 def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
-    """Columns of contact values from collisions; none if the runs are not in equilibrium from t = 0.
+    """Columns of contact values from collisions; none if the runs are not in equilibrium from t =
+    0.
 
-    The collisions of each pair of species are known for one species, and for one beside a single tracer. Between walls
-    its contact value needs the ideal gas around it.
+    The collisions of each pair of species are known for one species, and for one beside a single
+    tracer. Between walls its contact value needs the ideal gas around it.
     """
-    scene, seen, names = case.scene, runs.observables, ("pair_collisions", "tracer_collisions", "kinetic_energy")
+    scene, seen, names = (
+        case.scene,
+        runs.observables,
+        ("pair_collisions", "tracer_collisions", "kinetic_energy"),
+    )
     if not is_stationary(scene) or not seen.keys() >= {*names}:
         return {}
     every, tracers, energy = (np.asarray(seen[name], float) for name in names)
@@ -136,7 +175,11 @@ def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
         collisions = np.stack([np.full_like(every, np.nan), tracers, every - tracers], axis=1)
     else:
         return {}
-    return {"contact_value_rate": contact_from_rate(scene, collisions, temperature(scene, energy), case.times[-1])}
+    return {
+        "contact_value_rate": contact_from_rate(
+            scene, collisions, temperature(scene, energy), case.times[-1]
+        )
+    }
 
 
 def bin_edges(scene: Scene) -> np.ndarray:
@@ -153,7 +196,9 @@ def weights_of(scene: Scene) -> np.ndarray:
     density = number / scene.box.area * (phi / scene.packing_fraction)
     decays = DECAY * phi * theory.mixture_contact_values(density, 2 * radius)[a, b]
     edges = bin_edges(scene)
-    return np.stack([contact_weights(edges, *pair) for pair in zip(contact, decays, strict=True)], axis=1)
+    return np.stack(
+        [contact_weights(edges, *pair) for pair in zip(contact, decays, strict=True)], axis=1
+    )
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
@@ -165,14 +210,23 @@ def columns(case: Case, runs: Ensemble) -> Columns:
         return Columns(means)
     uniform = ideal(case.scene, bin_edges(case.scene)) * seen["pair_snapshots"][:, None, None]
     counts = np.asarray(seen["pair_counts"], float)
-    g, around_lone = _over(counts, uniform), _over(seen.get("pair_expected", np.full_like(counts, np.nan)), uniform)
+    g, around_lone = (
+        _over(counts, uniform),
+        _over(seen.get("pair_expected", np.full_like(counts, np.nan)), uniform),
+    )
     means |= {"pair_distribution": g} | _extrapolated("contact_value", g, weights_of(case.scene))
-    totals = {"pairs": counts, "one_pair": _over(np.ones_like(uniform), uniform), "around_lone": around_lone}
+    totals = {
+        "pairs": counts,
+        "one_pair": _over(np.ones_like(uniform), uniform),
+        "around_lone": around_lone,
+    }
     return Columns(means, {name: values.sum(axis=0) for name, values in totals.items()})
 
 
 def _extrapolated(name: str, values: np.ndarray, weights: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns of the value at contact, and of its change by the next order, for `weights` (2, ...)."""
+    """Columns of the value at contact, and of its change by the next order, for `weights` (2,
+    ...).
+    """
     of_order, following = ((values * of_one).sum(axis=-1) for of_one in weights)
     return {name: of_order, f"{name}_following": following}
 
@@ -182,22 +236,27 @@ def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 
 def _per_lone(around_lone: np.ndarray) -> np.ndarray:
-    """One over g(r) of an ideal gas around the lone disks where they were recorded, `around_lone`; 1 for other pairs.
+    """One over g(r) of an ideal gas around the lone disks where they were recorded, `around_lone`;
+    1 for other pairs.
 
-    `around_lone`, which like g(r) is relative to uniform points, is taken as known. This does not underestimate the
-    error of their ratio: the position of the lone disk shifts the counts of a run and the ideal gas alike, so that part
-    of the spread would cancel.
+    `around_lone`, which like g(r) is relative to uniform points, is taken as known. This does not
+    underestimate the error of their ratio: the position of the lone disk shifts the counts of a run
+    and the ideal gas alike, so that part of the spread would cancel.
     """
     return np.where(np.isfinite(around_lone), _over(np.ones_like(around_lone), around_lone), 1.0)
 
 
 def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
-    """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least Poisson's.
+    """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least
+    Poisson's.
 
     The bootstrap has no interval for up to three pairs, and too short ones for a few more.
     """
     estimate = averages.estimate("pair_distribution").scaled(_per_lone(around_lone))
-    pairs, one = averages.totals["pairs"], averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone)
+    pairs, one = (
+        averages.totals["pairs"],
+        averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone),
+    )
     *_, contact = pairs_in(case.scene)
     beyond = bin_edges(case.scene)[1:] > contact[:, None]
     few = (pairs < FEW) & beyond & (averages.runs >= resampling.FEWEST_FOR_INTERVAL)
@@ -206,10 +265,16 @@ def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate
 
 
 def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> dict[str, Estimate]:
-    """Contact values relative to the ideal gas around lone disks; those from g(r) with the error of extrapolation."""
-    of_lone, following_of_lone = (np.sum(around_lone * of_order, axis=-1) for of_order in weights_of(case.scene))
+    """Contact values relative to the ideal gas around lone disks; those from g(r) with the error of
+    extrapolation.
+    """
+    of_lone, following_of_lone = (
+        np.sum(around_lone * of_order, axis=-1) for of_order in weights_of(case.scene)
+    )
     # NaN where the ideal gas around a lone disk is not known at contact.
-    per_lone = np.where(np.isfinite(around_lone).any(axis=-1), _over(np.ones_like(of_lone), of_lone), 1.0)
+    per_lone = np.where(
+        np.isfinite(around_lone).any(axis=-1), _over(np.ones_like(of_lone), of_lone), 1.0
+    )
     found = [name for name in ("contact_value", "contact_value_rate") if name in averages.places]
     values = {name: averages.estimate(name).unless_alike().scaled(per_lone) for name in found}
     following = averages.estimate("contact_value_following")
@@ -219,10 +284,14 @@ def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> dict
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
-    """Return g(r), the contact values and the density at the walls with the errors of extrapolation."""
+    """Return g(r), the contact values and the density at the walls with the errors of
+    extrapolation.
+    """
     values: dict[str, ArrayLike | Estimate] = {}
     if "contact_density" in averages.places:
-        values["contact_density"] = widened(*map(averages.estimate, ("contact_density", "contact_density_following")))
+        values["contact_density"] = widened(
+            *map(averages.estimate, ("contact_density", "contact_density_following"))
+        )
     if {"pair_distribution", "contact_value_rate"} & averages.places.keys():
         *_, values["contact_distance"] = pairs_in(case.scene)
     if "pair_distribution" in averages.places:
@@ -235,9 +304,15 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
 PAIR, SPECIES = (*EACH, "species_pair"), (*EACH, "species")
 
 VARIABLES = {
-    "pair_distribution": Mean((*PAIR, "distance"), "1", "pair distribution g(r); 1 for an ideal gas in this box"),
+    "pair_distribution": Mean(
+        (*PAIR, "distance"), "1", "pair distribution g(r); 1 for an ideal gas in this box"
+    ),
     "contact_distance": Variable(PAIR, "length", "distance of the two disks at contact"),
-    "contact_value": Mean(PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"),
+    "contact_value": Mean(
+        PAIR, "1", "g(r) at contact, extrapolated from up to 1.2 contact distances"
+    ),
     "contact_value_rate": Mean(PAIR, "1", "g(r) at contact, from the collision rate"),
-    "contact_density": Mean(SPECIES, "1/length^2", "density at the walls, extrapolated from up to 0.2 diameters"),
+    "contact_density": Mean(
+        SPECIES, "1/length^2", "density at the walls, extrapolated from up to 0.2 diameters"
+    ),
 }

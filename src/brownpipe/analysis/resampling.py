@@ -1,15 +1,17 @@
 """Errors of averages over independent runs. Runs are resampled, never the time points of a run.
 
-All results are means over runs or functions of such means: the MSD at one time is the mean of the squared
-displacements, and a least-squares slope of the MSD is the mean of the slopes of the single runs, because least squares
-is linear. So the standard error is s/sqrt(n), which is also the jackknife's, and only the interval needs resampling:
-a bootstrap-t (B. Efron, Can. J. Stat. 9, 139 (1981)).
+All results are means over runs or functions of such means: the MSD at one time is the mean of the
+squared displacements, and a least-squares slope of the MSD is the mean of the slopes of the single
+runs, because least squares is linear. So the standard error is s/sqrt(n), which is also the
+jackknife's, and only the interval needs resampling: a bootstrap-t (B. Efron, Can. J. Stat. 9, 139
+(1981)).
 
-Runs are resampled by a Poisson bootstrap (J. A. Hanley, B. MacGibbon, Comput. Methods Programs Biomed. 83, 57 (2006)):
-in each of REPLICATES replicates every run counts w times, w from the Poisson distribution of mean 1. Given the sum of
-the weights this is the ordinary bootstrap, which draws that many runs with replacement. But the weights of a run depend
-on its seed alone: runs may come in blocks of SEEDS_PER_BLOCK seeds, in bounded memory, further runs do not change the
-weights of the others, and scenes and engines that share seeds share weights. See docs/theory.md, section 5.
+Runs are resampled by a Poisson bootstrap (J. A. Hanley, B. MacGibbon, Comput. Methods Programs
+Biomed. 83, 57 (2006)): in each of REPLICATES replicates every run counts w times, w from the
+Poisson distribution of mean 1. Given the sum of the weights this is the ordinary bootstrap, which
+draws that many runs with replacement. But the weights of a run depend on its seed alone: runs may
+come in blocks of SEEDS_PER_BLOCK seeds, in bounded memory, further runs do not change the weights
+of the others, and scenes and engines that share seeds share weights. See docs/theory.md, section 5.
 """
 
 import math
@@ -19,18 +21,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-SEEDS_PER_BLOCK = 1024  # seeds that share a stream of weights, and whose runs are added up at a time
+# seeds that share a stream of weights, and whose runs are added up at a time
+SEEDS_PER_BLOCK = 1024
 REPLICATES = 1999  # the 2.5 % and 97.5 % quantiles are then the 50th value from either end
 FEWEST_FOR_INTERVAL = 10  # runs; with fewer its coverage is unknown for a skewed quantity
-ALIKE = 0.03  # in standard errors: a replicate with less error has equal runs only (round-off on the grid gives 0.01)
+# in standard errors: a replicate with less error has equal runs only (round-off on the grid gives
+# 0.01)
+ALIKE = 0.03
 _KEY = 0x62726F776E70697065  # of the Philox stream: the same replicates in every process
 _LONGEST = 64.0  # sqrt(sum of w^2) over the runs of a block is 45 +- 1.2
 _AT_ONCE = 512  # columns at a time, to bound the memory of intermediate arrays
 _OTHER = 2**62  # first seed of a second, independent set of weights, far beyond the first set
 _NORMAL_975 = 1.959963984540054
 
-# Inverse transform: a weight is the number of these bounds, P(w <= k) to 2^-17, that 16 random bits reach or exceed.
-_BOUNDS = [round(2**16 * math.exp(-1) * sum(1 / math.factorial(j) for j in range(k + 1))) for k in range(8)]
+# Inverse transform: a weight is the number of these bounds, P(w <= k) to 2^-17, that 16 random bits
+# reach or exceed.
+_BOUNDS = [
+    round(2**16 * math.exp(-1) * sum(1 / math.factorial(j) for j in range(k + 1))) for k in range(8)
+]
 
 
 class Estimate(NamedTuple):
@@ -38,7 +46,8 @@ class Estimate(NamedTuple):
 
     mean: np.ndarray
     standard_error: np.ndarray  # NaN for a single run
-    low: np.ndarray  # 95 % interval; NaN for fewer than FEWEST_FOR_INTERVAL runs, or events in up to three of them
+    # 95 % interval; NaN for fewer than FEWEST_FOR_INTERVAL runs, or events in up to three of them
+    low: np.ndarray
     high: np.ndarray
 
     def at(self, index: int | tuple) -> "Estimate":
@@ -50,12 +59,18 @@ class Estimate(NamedTuple):
         return Estimate(*(values * factor for values in self))
 
     def unless_alike(self) -> "Estimate":
-        """Return the Estimate with error and interval NaN where all runs are equal: mostly nothing was counted."""
-        return Estimate(self.mean, *(np.where(self.standard_error > 0, part, np.nan) for part in self[1:]))
+        """Return the Estimate with error and interval NaN where all runs are equal: mostly nothing
+        was counted.
+        """
+        return Estimate(
+            self.mean, *(np.where(self.standard_error > 0, part, np.nan) for part in self[1:])
+        )
 
 
 class Sums(NamedTuple):
-    """Sums over runs of d = x - pivot for C quantities x, and of d^2: of all runs first, then of the B replicates."""
+    """Sums over runs of d = x - pivot for C quantities x, and of d^2: of all runs first, then of
+    the B replicates.
+    """
 
     pivot: np.ndarray  # (C,) near the mean, so that no digits are lost
     weight: np.ndarray  # (1 + B,) number of runs; sum of the weights w
@@ -64,21 +79,28 @@ class Sums(NamedTuple):
 
     def at(self, columns: slice) -> "Sums":
         """Return the sums of some of the quantities."""
-        return Sums(self.pivot[columns], self.weight, self.first[:, columns], self.second[:, columns])
+        return Sums(
+            self.pivot[columns], self.weight, self.first[:, columns], self.second[:, columns]
+        )
 
 
 def moments(sums: Sums, replicates: int = REPLICATES) -> tuple[np.ndarray, np.ndarray]:
-    """Return means and variances (1 + `replicates`, C), divided by n, not n - 1; NaN for a replicate without runs."""
+    """Return means and variances (1 + `replicates`, C), divided by n, not n - 1; NaN for a
+    replicate without runs.
+    """
     rows = slice(1 + replicates)
-    first, second = (total[rows] / _or_nan(sums.weight[rows])[:, None] for total in (sums.first, sums.second))
+    first, second = (
+        total[rows] / _or_nan(sums.weight[rows])[:, None] for total in (sums.first, sums.second)
+    )
     return sums.pivot + first, np.maximum(second - np.square(first), 0.0)
 
 
 def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums:
-    """Return `sums` with the runs `seeds` (n,) of one block added, n > 0, whose entries are `columns` (n, C).
+    """Return `sums` with the runs `seeds` (n,) of one block added, n > 0, whose entries are
+    `columns` (n, C).
 
-    The arrays of `sums` are changed in place. Seeds must ascend, and blocks be added in ascending order; the result is
-    then the same to the bit on any number of threads.
+    The arrays of `sums` are changed in place. Seeds must ascend, and blocks be added in ascending
+    order; the result is then the same to the bit on any number of threads.
     """
     columns = np.asarray(columns, float)
     if sums is None:
@@ -100,9 +122,16 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
 
 @lru_cache(maxsize=4)
 def _weights(block: int) -> np.ndarray:
-    """Poisson weights (REPLICATES, SEEDS_PER_BLOCK) of the seeds of a block: integers from 0 to 8."""
+    """Poisson weights (REPLICATES, SEEDS_PER_BLOCK) of the seeds of a block: integers from 0 to
+    8.
+    """
     stream = np.random.Philox(key=_KEY, counter=[0, 0, 0, block])
-    bits = stream.random_raw(REPLICATES * SEEDS_PER_BLOCK // 4).astype("<u8").view("<u2").reshape(REPLICATES, -1)
+    bits = (
+        stream.random_raw(REPLICATES * SEEDS_PER_BLOCK // 4)
+        .astype("<u8")
+        .view("<u2")
+        .reshape(REPLICATES, -1)
+    )
     weights = np.zeros(bits.shape, np.uint8)
     for bound in _BOUNDS:
         weights += bits >= bound
@@ -110,12 +139,14 @@ def _weights(block: int) -> np.ndarray:
 
 
 def _on_a_grid(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Round columns x to integers times a unit, such that weighted sums over a block have no round-off.
+    """Round columns x to integers times a unit, such that weighted sums over a block have no
+    round-off.
 
-    By the Cauchy-Schwarz inequality sums of w x over any of the runs are below |w| |x|, and _LONGEST bounds |w| in any
-    replicate. The unit makes this bound 2^24, up to which integers are exact in single precision: the matrix product
-    gives the same bits in any order of summation, on any number of threads. The unit is about 2e-4 standard deviations,
-    negligible for a resampled mean.
+    By the Cauchy-Schwarz inequality sums of w x over any of the runs are below |w| |x|, and
+    _LONGEST bounds |w| in any replicate. The unit makes this bound 2^24, up to which integers are
+    exact in single precision: the matrix product gives the same bits in any order of summation, on
+    any number of threads. The unit is about 2e-4 standard deviations, negligible for a resampled
+    mean.
     """
     largest = np.abs(columns).max(axis=0)
     length = np.sqrt(np.square(columns / _or_nan(largest)).sum(axis=0)) * largest
@@ -124,26 +155,36 @@ def _on_a_grid(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)) -> Estimate:
-    """Return the Estimate of a function of means over runs, arrays (C,), by default of one mean; bootstrap-t interval.
+    """Return the Estimate of a function of means over runs, arrays (C,), by default of one mean;
+    bootstrap-t interval.
 
-    of: from the means and then the variances of all `sums`, each (1 + B, C), to the value and n - 1 times its squared
+    of: from the means and then the variances of all `sums`, each (1 + B, C), to the value and n - 1
+    times its squared
         error.
 
-    r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard error, which makes
-    the interval asymmetric in the right sense: it covers the truth in 95 % of the ensembles even for 10 runs
-    (B. Efron, Can. J. Stat. 9, 139 (1981)). NaN ends below FEWEST_FOR_INTERVAL runs, and where the runs are alike in
-    2.5 % of the replicates, as if only three runs have an event: for such a replicate t is infinite.
+    r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard
+    error, which makes the interval asymmetric in the right sense: it covers the truth in 95 % of
+    the ensembles even for 10 runs (B. Efron, Can. J. Stat. 9, 139 (1981)). NaN ends below
+    FEWEST_FOR_INTERVAL runs, and where the runs are alike in 2.5 % of the replicates, as if only
+    three runs have an event: for such a replicate t is infinite.
     """
     if len(sums[0].pivot) > _AT_ONCE:
-        chunks = [slice(start, start + _AT_ONCE) for start in range(0, len(sums[0].pivot), _AT_ONCE)]
+        chunks = [
+            slice(start, start + _AT_ONCE) for start in range(0, len(sums[0].pivot), _AT_ONCE)
+        ]
         parts = (estimate(*(one.at(chunk) for one in sums), of=of) for chunk in chunks)
         return Estimate(*map(np.concatenate, zip(*parts, strict=True)))
     means, variances = zip(*map(moments, sums), strict=True)
     value, variance = of(*means, *variances)
     error = np.sqrt(variance / _or_nan(sums[0].weight - 1)[:, None])
-    whole = value[0].copy(), error[0].copy()  # of all runs; views would keep the replicates in memory
+    whole = (
+        value[0].copy(),
+        error[0].copy(),
+    )  # of all runs; views would keep the replicates in memory
     deviation, tail = value[1:] - value[0], (REPLICATES + 1) // 40
-    t = np.where(error[0] > 0.0, np.copysign(np.inf, deviation), 0.0)  # for replicates of equal runs
+    t = np.where(
+        error[0] > 0.0, np.copysign(np.inf, deviation), 0.0
+    )  # for replicates of equal runs
     np.divide(deviation, error[1:], out=t, where=error[1:] > ALIKE * error[0])
     t.sort(axis=0)
     ends = value[0] - t[[-tail, tail - 1]] * error[0]
@@ -157,9 +198,11 @@ def _or_nan(count: np.ndarray) -> np.ndarray:
 
 
 def resample(samples: np.ndarray, seeds: np.ndarray | None = None) -> Estimate:
-    """Return mean over runs, standard error and 95 % interval of `samples` (runs, ...), one entry per run.
+    """Return mean over runs, standard error and 95 % interval of `samples` (runs, ...), one entry
+    per run.
 
-    `seeds` (runs,), by default 0, 1, ..., must ascend; the result depends on seeds and samples alone, to the bit.
+    `seeds` (runs,), by default 0, 1, ..., must ascend; the result depends on seeds and samples
+    alone, to the bit.
     """
     samples = np.asarray(samples, float)
     if not len(samples):
@@ -170,7 +213,8 @@ def resample(samples: np.ndarray, seeds: np.ndarray | None = None) -> Estimate:
 
 
 def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
-    """Return the means of the replicates of `samples` (runs, Q) minus the mean of the runs, (REPLICATES, Q).
+    """Return the means of the replicates of `samples` (runs, Q) minus the mean of the runs,
+    (REPLICATES, Q).
 
     The replicates are those of `resample`; with `other` a second set, independent of the first.
     """
@@ -182,16 +226,19 @@ def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
 def _added_up(seeds: np.ndarray, columns: np.ndarray) -> Sums:
     """Sums over all runs, seeds ascending."""
     sums = None
-    for rows in np.split(np.arange(len(seeds)), np.flatnonzero(np.diff(seeds // SEEDS_PER_BLOCK)) + 1):
+    for rows in np.split(
+        np.arange(len(seeds)), np.flatnonzero(np.diff(seeds // SEEDS_PER_BLOCK)) + 1
+    ):
         sums = add_block(sums, seeds[rows], columns[rows])
     return sums
 
 
 def wilson_interval(count: np.ndarray, total: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
-    """Return the 95 % interval of the expected number behind `count` (...) of `total` independent runs.
+    """Return the 95 % interval of the expected number behind `count` (...) of `total` independent
+    runs.
 
-    E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927). Its upper end is positive at a count of 0. Of infinitely many
-    runs, `count` is a number of rare events (Poisson).
+    E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927). Its upper end is positive at a count of 0. Of
+    infinitely many runs, `count` is a number of rare events (Poisson).
     """
     count, z2 = np.asarray(count, float), _NORMAL_975**2
     half = np.sqrt(z2 * (count * (1 - count / total) + z2 / 4))

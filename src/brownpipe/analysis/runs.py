@@ -1,6 +1,8 @@
-"""Read trajectory files: which files belong together, and their runs block by block, in bounded memory.
+"""Read trajectory files: which files belong together, and their runs block by block, in bounded
+memory.
 
-The only reader of studies: `analysis.dataset` and `tradeoff.compare` both take their runs from here.
+The only reader of studies: `analysis.dataset` and `tradeoff.compare` both take their runs from
+here.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +21,9 @@ from brownpipe.scene.variation import PACKING_FRACTION
 from brownpipe.storage.store import StoredFile, read_stored
 from brownpipe.storage.trajectories import Trajectories, open_runs, read_trajectories
 
-Source = str | Path | StoredFile | Trajectories  # of runs: a file, perhaps with its required seeds, or runs in memory
+Source = (
+    str | Path | StoredFile | Trajectories
+)  # of runs: a file, perhaps with its required seeds, or runs in memory
 
 
 class RunFile(NamedTuple):
@@ -40,10 +44,12 @@ class Group(NamedTuple):
 
 
 def groups_of(sources: Iterable[Source]) -> list[Group]:
-    """Return trajectory files and runs in memory by scene, particle count and engine label, in order of appearance.
+    """Return trajectory files and runs in memory by scene, particle count and engine label, in
+    order of appearance.
 
-    Raises AnalysisError for files that do not belong together (two scenes or sources under one name, a seed in two
-    files) or hold other runs than expected, and what `read_trajectories` raises.
+    Raises AnalysisError for files that do not belong together (two scenes or sources under one
+    name, a seed in two files) or hold other runs than expected, and what `read_trajectories`
+    raises.
     """
     groups: dict[tuple[str, int, str], list[RunFile]] = {}
     for number, source in enumerate(tracked([*sources], "files verified")):
@@ -57,7 +63,9 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
             contents = read_trajectories(source, outline=True)  # not its runs
             file = RunFile(str(source), contents.ensemble.seeds, contents, False)
         scene = file.contents.scene
-        groups.setdefault((scene.name, scene.particles, file.contents.engine.label), []).append(file)
+        groups.setdefault((scene.name, scene.particles, file.contents.engine.label), []).append(
+            file
+        )
     if not groups:
         raise AnalysisError("no trajectory files: nothing to analyse")
     _refuse_namesakes([files[0].contents.scene for files in groups.values()])
@@ -65,17 +73,24 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
 
 
 def _group(files: Sequence[RunFile]) -> Group:
-    """Return files as a group. Raises AnalysisError if they differ in more than their seeds, or have one in common."""
+    """Return files as a group. Raises AnalysisError if they differ in more than their seeds, or
+    have one in common.
+    """
     for file in files:
         for one, of_first in zip(_kind(file.contents), _kind(files[0].contents), strict=True):
             if one != of_first:
-                other = f"has another {one[0]} than {files[0].path}; make one again, or call its scene otherwise"
+                other = (
+                    f"has another {one[0]} than {files[0].path}; make one again, or call its "
+                    "scene otherwise"
+                )
                 raise AnalysisError(f"{file.path}: {other}")
     seeds = np.sort(np.concatenate([file.seeds for file in files]))
     repeated = seeds[1:][seeds[1:] == seeds[:-1]]
     if repeated.size:
         *_, first, last = (file.path for file in files if repeated[0] in file.seeds)
-        raise AnalysisError(f"{last}: seed {repeated[0]} is already in {first}; each run may count only once")
+        raise AnalysisError(
+            f"{last}: seed {repeated[0]} is already in {first}; each run may count only once"
+        )
     if files[0].contents.scene.listed and len(seeds) > 1:
         alike = "its disks are listed one by one: all its runs are the same; give one seed"
         raise AnalysisError(f"{files[-1].path}: {alike}")
@@ -84,7 +99,9 @@ def _group(files: Sequence[RunFile]) -> Group:
     expected = pattern.contents.ensemble.observables.keys()
     for file in ended:
         if unlike := ", ".join(sorted(file.contents.ensemble.observables.keys() ^ expected)):
-            wrong = f"has other observables than {pattern.path} ({unlike}); make one of the two again"
+            wrong = (
+                f"has other observables than {pattern.path} ({unlike}); make one of the two again"
+            )
             raise AnalysisError(f"{file.path}: {wrong}")
     return Group(tuple(files), seeds, pattern)
 
@@ -92,12 +109,18 @@ def _group(files: Sequence[RunFile]) -> Group:
 def _kind(contents: Trajectories) -> list[tuple[str, object]]:
     """Return what all files of a group must have in common, with its name."""
     scene, recorded = contents.scene, contents.record & {"tracer", "velocity"}
-    common = [(f"scene {scene.name!r}", scene.digest), ("--record", recorded), ("source code", contents.source)]
+    common = [
+        (f"scene {scene.name!r}", scene.digest),
+        ("--record", recorded),
+        ("source code", contents.source),
+    ]
     return [*common, ("average", contents.ensemble.average)]
 
 
 def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
-    """Refuse scenes of one name that differ in anything but their particle counts, and boxes scaled for these."""
+    """Refuse scenes of one name that differ in anything but their particle counts, and boxes scaled
+    for these.
+    """
     known: dict[str, dict] = {}
     for scene in scenes:
         uncounted = scene.as_mapping()
@@ -106,18 +129,24 @@ def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
         if f"{PACKING_FRACTION}=" in scene.name:
             lengths = [*scene.box.x, *scene.box.y, *(scene.species[0].position or ())]
             scaled = (scene.box.boundary, *np.divide(lengths, scene.box.width).round(9))
-            uncounted.update(box=scaled, disks=[(one.name, one.radius, one.mass) for one in scene.species])
+            uncounted.update(
+                box=scaled, disks=[(one.name, one.radius, one.mass) for one in scene.species]
+            )
         if known.setdefault(scene.name, uncounted) != uncounted:
-            raise AnalysisError(f"two different scenes are called {scene.name!r}; give one of them another name")
+            raise AnalysisError(
+                f"two different scenes are called {scene.name!r}; give one of them another name"
+            )
 
 
 def blocks_of(group: Group) -> Iterator[Ensemble]:
     """Yield the runs of a group in blocks of seeds between multiples of SEEDS_PER_BLOCK, ascending.
 
-    The blocks do not depend on how the runs are distributed over files; blocks read from files have no whole runs and
-    no collisions.
+    The blocks do not depend on how the runs are distributed over files; blocks read from files have
+    no whole runs and no collisions.
     """
-    opened = lru_cache(maxsize=2)(open_runs)  # enough to open each batch of consecutive seeds only once
+    opened = lru_cache(maxsize=2)(
+        open_runs
+    )  # enough to open each batch of consecutive seeds only once
     files = sorted(group.files, key=lambda file: file.seeds.min())
     for block in tracked(np.unique(group.seeds // SEEDS_PER_BLOCK), "blocks of runs"):
         parts = []

@@ -1,7 +1,8 @@
-"""Thermodynamics from collisions: rates, temperature, compressibility factor, pressure; and Enskog's theory of them.
+"""Thermodynamics from collisions: rates, temperature, compressibility factor, pressure; and
+Enskog's theory of them.
 
-Every run has its own kinetic temperature kT, from its energy: its rates are proportional to sqrt(kT), its virial to kT.
-n runs. See docs/theory.md, section 3.
+Every run has its own kinetic temperature kT, from its energy: its rates are proportional to
+sqrt(kT), its virial to kT. n runs. See docs/theory.md, section 3.
 """
 
 import numpy as np
@@ -11,7 +12,13 @@ from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.engines.friction import DENSEST, drift_diffusion, mean_root, moving_disks, rate_at_temperature
+from brownpipe.engines.friction import (
+    DENSEST,
+    drift_diffusion,
+    mean_root,
+    moving_disks,
+    rate_at_temperature,
+)
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
@@ -19,23 +26,29 @@ from brownpipe.scene import Scene
 def temperature(scene: Scene, energy: np.ndarray) -> np.ndarray:
     """Return kT (n,) [energy] of runs with kinetic energies (n,): energy per disk.
 
-    In a periodic box with zero total momentum, which is conserved, two degrees of freedom are missing: N - 1 disks.
+    In a periodic box with zero total momentum, which is conserved, two degrees of freedom are
+    missing: N - 1 disks.
     """
     return energy / (moving_disks(scene) or np.nan)
 
 
-def compressibility(scene: Scene, virial: np.ndarray, kt: np.ndarray, duration: float) -> np.ndarray:
-    """Return Z = 1 + W/(2 N kT T) (n,), W the sum of abs(momentum transfer) * contact distance in a time T.
+def compressibility(
+    scene: Scene, virial: np.ndarray, kt: np.ndarray, duration: float
+) -> np.ndarray:
+    """Return Z = 1 + W/(2 N kT T) (n,), W the sum of abs(momentum transfer) * contact distance in a
+    time T.
 
-    W is the `virial` (n,) of pair collisions, T the duration. In a periodic box Z = P/(n kT). Between walls it is not:
-    the forces of the walls, which act on centres at a distance R from the sides w and h, contribute to the virial, too.
-    By the virial theorem, for equal disks and the same pressure P on all walls, as in a square (w = h),
+    W is the `virial` (n,) of pair collisions, T the duration. In a periodic box Z = P/(n kT).
+    Between walls it is not: the forces of the walls, which act on centres at a distance R from the
+    sides w and h, contribute to the virial, too. By the virial theorem, for equal disks and the
+    same pressure P on all walls, as in a square (w = h),
 
         2 N kT + W/T = P [h (w - 2R) + w (h - 2R)],  so that  Z = Z_wall (1 - R/w - R/h),
 
-    with Z_wall = P/(n kT), n = N/A, A the area of the box. With several species R is the mean radius weighted by the
-    momentum transferred to the walls. In other rectangles the mean pressures on short and long walls differ, to first
-    order in R/w even for an ideal gas, and Z_wall is that of both together.
+    with Z_wall = P/(n kT), n = N/A, A the area of the box. With several species R is the mean
+    radius weighted by the momentum transferred to the walls. In other rectangles the mean pressures
+    on short and long walls differ, to first order in R/w even for an ideal gas, and Z_wall is that
+    of both together.
     """
     return 1.0 + virial / (2.0 * scene.particles * kt * duration)
 
@@ -43,25 +56,33 @@ def compressibility(scene: Scene, virial: np.ndarray, kt: np.ndarray, duration: 
 def compressibility_from_rate(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
     """Return Z = 1 + 2 phi chi (n,) of equal disks from their collision rate (n,).
 
-    With the diameter s the canonical mean of the rate is 2 n s chi sqrt(pi kT/m), so Z = 1 + rate s sqrt(pi m/kT)/4. At
-    the constant energy of a run the mean relative speed is larger by 1/`mean_root`.
+    With the diameter s the canonical mean of the rate is 2 n s chi sqrt(pi kT/m), so Z = 1 + rate s
+    sqrt(pi m/kT)/4. At the constant energy of a run the mean relative speed is larger by
+    1/`mean_root`.
     """
-    return 1.0 + mean_root(scene) * rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
+    return (
+        1.0
+        + mean_root(scene) * rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
+    )
 
 
 def enskog(scene: Scene) -> dict[str, float]:
-    """Return collision rates, contact value, compressibility and the tracer's diffusion coefficient by Enskog's theory.
+    """Return collision rates, contact value, compressibility and the tracer's diffusion coefficient
+    by Enskog's theory.
 
-    At the mean density of the box, with or without walls; {} without a temperature or beyond the packing fraction
-    DENSEST. The tracer's rate and contact value are those of the langevin engine (`friction.partners_of`), and so is
-    its diffusion coefficient f^2 kT/(m gamma), f of `friction.bath_share`.
+    At the mean density of the box, with or without walls; {} without a temperature or beyond the
+    packing fraction DENSEST. The tracer's rate and contact value are those of the langevin engine
+    (`friction.partners_of`), and so is its diffusion coefficient f^2 kT/(m gamma), f of
+    `friction.bath_share`.
     """
     kt = scene.velocities and scene.velocities.temperature
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
         return {}
     _, number, radius, mass, _ = species_table(scene)
     n = number / scene.box.area
-    rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt) * (1 - np.diag(1 / number))  # none with itself
+    rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt) * (
+        1 - np.diag(1 / number)
+    )  # none with itself
     partners = friction.partners_of(scene)
     gamma = partners.friction.sum()
     return {
@@ -78,7 +99,9 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     scene, duration, seen = case.scene, case.times[-1], runs.observables
     if "pair_collisions" not in seen or not scene.particles:
         return Columns()
-    means = {name: seen[name] for name in ("pair_collisions", "wall_collisions", "tracer_collisions")}
+    means = {
+        name: seen[name] for name in ("pair_collisions", "wall_collisions", "tracer_collisions")
+    }
     means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
     means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
     if "kinetic_energy" not in seen:
@@ -86,14 +109,23 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     kt = temperature(scene, seen["kinetic_energy"])
     hot = np.where(kt > 0, kt, np.nan)  # NaN: nothing moves
     if scene.particles > 1 and np.ptp(scene.radius) == np.ptp(scene.mass) == 0:
-        means["compressibility_rate"] = compressibility_from_rate(scene, means["collision_rate"], hot)
+        means["compressibility_rate"] = compressibility_from_rate(
+            scene, means["collision_rate"], hot
+        )
     if scene.velocities and scene.velocities.temperature and scene.particles > 1:
         for name in ("collision_rate", "tracer_collision_rate"):
             means[f"{name}_at_temperature"] = rate_at_temperature(scene, means[name], hot)
-    means |= {"kinetic_temperature": kt, "compressibility": compressibility(scene, seen["virial"], hot, duration)}
+    means |= {
+        "kinetic_temperature": kt,
+        "compressibility": compressibility(scene, seen["virial"], hot, duration),
+    }
     if "wall_impulse" in seen:
-        means["wall_pressure"] = seen["wall_impulse"] / (2 * (scene.box.width + scene.box.height) * duration)
-        means["wall_compressibility"] = means["wall_pressure"] * scene.box.area / (scene.particles * hot)
+        means["wall_pressure"] = seen["wall_impulse"] / (
+            2 * (scene.box.width + scene.box.height) * duration
+        )
+        means["wall_compressibility"] = (
+            means["wall_pressure"] * scene.box.area / (scene.particles * hot)
+        )
     return Columns(means)
 
 
@@ -106,22 +138,50 @@ def results(case: Case, _: Averages) -> dict[str, float]:
 AT_TEMPERATURE = "per time, at the temperature of the scene"
 
 VARIABLES = {
-    "pair_collisions": Variable(EACH, "1", "mean number of collisions between disks in a run", ERROR),
+    "pair_collisions": Variable(
+        EACH, "1", "mean number of collisions between disks in a run", ERROR
+    ),
     "wall_collisions": Variable(EACH, "1", "mean number of collisions with walls in a run", ERROR),
-    "tracer_collisions": Variable(EACH, "1", "mean number of collisions of the tracer in a run", ERROR),
+    "tracer_collisions": Variable(
+        EACH, "1", "mean number of collisions of the tracer in a run", ERROR
+    ),
     "collision_rate": Mean(EACH, "1/time", "collisions of a disk with others per time"),
     "tracer_collision_rate": Mean(EACH, "1/time", "collisions of the tracer with others per time"),
-    "collision_rate_at_temperature": Mean(EACH, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}"),
-    "tracer_collision_rate_at_temperature": Mean(EACH, "1/time", f"collisions of the tracer {AT_TEMPERATURE}"),
+    "collision_rate_at_temperature": Mean(
+        EACH, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}"
+    ),
+    "tracer_collision_rate_at_temperature": Mean(
+        EACH, "1/time", f"collisions of the tracer {AT_TEMPERATURE}"
+    ),
     "kinetic_temperature": Mean(EACH, "energy", "temperature kT from the kinetic energy"),
-    "compressibility": Mean(EACH, "1", "compressibility factor 1 + W/(2 N kT t), W the virial; P/(n kT) if periodic"),
-    "wall_compressibility": Mean(EACH, "1", "compressibility factor P/(n kT), P the pressure on the walls, n = N/A"),
-    "compressibility_rate": Mean(EACH, "1", "compressibility factor of equal disks from their collision rate"),
-    "wall_pressure": Mean(EACH, "energy/length^2", "pressure on the walls: momentum transferred per length and time"),
-    "enskog_collision_rate": Variable(EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"),
-    "enskog_tracer_collision_rate": Variable(EACH, "1/time", "collisions of the tracer per time, Enskog's theory"),
-    "enskog_contact_value": Variable(EACH, "1", "theoretical contact value of tracer and main species of its bath"),
-    "enskog_compressibility": Variable(EACH, "1", "compressibility factor from Enskog's contact values"),
-    "enskog_diffusion": Variable(EACH, RATE, "diffusion coefficient by Enskog's theory, without drift of all disks"),
-    "drift_diffusion": Variable(EACH, RATE, "what the drift of the centre of mass adds to D by the end of a run"),
+    "compressibility": Mean(
+        EACH, "1", "compressibility factor 1 + W/(2 N kT t), W the virial; P/(n kT) if periodic"
+    ),
+    "wall_compressibility": Mean(
+        EACH, "1", "compressibility factor P/(n kT), P the pressure on the walls, n = N/A"
+    ),
+    "compressibility_rate": Mean(
+        EACH, "1", "compressibility factor of equal disks from their collision rate"
+    ),
+    "wall_pressure": Mean(
+        EACH, "energy/length^2", "pressure on the walls: momentum transferred per length and time"
+    ),
+    "enskog_collision_rate": Variable(
+        EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"
+    ),
+    "enskog_tracer_collision_rate": Variable(
+        EACH, "1/time", "collisions of the tracer per time, Enskog's theory"
+    ),
+    "enskog_contact_value": Variable(
+        EACH, "1", "theoretical contact value of tracer and main species of its bath"
+    ),
+    "enskog_compressibility": Variable(
+        EACH, "1", "compressibility factor from Enskog's contact values"
+    ),
+    "enskog_diffusion": Variable(
+        EACH, RATE, "diffusion coefficient by Enskog's theory, without drift of all disks"
+    ),
+    "drift_diffusion": Variable(
+        EACH, RATE, "what the drift of the centre of mass adds to D by the end of a run"
+    ),
 }

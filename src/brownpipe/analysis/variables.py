@@ -1,6 +1,7 @@
 """Variables of the dataset: dimensions, unit and meaning. Every estimator has a table of its own.
 
-Units are the reduced units of the scene: `length`, `time`, `mass`. "95 %" intervals are bootstrap-t over runs.
+Units are the reduced units of the scene: `length`, `time`, `mass`. "95 %" intervals are bootstrap-t
+over runs.
 """
 
 from collections.abc import Mapping
@@ -17,7 +18,8 @@ from brownpipe.observables import ARRAYS
 if TYPE_CHECKING:
     from xarray import Dataset
 
-SAME_TIME = 1e-9  # relative difference below which two times are equal: k dt depends on dt by round-off
+# relative difference below which two times are equal: k dt depends on dt by round-off
+SAME_TIME = 1e-9
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
 EACH = ("scene", "particles", "engine")  # the labels of a case
 TIME, SEED = (*EACH, "time"), (*EACH, "seed")
@@ -28,8 +30,10 @@ ATTRIBUTES = {
     "Conventions": "CF-1.11",
     "title": "Brownian motion of a hard disk among hard disks: averages over independent runs",
     "comment": (
-        "Units are the reduced units of each scene. Averages, standard errors and intervals are over runs that did not "
-        "fail, never over time points. A diffusion coefficient has meaning only with its fit window, N and box."
+        "Units are the reduced units of each scene. Averages, standard errors and intervals are "
+        "over runs that did not "
+        "fail, never over time points. A diffusion coefficient has meaning only with its fit "
+        "window, N and box."
     ),
 }
 
@@ -44,32 +48,45 @@ ERROR, ENDS, INTERVAL = ("standard_error",), ("low", "high"), tuple(UNCERTAINTIE
 
 
 class Variable(NamedTuple):
-    """One variable or coordinate of the dataset; `absent` is its value where a scene, time or seed has none."""
+    """One variable or coordinate of the dataset; `absent` is its value where a scene, time or seed
+    has none.
+    """
 
     dims: tuple[str, ...]
     units: str | None  # None: text
     long_name: str
-    uncertainties: tuple[str, ...] = ()  # variables beside it: of a mean over runs ERROR or INTERVAL
+    uncertainties: tuple[
+        str, ...
+    ] = ()  # variables beside it: of a mean over runs ERROR or INTERVAL
     dtype: type | np.dtype = float  # object for text
     absent: float | str = np.nan
     extra: Mapping[str, object] = MappingProxyType({})  # further attributes
 
     @property
     def attributes(self) -> dict[str, object]:
-        return ({} if self.units is None else {"units": self.units}) | {"long_name": self.long_name, **self.extra}
+        return ({} if self.units is None else {"units": self.units}) | {
+            "long_name": self.long_name,
+            **self.extra,
+        }
 
 
 Mean = partial(Variable, uncertainties=INTERVAL)  # of a quantity over runs, with its interval
 
 
 def with_uncertainties(variables: Mapping[str, Variable]) -> dict[str, Variable]:
-    """Return the table of variables with their uncertainties: `x`, `x_standard_error`, `x_low`, `x_high`."""
+    """Return the table of variables with their uncertainties: `x`, `x_standard_error`, `x_low`,
+    `x_high`.
+    """
     table = {}
     for name, one in variables.items():
-        ancillary = {"ancillary_variables": f"{name}_{one.uncertainties[0]}"} if one.uncertainties else {}
+        ancillary = (
+            {"ancillary_variables": f"{name}_{one.uncertainties[0]}"} if one.uncertainties else {}
+        )
         table[name] = one._replace(extra={**one.extra, **ancillary})
         for part in one.uncertainties:
-            table[f"{name}_{part}"] = Variable(one.dims, one.units, UNCERTAINTIES[part].format(one.long_name))
+            table[f"{name}_{part}"] = Variable(
+                one.dims, one.units, UNCERTAINTIES[part].format(one.long_name)
+            )
     return table
 
 
@@ -79,25 +96,40 @@ def names_of(name: str) -> list[str]:
 
 
 def with_intervals(values: Mapping[str, ArrayLike | Estimate]) -> dict[str, Any]:
-    """Return values by the names of their variables: those of an Estimate x, for example, as `x`, `x_low`, `x_high`."""
+    """Return values by the names of their variables: those of an Estimate x, for example, as `x`,
+    `x_low`, `x_high`.
+    """
     parts: dict[str, Any] = {}
     for name, value in values.items():
-        parts |= dict(zip(names_of(name), value, strict=True)) if isinstance(value, Estimate) else {name: value}
+        parts |= (
+            dict(zip(names_of(name), value, strict=True))
+            if isinstance(value, Estimate)
+            else {name: value}
+        )
     return parts
 
 
-STATUS = {"flag_values": np.array([KEPT, FAILED, MISSING], np.int8), "flag_meanings": "kept failed missing"}
+STATUS = {
+    "flag_values": np.array([KEPT, FAILED, MISSING], np.int8),
+    "flag_meanings": "kept failed missing",
+}
 
 AVERAGED = [name for name, array in ARRAYS.items() if array.averaged]
 VARIABLES = {name: Mean((*EACH, *ARRAYS[name].dims), *ARRAYS[name][1:3]) for name in AVERAGED}
 VARIABLES |= {  # numbers and health of the runs
     "runs": Variable(EACH, "1", "number of runs averaged", (), np.int64, 0),
-    "failed_runs": Variable(EACH, "1", "number of runs left out: not healthy, or unable to go on", (), np.int64, 0),
+    "failed_runs": Variable(
+        EACH, "1", "number of runs left out: not healthy, or unable to go on", (), np.int64, 0
+    ),
     "energy_drift": Variable(SEED, "1", "relative change of the energy over the run"),
     "worst_overlap": Variable(SEED, "1", "deepest overlap, in contact distances"),
-    "momentum_residual": Variable(SEED, "1", "relative residual of the momentum balance, wall impulses included"),
+    "momentum_residual": Variable(
+        SEED, "1", "relative residual of the momentum balance, wall impulses included"
+    ),
     "run_status": Variable(SEED, "1", "status of the run", (), np.int8, MISSING, STATUS),
-    "stopped": Variable(SEED, "1", "why the run could not go on; empty for the others", (), object, ""),
+    "stopped": Variable(
+        SEED, "1", "why the run could not go on; empty for the others", (), object, ""
+    ),
 }
 
 COORDINATES = {
@@ -107,9 +139,12 @@ COORDINATES = {
     "seed": Variable(("seed",), None, "seed of the run"),
 }
 
-VARIED = "varied"  # attribute of a dataset: the names of its coordinates for keys of the scenes that were varied
+# attribute of a dataset: the names of its coordinates for keys of the scenes that were varied
+VARIED = "varied"
 
 
 def labels_of_cases(dataset: "Dataset") -> list[str]:
-    """Return the coordinates that tell the cases of a dataset apart: scene, varied keys, count, engine."""
+    """Return the coordinates that tell the cases of a dataset apart: scene, varied keys, count,
+    engine.
+    """
     return [EACH[0], *str(dataset.attrs.get(VARIED, "")).split(), *EACH[1:]]

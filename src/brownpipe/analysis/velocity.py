@@ -1,7 +1,7 @@
 """Velocities: autocorrelations, Green-Kubo integral, energies of the species, distributions.
 
-Averages over runs of the arrays that `brownpipe.observables` measures in every run. n runs of a block, T sample times.
-See docs/theory.md, section 4.
+Averages over runs of the arrays that `brownpipe.observables` measures in every run. n runs of a
+block, T sample times. See docs/theory.md, section 4.
 """
 
 import numpy as np
@@ -11,27 +11,41 @@ from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.thermodynamics import enskog
-from brownpipe.analysis.variables import EACH, FOLLOWED, RATE, SAME_TIME, SPEED2, TIME, Mean, Variable
+from brownpipe.analysis.variables import (
+    EACH,
+    FOLLOWED,
+    RATE,
+    SAME_TIME,
+    SPEED2,
+    TIME,
+    Mean,
+    Variable,
+)
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import partners_of
 from brownpipe.observables import AXES
 from brownpipe.scene import Scene
 
-EARLY = 0.25  # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
-COARSE = 0.2  # decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
+# last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
+EARLY = 0.25
+# decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
+COARSE = 0.2
 LATEST = 1.0  # latest of these samples, in units of the inverse of `fastest_rate`
 
 
 def enskog_rate(scene: Scene) -> float:
-    """Return the friction rate gamma [1/time] of the tracer by Enskog's theory; 0 where that does not apply."""
+    """Return the friction rate gamma [1/time] of the tracer by Enskog's theory; 0 where that does
+    not apply.
+    """
     return float(partners_of(scene).friction.sum()) if enskog(scene) else 0.0
 
 
 def fastest_rate(scene: Scene) -> float:
-    """Return the friction rate of the tracer or the collision rate of all disks, whichever is larger; 0 for neither.
+    """Return the friction rate of the tracer or the collision rate of all disks, whichever is
+    larger; 0 for neither.
 
-    Once the bath has had collisions, it returns to a heavy tracer part of the momentum that it took: the friction is no
-    longer that of the initial slope, long before the tracer slows down.
+    Once the bath has had collisions, it returns to a heavy tracer part of the momentum that it
+    took: the friction is no longer that of the initial slope, long before the tracer slows down.
     """
     return max(enskog_rate(scene), enskog(scene).get("enskog_collision_rate", 0.0))
 
@@ -39,8 +53,8 @@ def fastest_rate(scene: Scene) -> float:
 def early(times: np.ndarray, rate: float) -> list[int]:
     """Return the indices [0, i, j] of the samples for the slope of the autocorrelation at 0.
 
-    j is the last sample at which the decay at the rate `rate` (`fastest_rate`) is at most EARLY, and i lies half-way.
-    If samples are coarse, or without a rate, the first three.
+    j is the last sample at which the decay at the rate `rate` (`fastest_rate`) is at most EARLY,
+    and i lies half-way. If samples are coarse, or without a rate, the first three.
     """
     last = max(int(np.searchsorted(rate * times, EARLY, side="right")) - 1, 2) if rate else 2
     return [0, min(max(int(np.searchsorted(times, times[last] / 2)), 1), last - 1), last]
@@ -58,21 +72,24 @@ def twice_as_late(times: np.ndarray, samples: list[int], rate: float) -> list[in
 
 
 def slope_weights(times: np.ndarray, rate: float = 0.0) -> np.ndarray:
-    """Return weights (K,) such that weights @ C is the slope at 0 of an autocorrelation C(times), times[0] = 0.
+    """Return weights (K,) such that weights @ C is the slope at 0 of an autocorrelation C(times),
+    times[0] = 0.
 
-    The slope of C(t) exp(rate t), by the parabola through three points (the straight line through two), minus
-    rate C(0): exact for an exponential decay at that rate.
+    The slope of C(t) exp(rate t), by the parabola through three points (the straight line through
+    two), minus rate C(0): exact for an exponential decay at that rate.
     """
     weights = np.linalg.inv(np.vander(times / times[-1], increasing=True))[1] / times[-1]
     return weights * np.exp(rate * times) - rate * (times == 0)
 
 
 def initial_slope(case: Case, averages: Averages) -> Estimate:
-    """Return the slope at 0 of the tracer's autocorrelation; its error includes the discretisation error.
+    """Return the slope at 0 of the tracer's autocorrelation; its error includes the discretisation
+    error.
 
-    The latter is taken to be the difference from the slope obtained with samples twice as late, which is several times
-    the actual error of the parabola. It is added to the standard error in quadrature, and to both ends of the interval.
-    NaN if the decay at the first sample exceeds COARSE.
+    The latter is taken to be the difference from the slope obtained with samples twice as late,
+    which is several times the actual error of the parabola. It is added to the standard error in
+    quadrature, and to both ends of the interval. NaN if the decay at the first sample exceeds
+    COARSE.
     """
     mean = averages.mean("velocity_autocorrelation")
     if "vacf_initial_slope" not in averages.places or mean[0] - mean[1] > COARSE * mean[0]:
@@ -86,24 +103,30 @@ def initial_slope(case: Case, averages: Averages) -> Estimate:
 
 
 def expected_slope(case: Case, averages: Averages) -> float:
-    """Return -(2 mu/m) (2 kT/m) rate, the slope at 0 of the tracer's autocorrelation in equilibrium.
+    """Return -(2 mu/m) (2 kT/m) rate, the slope at 0 of the tracer's autocorrelation in
+    equilibrium.
 
-    Exact for hard disks with a canonical distribution of energies over the runs, and the measured collision rate: a
-    collision changes the tracer's velocity by 2 mu/m times the relative velocity along the line of centres, whose mean
-    square in a collision is 2 kT/mu. 2 kT/m is the measured <v^2> or, with zero total momentum, M/(M - m) times that, M
-    the mass of all disks: <v^2> lacks the motion of the centre of mass, relative velocities do not. NaN if the partners
-    differ in mass, without a rate, and where the tracer may be at a wall, which turns its velocity, too.
+    Exact for hard disks with a canonical distribution of energies over the runs, and the measured
+    collision rate: a collision changes the tracer's velocity by 2 mu/m times the relative velocity
+    along the line of centres, whose mean square in a collision is 2 kT/mu. 2 kT/m is the measured
+    <v^2> or, with zero total momentum, M/(M - m) times that, M the mass of all disks: <v^2> lacks
+    the motion of the centre of mass, relative velocities do not. NaN if the partners differ in
+    mass, without a rate, and where the tracer may be at a wall, which turns its velocity, too.
     """
     scene = case.scene
     partners = np.unique(scene.mass[1:])
-    begins_apart = scene.listed or (scene.species[0].position and scene.equilibrate.tracer == "pinned")
+    begins_apart = scene.listed or (
+        scene.species[0].position and scene.equilibrate.tracer == "pinned"
+    )
     at_walls = not scene.box.periodic and (case.average == "origins" or not begins_apart)
     if partners.size != 1 or at_walls or "tracer_collisions" not in averages.places:
         return np.nan
     rate = averages.mean("tracer_collisions") / case.times[-1]
     share = 2 * theory.reduced_mass(scene.mass[0], partners[0]) / scene.mass[0]
     balanced = scene.velocities is not None and scene.velocities.zero_momentum
-    square_speed = averages.mean("velocity_autocorrelation")[0] / (1 - balanced * scene.mass[0] / scene.mass.sum())
+    square_speed = averages.mean("velocity_autocorrelation")[0] / (
+        1 - balanced * scene.mass[0] / scene.mass.sum()
+    )
     return -share * rate * square_speed
 
 
@@ -117,14 +140,23 @@ def columns(case: Case, runs: Ensemble) -> Columns:
             samples = early(case.times, fastest)
             if fastest * case.times[samples[2]] <= LATEST:
                 weights = slope_weights(case.times[samples], enskog_rate(case.scene))
-                means["vacf_initial_slope"] = (seen["velocity_autocorrelation"][:, samples] * weights).sum(axis=1)
-    for name, product in (("diffusion_running", "displacement_velocity"), ("green_kubo", "velocity_displacement")):
+                means["vacf_initial_slope"] = (
+                    seen["velocity_autocorrelation"][:, samples] * weights
+                ).sum(axis=1)
+    for name, product in (
+        ("diffusion_running", "displacement_velocity"),
+        ("green_kubo", "velocity_displacement"),
+    ):
         if product in seen:
             means[name] = seen[product] / 2
     for name in ("velocity", "speed"):
-        if (counts := seen.get(f"{name}_counts")) is not None:  # (n, K, V) of K species in V bins of equal width
+        if (
+            counts := seen.get(f"{name}_counts")
+        ) is not None:  # (n, K, V) of K species in V bins of equal width
             middles = np.asarray(AXES[f"{name}_bin"].coordinates(case.scene))
-            means[f"{name}_density"] = counts / counts.sum(axis=-1, keepdims=True) / (middles[1] - middles[0])
+            means[f"{name}_density"] = (
+                counts / counts.sum(axis=-1, keepdims=True) / (middles[1] - middles[0])
+            )
     return Columns(means)
 
 
@@ -139,11 +171,25 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
 SPECIES, SLOPE = (*EACH, "species"), "length^2/time^3"
 
 VARIABLES = {
-    "diffusion_running": Mean(TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4"),
-    "velocity_autocorrelation": Mean(TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"),
-    "green_kubo": Mean(TIME, RATE, f"half of the integral of the autocorrelation, <v(0).(r(t) - r(0))>/2, {FOLLOWED}"),
-    "vacf_initial_slope": Mean(EACH, SLOPE, "initial slope of the autocorrelation; errors include that of sampling"),
-    "vacf_initial_slope_expected": Variable(EACH, SLOPE, "initial slope expected from <v^2> and collision rate"),
-    "velocity_density": Mean((*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"),
+    "diffusion_running": Mean(
+        TIME, RATE, f"half of <v(t).(r(t) - r(0))> {FOLLOWED}, d<r^2>/dt / 4"
+    ),
+    "velocity_autocorrelation": Mean(
+        TIME, SPEED2, f"velocity autocorrelation v(0).v(t) {FOLLOWED}"
+    ),
+    "green_kubo": Mean(
+        TIME,
+        RATE,
+        f"half of the integral of the autocorrelation, <v(0).(r(t) - r(0))>/2, {FOLLOWED}",
+    ),
+    "vacf_initial_slope": Mean(
+        EACH, SLOPE, "initial slope of the autocorrelation; errors include that of sampling"
+    ),
+    "vacf_initial_slope_expected": Variable(
+        EACH, SLOPE, "initial slope expected from <v^2> and collision rate"
+    ),
+    "velocity_density": Mean(
+        (*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"
+    ),
     "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
 }

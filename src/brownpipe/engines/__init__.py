@@ -1,6 +1,8 @@
-"""The list of engines, and engines with their settings as files, datasets and the command line name them.
+"""The list of engines, and engines with their settings as files, datasets and the command line name
+them.
 
-A new engine is a package with a `Definition` and its entry in DEFINITIONS. Its simulation is imported when it runs.
+A new engine is a package with a `Definition` and its entry in DEFINITIONS. Its simulation is
+imported when it runs.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -37,13 +39,19 @@ class Engine(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name in folders, datasets and figures, like timestep-0.001-late, without settings at their default."""
+        """The name in folders, datasets and figures, like timestep-0.001-late, without settings at
+        their default.
+        """
         defaults = self.definition.settings._field_defaults
-        return "-".join([self.name, *(str(value) for key, value in self.settings if defaults.get(key) != value)])
+        return "-".join(
+            [self.name, *(str(value) for key, value in self.settings if defaults.get(key) != value)]
+        )
 
     @property
     def options(self) -> str:
-        """The engine as the value of `brownpipe simulate --engine`, followed by an option for each setting."""
+        """The engine as the value of `brownpipe simulate --engine`, followed by an option for each
+        setting.
+        """
         return " ".join([self.name, *(f"{option(key)} {value}" for key, value in self.settings)])
 
     @property
@@ -56,9 +64,13 @@ class Engine(NamedTuple):
         return self.definition.model(scenes, self.values)
 
     def cautions(self, scene: Scene, observables: Collection[str] = ()) -> list[str]:
-        """Return a line on the limits of the results in a scene, and one on observables that are not measured."""
+        """Return a line on the limits of the results in a scene, and one on observables that are
+        not measured.
+        """
         lines = [self.definition.caution(scene) or ""]
-        if not self.definition.moves_all_disks and (lacking := {*observables} - {*of_tracer(observables)[0]}):
+        if not self.definition.moves_all_disks and (
+            lacking := {*observables} - {*of_tracer(observables)[0]}
+        ):
             names = ", ".join(sorted(map(own.title_of, lacking)))
             lines.append(f"{self.name} moves the tracer alone, and does not measure {names}")
         return [line for line in lines if line]
@@ -67,29 +79,41 @@ class Engine(NamedTuple):
         """Raise RequestError if the engine cannot run the scene or cannot record `record` of it."""
         self.definition.refuse_unfit(scene, self.values, frozenset(record))
 
-    def forecast(self, scene: Scene, record: Collection[str], observables: Collection[str], average: str) -> Cost:
+    def forecast(
+        self, scene: Scene, record: Collection[str], observables: Collection[str], average: str
+    ) -> Cost:
         """Return the forecast for one run of a scene that the engine does not refuse."""
         return self.definition.forecast(scene, self.values, record, observables, average)
 
     def simulate(
-        self, scene: Scene, seeds: Sequence[int], record: Collection[str], *saving: Any, **measured: Any
+        self,
+        scene: Scene,
+        seeds: Sequence[int],
+        record: Collection[str],
+        *saving: Any,
+        **measured: Any,
     ) -> Ensemble:
         """Run a scene once for every seed.
 
-        `saving`: Checkpoints, for an engine that keeps them; `measured`: `observables` and `average`.
+        `saving`: Checkpoints, for an engine that keeps them; `measured`: `observables` and
+        `average`.
         """
         simulation = import_module(self.definition.simulation)
         return simulation.simulate(scene, seeds, record, *saving, **measured, **dict(self.settings))
 
 
 def read_record(text: str, option: str) -> frozenset[str]:
-    """Return what to record: names of RECORDS, separated by commas, and the tracer except with `none`.
+    """Return what to record: names of RECORDS, separated by commas, and the tracer except with
+    `none`.
 
     Raises RequestError, naming `option`, for other names.
     """
     names = frozenset(text.split(","))
     if not names <= set(RECORDS) or ("none" in names and len(names) > 1):
-        raise RequestError(f"{option} {text}: must be one or several of {', '.join(RECORDS)}, with commas; none alone")
+        raise RequestError(
+            f"{option} {text}: must be one or several of {', '.join(RECORDS)}, with commas; none "
+            "alone"
+        )
     return names if "none" in names else names | TRACER
 
 
@@ -108,7 +132,8 @@ def settings_of(name: str) -> type[Record]:
 
 
 def recorded(mapping: dict, where: str = "") -> Engine:
-    """Return the engine that a file or dataset records as a mapping of name and settings; `where` is for messages.
+    """Return the engine that a file or dataset records as a mapping of name and settings; `where`
+    is for messages.
 
     Raises RequestError.
     """
@@ -117,11 +142,14 @@ def recorded(mapping: dict, where: str = "") -> Engine:
     return Engine(name, tuple(values))
 
 
-def requested(name: str, values: dict[str, object], option: Callable[[str], str] = option) -> Engine:
+def requested(
+    name: str, values: dict[str, object], option: Callable[[str], str] = option
+) -> Engine:
     """Return the engine that the user asks for; `values` has the settings given.
 
-    `option` returns how a setting is named there: the option of the command line, or the argument in Python.
-    Raises RequestError, naming it, for a setting that the engine lacks, that is missing or that is not allowed.
+    `option` returns how a setting is named there: the option of the command line, or the argument
+    in Python. Raises RequestError, naming it, for a setting that the engine lacks, that is missing
+    or that is not allowed.
     """
     definition = DEFINITIONS[validated(Literal[tuple(DEFINITIONS)], name, key=option("engine"))]
     kinds = get_type_hints(definition.settings, include_extras=True)
@@ -133,4 +161,7 @@ def requested(name: str, values: dict[str, object], option: Callable[[str], str]
     for key in kinds.keys() - values.keys() - defaults.keys():
         raise RequestError(f"{option(key)}: missing; must be given with {option('engine')} {name}")
     given = defaults | values
-    return Engine(name, tuple((key, validated(kind, given[key], key=option(key))) for key, kind in kinds.items()))
+    return Engine(
+        name,
+        tuple((key, validated(kind, given[key], key=option(key))) for key, kind in kinds.items()),
+    )

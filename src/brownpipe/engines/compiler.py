@@ -1,18 +1,21 @@
-"""Numba's compiler, changed in two places where that makes kernels faster or saves most of the time to compile them.
+"""Numba's compiler, changed in two places where that makes kernels faster or saves most of the time
+to compile them.
 
-No machine code is made of kernels that are called only by other kernels, which saves two thirds of the compile time.
-Numba optimises every function fully and compiles it to machine code before linking it into its callers. Here all
-kernels are inlined into an entry point, whose machine code alone is executed. Kernels are therefore only simplified,
-with LLVM's -O1 passes: with fewer passes the entry point becomes 7 % slower; more take longer and make it no faster.
+No machine code is made of kernels that are called only by other kernels, which saves two thirds of
+the compile time. Numba optimises every function fully and compiles it to machine code before
+linking it into its callers. Here all kernels are inlined into an entry point, whose machine code
+alone is executed. Kernels are therefore only simplified, with LLVM's -O1 passes: with fewer passes
+the entry point becomes 7 % slower; more take longer and make it no faster.
 
-Indices of kernels are never negative, so none is counted from the end of an array. For every signed index Numba
-compiles a test whether it is negative, and if so adds the array's length. This takes two or three instructions,
-hundreds of times in a kernel, and registers: without it kernels are 1.2 to 1.4 times faster. No kernel of this package
-uses negative indices (tests/test_bounds.py runs them with arrays that refuse these). Functions of other packages are
-compiled as usual.
+Indices of kernels are never negative, so none is counted from the end of an array. For every signed
+index Numba compiles a test whether it is negative, and if so adds the array's length. This takes
+two or three instructions, hundreds of times in a kernel, and registers: without it kernels are 1.2
+to 1.4 times faster. No kernel of this package uses negative indices (tests/test_bounds.py runs them
+with arrays that refuse these). Functions of other packages are compiled as usual.
 
-This replaces private parts of Numba. With versions of Numba outside of TESTED, what is private is left as it is:
-compiling then takes three times as long, kernels are half as fast, the user is told, and results are the same.
+This replaces private parts of Numba. With versions of Numba outside of TESTED, what is private is
+left as it is: compiling then takes three times as long, kernels are half as fast, the user is told,
+and results are the same.
 """
 
 from functools import cache
@@ -22,21 +25,33 @@ import numba
 from llvmlite.binding import ModuleRef
 from numba.core import compiler
 
-TESTED = ((0, 63), (0, 68))  # first and last version of Numba whose private parts are those used here
+TESTED = (
+    (0, 63),
+    (0, 68),
+)  # first and last version of Numba whose private parts are those used here
 IS_TESTED = TESTED[0] <= numba.version_info[:2] <= TESTED[1]  # the installed version is one of them
-OURS = "_ZN9brownpipe"  # prefix of this package's functions in LLVM; their wrappers for Python and C have other names
+# prefix of this package's functions in LLVM; their wrappers for Python and C have other names
+OURS = "_ZN9brownpipe"
 
 
 def is_inlined(module: ModuleRef) -> bool:
-    """Whether an LLVM module defines only functions of this package that can be called by compiled functions alone."""
-    return all(function.name.startswith(OURS) for function in module.functions if not function.is_declaration)
+    """Whether an LLVM module defines only functions of this package that can be called by compiled
+    functions alone.
+    """
+    return all(
+        function.name.startswith(OURS)
+        for function in module.functions
+        if not function.is_declaration
+    )
 
 
 def simplify_inlined() -> None:
     """Let Numba only simplify modules that `is_inlined`, and compile all others as usual."""
     from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 
-    environments: dict[str, object] = {}  # Numba's data of functions without machine code yet, for print() etc.
+    environments: dict[
+        str, object
+    ] = {}  # Numba's data of functions without machine code yet, for print() etc.
 
     class Library(JITCodeLibrary):
         """Numba's library of a function: its code and that of the functions it calls."""
@@ -62,7 +77,9 @@ def simplify_inlined() -> None:
             for library in dict.fromkeys(self._linking_libraries):
                 self._reload_init.update(library._reload_init)
                 self._final_module.link_in(library._get_module_for_linking(), preserve=True)
-            passes, builder = self._codegen._module_pass_manager(opt=1, loop_vectorize=False, slp_vectorize=False)
+            passes, builder = self._codegen._module_pass_manager(
+                opt=1, loop_vectorize=False, slp_vectorize=False
+            )
             passes.run(self._final_module, builder)
             self._finalize_dynamic_globals()
             self._finalized = True
@@ -72,7 +89,9 @@ def simplify_inlined() -> None:
             return 0 if self.inlined else super().get_pointer_to_function(name)
 
     def set_env(self: Any, name: str, environment: object) -> None:
-        """Set the environment of a function, now or as soon as there is machine code that refers to it."""
+        """Set the environment of a function, now or as soon as there is machine code that refers to
+        it.
+        """
         if self._engine.get_global_value_address(name):
             usual(self, name, environment)
         else:

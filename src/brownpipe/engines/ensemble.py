@@ -1,4 +1,5 @@
-"""Ensembles: what an engine returns for a batch of seeds, how it is filled run by run, and failed runs in words.
+"""Ensembles: what an engine returns for a batch of seeds, how it is filled run by run, and failed
+runs in words.
 
 All is in the scene's units and in the scene's order of the disks; the tracer is disk 0.
 """
@@ -16,7 +17,11 @@ from brownpipe.observables.own import is_own, measure
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
 
-HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")  # observables with bounds that a run must not exceed
+HEALTH = (
+    "energy_drift",
+    "worst_overlap",
+    "momentum_residual",
+)  # observables with bounds that a run must not exceed
 
 
 class Ensemble(NamedTuple):
@@ -24,17 +29,26 @@ class Ensemble(NamedTuple):
 
     seeds: np.ndarray  # (S,) int64
     times: np.ndarray  # (T,) sample times [time]
-    tracer: Track | None  # disk 0 of every run, M = S, if recorded; its velocity only if that is recorded, too
+    tracer: (
+        Track | None
+    )  # disk 0 of every run, M = S, if recorded; its velocity only if that is recorded, too
     observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
     whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
     events: dict[int, Events]  # seed -> collisions, if recorded
-    stopped: dict[int, str]  # seed -> why its run could not go on; it counts as failed and has no data
-    own: dict[str, RunArray]  # descriptions of the arrays of a user's own functions in `observables`
-    average: str = "runs"  # what displacements and autocorrelations are averaged over, of observables.AVERAGES
+    stopped: dict[
+        int, str
+    ]  # seed -> why its run could not go on; it counts as failed and has no data
+    own: dict[
+        str, RunArray
+    ]  # descriptions of the arrays of a user's own functions in `observables`
+    # what displacements and autocorrelations are averaged over, of observables.AVERAGES
+    average: str = "runs"
 
     @property
     def failed_seeds(self) -> np.ndarray:
-        """The seeds (F,) of the runs that failed: stopped, or beyond the bounds of the health check."""
+        """The seeds (F,) of the runs that failed: stopped, or beyond the bounds of the health
+        check.
+        """
         return self.seeds[self.observables["failed"] > 0]
 
 
@@ -44,7 +58,9 @@ class Batch(NamedTuple):
     scene: Scene
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
-    needed_record: frozenset[str]  # what the engine must record: `record`, and every disk if an observable needs it
+    needed_record: frozenset[
+        str
+    ]  # what the engine must record: `record`, and every disk if an observable needs it
     observables: tuple[str, ...]  # names in observables.OBSERVABLES, or of the user's own functions
 
 
@@ -54,9 +70,14 @@ def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
 
 
 def new_batch(
-    scene: Scene, seeds: Sequence[int], record: Collection[str], names: Collection[str], average: str
+    scene: Scene,
+    seeds: Sequence[int],
+    record: Collection[str],
+    names: Collection[str],
+    average: str,
 ) -> Batch:
-    """Return a batch with one column for each seed and no run yet; `names` are observables to be measured.
+    """Return a batch with one column for each seed and no run yet; `names` are observables to be
+    measured.
 
     Raises RequestError for observables that the scene does not have.
     """
@@ -65,20 +86,28 @@ def new_batch(
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
         velocity = blank(shape, float) if "velocity" in record else None
-        tracer = Track(blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None)
-    ensemble = Ensemble(np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, {}, {}, average)
+        tracer = Track(
+            blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None
+        )
+    ensemble = Ensemble(
+        np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, {}, {}, average
+    )
     needed = {*record, "all"} if observables.needs_every_disk(names, average) else record
     return Batch(scene, ensemble, frozenset(record), frozenset(needed), tuple(names))
 
 
 def make_runs(
-    batch: Batch, run: Callable[[int], Run], first: int = 0, after: Callable[[int], object] = lambda done: None
+    batch: Batch,
+    run: Callable[[int], Run],
+    first: int = 0,
+    after: Callable[[int], object] = lambda done: None,
 ) -> Ensemble:
-    """Return the ensemble of a batch with `run(column)` for each column from `first` on; call `after(done)` after each.
+    """Return the ensemble of a batch with `run(column)` for each column from `first` on; call
+    `after(done)` after each.
 
-    If a run raises RunError or PlacementError, note the reason and continue with the next. Put the scene's name,
-    N and the seed before the message of any other RequestError, and of PlacementError if nearly every run of the scene
-    is expected to lack places: such a scene is a mistake.
+    If a run raises RunError or PlacementError, note the reason and continue with the next. Put the
+    scene's name, N and the seed before the message of any other RequestError, and of PlacementError
+    if nearly every run of the scene is expected to lack places: such a scene is a mistake.
     """
     scene, ensemble = batch.scene, batch.ensemble
     for column, seed in enumerate(ensemble.seeds[first:].tolist(), first):
@@ -88,35 +117,53 @@ def make_runs(
         except (RunError, RequestError) as error:
             is_of_scene = isinstance(error, PlacementError) and never_placed(scene)
             if is_of_scene or not isinstance(error, RunError | PlacementError):
-                raise type(error)(f"{scene.name}, N = {scene.particles}, seed {seed}: {error}") from None
+                raise type(error)(
+                    f"{scene.name}, N = {scene.particles}, seed {seed}: {error}"
+                ) from None
             ensemble.stopped[seed] = str(error)
             write(ensemble, slice(column, column + 1), None, {"failed": [np.uint8(1)]})
         progress.report("runs", column + 1, len(ensemble.seeds))
         after(column + 1)
     for values in ensemble.observables.values():
         if values.dtype.kind == "f":
-            values[np.isinf(values)] = np.nan  # beyond the floating-point numbers in the scene's units
+            values[np.isinf(values)] = (
+                np.nan
+            )  # beyond the floating-point numbers in the scene's units
     return ensemble
 
 
 def _add(batch: Batch, column: int, run: Run) -> None:
     """Measure a finished run, and copy what is recorded of it into its column of the ensemble."""
-    scene, ensemble, seed, values = batch.scene, batch.ensemble, int(batch.ensemble.seeds[column]), {**run.observables}
+    scene, ensemble, seed, values = (
+        batch.scene,
+        batch.ensemble,
+        int(batch.ensemble.seeds[column]),
+        {**run.observables},
+    )
     if scene.particles and run.tracer.velocity is not None:
         x, y = run.tracer.velocity[0, 0].tolist()
         values["initial_square_speed"] = x * x + y * y
     values |= observables.observe(scene, run, batch.observables, ensemble.average)
     for name in filter(is_own, batch.observables):
         values |= measure(name, scene, run, observables.AXES, ensemble.own)
-    write(ensemble, slice(column, column + 1), run.tracer, {name: [value] for name, value in values.items()})
+    write(
+        ensemble,
+        slice(column, column + 1),
+        run.tracer,
+        {name: [value] for name, value in values.items()},
+    )
     if run.whole is not None and "all" in batch.record:
         ensemble.whole[seed] = run.whole
     if run.events is not None:
         ensemble.events[seed] = run.events
 
 
-def write(ensemble: Ensemble, columns: slice, tracer: Track | None, values: Mapping[str, Any]) -> None:
-    """Write track and observables of n runs into their columns; an observable that a run lacks is NaN, a count 0."""
+def write(
+    ensemble: Ensemble, columns: slice, tracer: Track | None, values: Mapping[str, Any]
+) -> None:
+    """Write track and observables of n runs into their columns; an observable that a run lacks is
+    NaN, a count 0.
+    """
     for name, value in values.items():
         if name not in ensemble.observables:
             like = np.asarray(value)  # (n, ...)
@@ -150,7 +197,9 @@ def joined(parts: Sequence[Ensemble]) -> Ensemble:
     seeds, first, tracer = np.concatenate([runs.seeds for runs in parts]), parts[0], None
     if first.tracer is not None:
         shape = (len(first.times), len(seeds), 2)
-        tracer = Track(*(None if values is None else blank(shape, values.dtype) for values in first.tracer))
+        tracer = Track(
+            *(None if values is None else blank(shape, values.dtype) for values in first.tracer)
+        )
     every = Ensemble(seeds, first.times, tracer, {}, {}, {}, {}, {}, first.average)
     for runs, end in zip(parts, np.cumsum([len(runs.seeds) for runs in parts]), strict=True):
         write(every, slice(end - len(runs.seeds), end), runs.tracer, runs.observables)
@@ -158,22 +207,32 @@ def joined(parts: Sequence[Ensemble]) -> Ensemble:
             getattr(every, name).update(getattr(runs, name))
         for name, one in runs.own.items():
             if every.own.setdefault(name, one) != one:
-                raise RequestError(f"{name}: must have one shape in all runs, not {one.shape} in some")
+                raise RequestError(
+                    f"{name}: must have one shape in all runs, not {one.shape} in some"
+                )
     return select(every, np.argsort(seeds, kind="stable"))
 
 
-# -- failed runs in words -------------------------------------------------------------------------------------------
+# -- failed runs in words --------------------------------------------------------------------------
 
 
 def failures(ensemble: Ensemble) -> str:
-    """Return which runs failed their health check, which could not go on and why the first could not; "" for none."""
+    """Return which runs failed their health check, which could not go on and why the first could
+    not; "" for none.
+    """
     runs = len(ensemble.seeds)
     unhealthy = [seed for seed in ensemble.failed_seeds.tolist() if seed not in ensemble.stopped]
-    parts = [f"failed their health check: {len(unhealthy)} of {runs} runs: {seed_text(unhealthy)}"] if unhealthy else []
+    parts = (
+        [f"failed their health check: {len(unhealthy)} of {runs} runs: {seed_text(unhealthy)}"]
+        if unhealthy
+        else []
+    )
     if ensemble.stopped:
         stopped = sorted(ensemble.stopped)
         first = f"seed {stopped[0]}: {ensemble.stopped[stopped[0]]}"
-        parts.append(f"could not go on: {len(stopped)} of {runs} runs: {seed_text(stopped)} ({first})")
+        parts.append(
+            f"could not go on: {len(stopped)} of {runs} runs: {seed_text(stopped)} ({first})"
+        )
     return "; ".join(parts)
 
 

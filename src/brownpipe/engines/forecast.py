@@ -1,8 +1,10 @@
-"""What is known before a run: the engine's `Definition`; the forecast of collisions, cost and time to settle.
+"""What is known before a run: the engine's `Definition`; the forecast of collisions, cost and time
+to settle.
 
-The forecast is rough on purpose, good to a factor of 2: an engine has one measured cost of its events, an observable
-one of a disk in a sample (`observables.Observable`). Collision counts hold in equilibrium, within some percent, those
-above a packing fraction of 0.7 for crystals. docs/theory.md, section 3.
+The forecast is rough on purpose, good to a factor of 2: an engine has one measured cost of its
+events, an observable one of a disk in a sample (`observables.Observable`). Collision counts hold in
+equilibrium, within some percent, those above a packing fraction of 0.7 for crystals.
+docs/theory.md, section 3.
 """
 
 import math
@@ -24,24 +26,33 @@ from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.scene import Scene
 from brownpipe.scene.scene import HEXAGONAL_PACKING
 
-START_UP = 0.5  # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
-EACH_RUN = 1.2e-4  # CPU seconds to begin and end a run, and again to equilibrate it; half of it for the tracer alone
-SECONDS_PER_EVENT = 1.9e-7  # CPU seconds of a collision, or of a disk that moves by the distance of neighbours
-DISKS_PER_EVENT = 30  # in a disk's cell and those around it; with more an event takes longer, in proportion
-SECONDS_PER_VELOCITY = 2e-7  # CPU seconds for a disk that does not move, but has a part in the total momentum
+# CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
+START_UP = 0.5
+# CPU seconds to begin and end a run, and again to equilibrate it; half of it for the tracer alone
+EACH_RUN = 1.2e-4
+# CPU seconds of a collision, or of a disk that moves by the distance of neighbours
+SECONDS_PER_EVENT = 1.9e-7
+# in a disk's cell and those around it; with more an event takes longer, in proportion
+DISKS_PER_EVENT = 30
+# CPU seconds for a disk that does not move, but has a part in the total momentum
+SECONDS_PER_VELOCITY = 2e-7
 SECONDS_PER_TRY = 1.2e-7  # CPU seconds to find out whether a disk fits in a place
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
-SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, and of each lag of an average over origins, at least
+# CPU seconds of an observable in a run, and of each lag of an average over origins, at least
+SECONDS_TO_MEASURE = 2e-5
 SECONDS_PER_BYTE = 3e-8  # CPU seconds to compress, write and verify a byte of a file
 PROCESS = 140e6  # bytes of memory of a process besides its runs: Python, packages, kernels
 BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the engine
-BYTES_PER_SAMPLE = 120  # of a disk that is recorded, during its run: its samples, sorted by disk, intermediate arrays
+# of a disk that is recorded, during its run: its samples, sorted by disk, intermediate arrays
+BYTES_PER_SAMPLE = 120
 BYTES_PER_EVENT = 32  # of a collision in memory, and some two thirds of that in a file
 BYTES_PER_NUMBER = 8
 SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
-FRICTION_TIMES = 5.0  # in units of (1 + m_b/m)/gamma: then a hot tracer's excess kinetic energy has fallen by e^-10
+# in units of (1 + m_b/m)/gamma: then a hot tracer's excess kinetic energy has fallen by e^-10
+FRICTION_TIMES = 5.0
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
-TOO_SHORT = 0.5  # share of the forecast time to settle, below which `check` cautions: the forecast is rough
+# share of the forecast time to settle, below which `check` cautions: the forecast is rough
+TOO_SHORT = 0.5
 MOST_RUNS = 10**9  # upper limit for one process
 COPIES = 2  # in memory, of whole runs and collisions while they are written
 
@@ -59,17 +70,27 @@ class Cost(NamedTuple):
 
 
 class Definition(NamedTuple):
-    """An engine. The functions take `settings`, a record with a value for each setting of the engine."""
+    """An engine. The functions take `settings`, a record with a value for each setting of the
+    engine.
+    """
 
     name: str
     summary: str  # for the help of the command line
-    simulation: str  # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
-    settings: Any  # the class of this record, a NamedTuple: types with descriptions for pydantic, and defaults
+    # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
+    simulation: str
+    # the class of this record, a NamedTuple: types with descriptions for pydantic, and defaults
+    settings: Any
     model: Callable[[Sequence[Scene], Any], str]  # (scenes, settings): the model, in a few words
-    caution: Callable[[Scene], str | None]  # one line on the limits of its results in the scene, or None
-    forecast: Callable[..., Cost]  # (scene, settings, record, observables, average): the cost of one run
+    caution: Callable[
+        [Scene], str | None
+    ]  # one line on the limits of its results in the scene, or None
+    forecast: Callable[
+        ..., Cost
+    ]  # (scene, settings, record, observables, average): the cost of one run
     # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
-    refuse_unfit: Callable[[Scene, Any, frozenset[str]], None] = lambda scene, settings, record: None
+    refuse_unfit: Callable[[Scene, Any, frozenset[str]], None] = lambda scene, settings, record: (
+        None
+    )
     moves_all_disks: bool = True  # otherwise it moves the tracer alone, and counts no collisions
     keeps_checkpoints: bool = False
 
@@ -81,9 +102,11 @@ def of_run(
     average: str = "runs",
     alone: bool = False,
 ) -> Cost:
-    """Return the forecast for one run of the exact engine that records `record` and measures `observables`.
+    """Return the forecast for one run of the exact engine that records `record` and measures
+    `observables`.
 
-    `record` and `average` as in `engines.ensemble.new_batch`. `alone`: only the tracer moves, without collisions.
+    `record` and `average` as in `engines.ensemble.new_batch`. `alone`: only the tracer moves,
+    without collisions.
     """
     time = 0.0 if alone else scene.duration + scene.equilibrate.time
     pair_collisions, wall_collisions = time * pair_rate(scene), time * wall_rate(scene)
@@ -95,7 +118,9 @@ def of_run(
     seconds = EACH_RUN * (0.5 if alone else 1 + (scene.equilibrate.time > 0))
     seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
     seconds += seconds_to_measure(scene, observables, average)
-    seconds += SECONDS_PER_VELOCITY * scene.particles * bool(alone and scene.velocities.zero_momentum)
+    seconds += (
+        SECONDS_PER_VELOCITY * scene.particles * bool(alone and scene.velocities.zero_momentum)
+    )
     if not alone:
         each = SECONDS_PER_EVENT * max(1.0, disks_in_cells(scene) / DISKS_PER_EVENT)
         seconds += each * (collisions + time * crossing_rate(scene) + 5 * scene.particles)
@@ -106,16 +131,22 @@ def of_run(
 def _bytes_of_record(
     scene: Scene, record: Collection[str], observables: Collection[str], events: float
 ) -> tuple[float, float]:
-    """Return the bytes recorded and measured of a run with `events` collisions: in the file, and in memory."""
+    """Return the bytes recorded and measured of a run with `events` collisions: in the file, and in
+    memory.
+    """
     coordinates, samples = 2 * BYTES_PER_NUMBER, len(scene.times)
     images = 8 if scene.box.periodic else 0  # which take next to nothing in a file
     tracer = samples * len({"tracer", "velocity"}.intersection(record))
     every_disk = samples * scene.particles * ("all" in record)
     logged = BYTES_PER_EVENT * events * ("events" in record)
     measured = BYTES_PER_NUMBER * measures.numbers_in(scene, observables)
-    changed = min(2 * events, every_disk)  # velocities, as those between two collisions of a disk are the same
+    changed = min(
+        2 * events, every_disk
+    )  # velocities, as those between two collisions of a disk are the same
     recorded = coordinates * (tracer + every_disk + changed) + logged * 2 / 3 + measured
-    kept = (coordinates + images) * tracer + COPIES * ((2 * coordinates + images) * every_disk + logged)
+    kept = (coordinates + images) * tracer + COPIES * (
+        (2 * coordinates + images) * every_disk + logged
+    )
     return recorded, kept + measured
 
 
@@ -133,115 +164,166 @@ def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> fl
             disks = len(equal_disks(scene)) if average == "disks" else 1
         elif observable.is_over_samples and not is_stationary(scene):
             samples = 1
-        steps, pairs = (samples, samples / 2) if average == "origins" and observable.of != "all" else (1, samples)
-        seconds += steps * max(SECONDS_TO_MEASURE, pairs * disks * observable.seconds_per_disk_sample)
+        steps, pairs = (
+            (samples, samples / 2)
+            if average == "origins" and observable.of != "all"
+            else (1, samples)
+        )
+        seconds += steps * max(
+            SECONDS_TO_MEASURE, pairs * disks * observable.seconds_per_disk_sample
+        )
     return seconds
 
 
 def most_runs(cost: Cost, available: float) -> int:
-    """Return how many runs of this cost one process can make and write in `available` memory [bytes], or 0."""
+    """Return how many runs of this cost one process can make and write in `available` memory
+    [bytes], or 0.
+    """
     return bisect_right(range(1, MOST_RUNS + 1), available, key=lambda runs: memory(cost, runs))
 
 
 def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
-    """Raise RequestError if so many runs of a scene, each of this cost, in one process exceed this machine's memory."""
+    """Raise RequestError if so many runs of a scene, each of this cost, in one process exceed this
+    machine's memory.
+    """
     needed, available = memory(cost, runs), os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if needed > available:
-        cure = f"this machine has {available / 1e9:.3g} GB: take fewer seeds a call, fewer samples, or record less"
-        raise RequestError(f"{scene.name}: {runs} runs need some {needed / 1e9:.3g} GB of memory, and {cure}")
+        cure = (
+            f"this machine has {available / 1e9:.3g} GB: take fewer seeds a call, fewer samples, "
+            "or record less"
+        )
+        raise RequestError(
+            f"{scene.name}: {runs} runs need some {needed / 1e9:.3g} GB of memory, and {cure}"
+        )
 
 
-# -- collision rates ------------------------------------------------------------------------------------------------
+# -- collision rates -------------------------------------------------------------------------------
 
 
 def speeds(scene: Scene) -> np.ndarray:
-    """Return the standard deviation [length/time] of a velocity component of disks of each species (K,).
+    """Return the standard deviation [length/time] of a velocity component of disks of each species
+    (K,).
 
-    A list of disks is taken to be in equilibrium at its mean kinetic energy per disk. From equal speeds disks of
-    different masses reach equal energies, in which light disks are faster: the mean square over the run is returned,
-    where the differences of the energies decay by the share 4 m_i m_j/(m_i + m_j)^2 in a collision, all at one rate.
+    A list of disks is taken to be in equilibrium at its mean kinetic energy per disk. From equal
+    speeds disks of different masses reach equal energies, in which light disks are faster: the mean
+    square over the run is returned, where the differences of the energies decay by the share 4 m_i
+    m_j/(m_i + m_j)^2 in a collision, all at one rate.
     """
     number, mass = species_table(scene).number, species_table(scene).mass
     if scene.velocities is None:
         velocity = np.array([disk.velocity for disk in scene.listed]).reshape(-1, 2)
         unit = float(np.abs(velocity).max(initial=0.0)) or 1.0  # so that no square overflows
-        energy = (scene.mass * np.sum((velocity / unit) ** 2, axis=1)).sum() / 2 / max(len(velocity), 1)
+        energy = (
+            (scene.mass * np.sum((velocity / unit) ** 2, axis=1)).sum() / 2 / max(len(velocity), 1)
+        )
         return unit * np.sqrt(energy / mass)
     if scene.velocities.temperature is not None:
         return np.sqrt(scene.velocities.temperature / mass)
     ratio, speed = mass[:, None] / mass, np.full(len(mass), scene.velocities.standard_deviation)
-    last = np.sqrt(number * (1 - bool(scene.velocities.zero_momentum) / (number @ ratio)) @ ratio / number.sum())
-    shared = np.where(ratio == 1.0, 0.0, 4 / (2 + ratio + ratio.T))  # of the difference of two energies
+    last = np.sqrt(
+        number
+        * (1 - bool(scene.velocities.zero_momentum) / (number @ ratio))
+        @ ratio
+        / number.sum()
+    )
+    shared = np.where(
+        ratio == 1.0, 0.0, 4 / (2 + ratio + ratio.T)
+    )  # of the difference of two energies
     for _ in range(8):  # until speeds and collisions fit each other
-        exchanges = (shared * [*_pair_rates(scene, speed)]).sum() * (scene.duration + scene.equilibrate.time)
-        speed = scene.velocities.standard_deviation * np.sqrt((1 + exchanges * last**2) / (1 + exchanges))
+        exchanges = (shared * [*_pair_rates(scene, speed)]).sum() * (
+            scene.duration + scene.equilibrate.time
+        )
+        speed = scene.velocities.standard_deviation * np.sqrt(
+            (1 + exchanges * last**2) / (1 + exchanges)
+        )
     return speed
 
 
 def pair_rate(scene: Scene) -> float:
-    """Return the expected collisions between disks per time [1/time], summed over all pairs of species.
+    """Return the expected collisions between disks per time [1/time], summed over all pairs of
+    species.
 
-    Above DENSEST disks collide more often than in the fluid of that packing fraction: by the free volume of a crystal
-    of equal disks, Z = 1 + 2 phi chi = s/(s - 2 R) for neighbours at the distance s (Z. W. Salsburg & W. W. Wood, J.
-    Chem. Phys. 37, 798 (1962)). Rows that the box compresses collide more often.
+    Above DENSEST disks collide more often than in the fluid of that packing fraction: by the free
+    volume of a crystal of equal disks, Z = 1 + 2 phi chi = s/(s - 2 R) for neighbours at the
+    distance s (Z. W. Salsburg & W. W. Wood, J. Chem. Phys. 37, 798 (1962)). Rows that the box
+    compresses collide more often.
     """
     of_species = zip(species_table(scene).number, _pair_rates(scene, speeds(scene)), strict=True)
     rate = float(sum(number * rates.sum() for number, rates in of_species)) / 2
     if scene.packing_fraction <= DENSEST:
         return rate
-    gap = max(1 - math.sqrt(scene.packing_fraction / HEXAGONAL_PACKING), SMALLEST_GAP)  # relative to the distance
+    gap = max(
+        1 - math.sqrt(scene.packing_fraction / HEXAGONAL_PACKING), SMALLEST_GAP
+    )  # relative to the distance
     return rate * ((1 / gap - 1) / (2 * scene.packing_fraction) / theory.contact_value(DENSEST))
 
 
 def _pair_rates(scene: Scene, speed: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield for each species the collisions per time [1/time] of a disk with those of each species (K,), in a fluid.
+    """Yield for each species the collisions per time [1/time] of a disk with those of each species
+    (K,), in a fluid.
 
-    `theory.collision_rate` with sqrt(kT/mu) = hypot(speed_i, speed_j), the standard deviation of a component of the
-    relative velocity. This also holds for species of different temperatures. A list of disks may have a species each.
+    `theory.collision_rate` with sqrt(kT/mu) = hypot(speed_i, speed_j), the standard deviation of a
+    component of the relative velocity. This also holds for species of different temperatures. A
+    list of disks may have a species each.
     """
     table, fluid = species_table(scene), min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
     diameter, density = 2 * table.radius, fluid * table.number / scene.box.area
     for i, radius in enumerate(table.radius):
         partners = (table.number - (np.arange(len(speed)) == i)) / scene.box.area
         contact = theory.contact_value_mixture(diameter[i], diameter, density, diameter)
-        yield theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0) * np.hypot(speed[i], speed)
+        yield theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0) * np.hypot(
+            speed[i], speed
+        )
 
 
 def wall_rate(scene: Scene) -> float:
-    """Return the expected collisions with walls per time [1/time]: of each disk Z speed sqrt(2/pi)/side, summed over
-    both sides of the rectangle accessible to its centre; Z is that of the other disks. Too many in narrow channels."""
+    """Return the expected collisions with walls per time [1/time]: of each disk Z speed
+    sqrt(2/pi)/side, summed over both sides of the rectangle accessible to its centre; Z is that of
+    the other disks. Too many in narrow channels."""
     if scene.box.periodic:
         return 0.0
-    phi, table = min(scene.packing_fraction * (1 - 1 / max(scene.particles, 1)), DENSEST), species_table(scene)
+    phi, table = (
+        min(scene.packing_fraction * (1 - 1 / max(scene.particles, 1)), DENSEST),
+        species_table(scene),
+    )
     compressibility = theory.compressibility(phi, theory.contact_value_henderson(phi))
     side = np.array([[scene.box.width], [scene.box.height]]) - (2 - SMALLEST_GAP) * table.radius
-    return float(compressibility * math.sqrt(2 / math.pi) * (table.number * speeds(scene) / side).sum())
+    return float(
+        compressibility * math.sqrt(2 / math.pi) * (table.number * speeds(scene) / side).sum()
+    )
 
 
 def path_rate(scene: Scene) -> float:
-    """Return the length of all disks' paths per time [length/time]; the mean speed is sqrt(pi/2) times `speeds`."""
+    """Return the length of all disks' paths per time [length/time]; the mean speed is sqrt(pi/2)
+    times `speeds`.
+    """
     return float(np.sqrt(np.pi / 2) * (species_table(scene).number * speeds(scene)).sum())
 
 
 def crossing_rate(scene: Scene) -> float:
-    """Return how often per time [1/time] disks move by the distance of neighbours, sqrt(area per disk)."""
+    """Return how often per time [1/time] disks move by the distance of neighbours, sqrt(area per
+    disk).
+    """
     return path_rate(scene) / math.sqrt(scene.box.area / max(scene.particles, 1))
 
 
 def disks_in_cells(scene: Scene) -> float:
     """Return how many disks are in the 3 x 3 cells in which an event looks for partners.
 
-    Larger disks, but for a few (`units.common_radius`), set the width of cells, which then have many small disks.
+    Larger disks, but for a few (`units.common_radius`), set the width of cells, which then have
+    many small disks.
     """
-    wide = cell_width(common_radius(scene.radius), scene.packing_fraction) if scene.particles else 0.0
+    wide = (
+        cell_width(common_radius(scene.radius), scene.packing_fraction) if scene.particles else 0.0
+    )
     return 9 * wide**2 / scene.box.area * scene.particles
 
 
 def caution(scene: Scene) -> str | None:
     """Return one line of caution on runs of all disks of a scene; otherwise None.
 
-    If random placement is expected to fail, or if the mean free path between collisions with disks, mean speed over
-    mean collision rate of all disks, is longer than the shorter side of the box.
+    If random placement is expected to fail, or if the mean free path between collisions with disks,
+    mean speed over mean collision rate of all disks, is longer than the shorter side of the box.
     """
     if line := placement_caution(scene):
         return line
@@ -252,52 +334,80 @@ def caution(scene: Scene) -> str | None:
     if path <= side:
         return None
     too_long = f"the mean free path, {path:.2g}, is longer than its shorter side, {side:.2g}"
-    return f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: {too_long}"
+    return (
+        f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: "
+        f"{too_long}"
+    )
 
 
-# -- time to settle -------------------------------------------------------------------------------------------------
+# -- time to settle --------------------------------------------------------------------------------
 
 
 def settling_time(scene: Scene) -> float:
-    """Return the time [time] in which the fluid of a scene forgets its start; NaN beyond Enskog's theory.
+    """Return the time [time] in which the fluid of a scene forgets its start; NaN beyond Enskog's
+    theory.
 
-    The slowest species of several disks, of speed v (standard deviation of a component), moves by the distance of
-    neighbours a: a/v in flight and, to forget a lattice, also a^2/D, with D = v^2/gamma and gamma about the collision
-    rate. It is at least FRICTION_TIMES of the tracer, unless velocities are drawn at a temperature (docs/theory.md,
-    section 5).
+    The slowest species of several disks, of speed v (standard deviation of a component), moves by
+    the distance of neighbours a: a/v in flight and, to forget a lattice, also a^2/D, with D =
+    v^2/gamma and gamma about the collision rate. It is at least FRICTION_TIMES of the tracer,
+    unless velocities are drawn at a temperature (docs/theory.md, section 5).
     """
     rate = 2 * pair_rate(scene) / scene.particles if scene.particles >= FEWEST_DISKS else 0.0
     if not rate > 0 or scene.packing_fraction > DENSEST:
         return math.nan
     number = species_table(scene).number
-    slowest = speeds(scene)[number >= min(2, number.max())].min()  # of single disks if there is no other species
+    slowest = speeds(scene)[
+        number >= min(2, number.max())
+    ].min()  # of single disks if there is no other species
     flight = math.sqrt(scene.box.area / scene.particles) / slowest
     diffusion = flight * flight * rate if _is_ordered(scene) else 0.0
     is_hot = scene.velocities.temperature is None
-    heavier = 1 + bath_of(scene).mass / scene.mass[0]  # a light tracer forgets its velocity long before its energy
-    cooling = FRICTION_TIMES / max((partners_of(scene).friction / heavier).sum(), SMALLEST_NORMAL) if is_hot else 0.0
+    heavier = (
+        1 + bath_of(scene).mass / scene.mass[0]
+    )  # a light tracer forgets its velocity long before its energy
+    cooling = (
+        FRICTION_TIMES / max((partners_of(scene).friction / heavier).sum(), SMALLEST_NORMAL)
+        if is_hot
+        else 0.0
+    )
     return float(max(flight + diffusion, cooling))
 
 
 def _is_ordered(scene: Scene) -> bool:
-    """Return whether a scene starts far from the places of a fluid: on a lattice, or of disks that have grown."""
+    """Return whether a scene starts far from the places of a fluid: on a lattice, or of disks that
+    have grown.
+    """
     return scene.placement == "lattice" or is_grown(scene)
 
 
 def settling_in_words(scene: Scene) -> str | None:
-    """Return how long to equilibrate and what that rests on; None for a scene that does not claim equilibrium."""
+    """Return how long to equilibrate and what that rests on; None for a scene that does not claim
+    equilibrium.
+    """
     if not claims_equilibrium(scene):
         return None
     needed = settling_time(scene)
     if math.isnan(needed):
-        return f"no forecast for few disks, or above a packing fraction of {DENSEST:g}, where disks freeze"
+        return (
+            f"no forecast for few disks, or above a packing fraction of {DENSEST:g}, where disks "
+            "freeze"
+        )
     basis = "to move to a neighbour's place" + (" by diffusion" if _is_ordered(scene) else "")
-    hot = "" if scene.velocities.temperature is not None else f", {FRICTION_TIMES:g} (1 + m_b/m)/gamma of the tracer"
-    return f"some {needed:.2g} should be enough ({basis}{hot}; Enskog's theory of the fluid, not of crystals)"
+    hot = (
+        ""
+        if scene.velocities.temperature is not None
+        else f", {FRICTION_TIMES:g} (1 + m_b/m)/gamma of the tracer"
+    )
+    return (
+        f"some {needed:.2g} should be enough ({basis}{hot}; Enskog's theory of the fluid, not of "
+        "crystals)"
+    )
 
 
 def settling_caution(scene: Scene) -> str | None:
-    """Return one line of caution if a scene equilibrates for far less than it is expected to need; otherwise None."""
+    """Return one line of caution if a scene equilibrates for far less than it is expected to need;
+    otherwise None.
+    """
     time, words = scene.equilibrate.time, settling_in_words(scene)
     if words is None or not time < TOO_SHORT * settling_time(scene):
         return None

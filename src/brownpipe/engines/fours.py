@@ -1,13 +1,16 @@
 """Fours: vectors of four numbers, on which the processor computes with one instruction (SIMD).
 
-The operators and functions below act on each number of a four of floats, integers or truth values; the other operand
-may be a four or one number. Each of the four results is rounded like that of a single operation, so they do
-not depend on the processor: one without such instructions computes the four one after the other. Outside of compiled
-kernels a four is a NumPy array (4,), and the functions are those of this file.
+The operators and functions below act on each number of a four of floats, integers or truth values;
+the other operand may be a four or one number. Each of the four results is rounded like that of a
+single operation, so they do not depend on the processor: one without such instructions computes the
+four one after the other. Outside of compiled kernels a four is a NumPy array (4,), and the
+functions are those of this file.
 
-Integers serve as addresses, for which the processor needs them one by one: compiled, a four of them is no vector.
+Integers serve as addresses, for which the processor needs them one by one: compiled, a four of them
+is no vector.
 
-The arrays that are read or written are one-dimensional; `float64` or `uint32` as stated. No index is checked.
+The arrays that are read or written are one-dimensional; `float64` or `uint32` as stated. No index
+is checked.
 """
 
 import operator
@@ -36,15 +39,22 @@ def four_from(first: float) -> np.ndarray:
 
 
 def four_entries(array: np.ndarray, first: int, end: int, beyond: int) -> np.ndarray:
-    """Return the entries of a uint32 array from an index on, as integers; from the index `end` on, `beyond`.
+    """Return the entries of a uint32 array from an index on, as integers; from the index `end` on,
+    `beyond`.
 
     All four are read, so the array must have them.
     """
-    return np.where(first + np.arange(SIZE) < end, array[first : first + SIZE], beyond).astype(np.int64)
+    return np.where(first + np.arange(SIZE) < end, array[first : first + SIZE], beyond).astype(
+        np.int64
+    )
 
 
-def four_columns(array: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return (array[index], array[index + 1], array[index + 2], array[index + 3]) of a float64 array."""
+def four_columns(
+    array: np.ndarray, index: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return (array[index], array[index + 1], array[index + 2], array[index + 3]) of a float64
+    array.
+    """
     return array[index], array[index + 1], array[index + 2], array[index + 3]
 
 
@@ -60,7 +70,9 @@ def replace_in_four(array: np.ndarray, first: int, old: int, new: int) -> None:
 
 
 def where(condition: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the numbers of `one` where a condition holds, elsewhere those of `other`; both are fours of floats."""
+    """Return the numbers of `one` where a condition holds, elsewhere those of `other`; both are
+    fours of floats.
+    """
     return np.where(condition, one, other)
 
 
@@ -79,7 +91,7 @@ def least(values: np.ndarray) -> float:
     return float(values.min())
 
 
-# -- compiled -------------------------------------------------------------------------------------------------------
+# -- compiled --------------------------------------------------------------------------------------
 
 LONG, WORD, DOUBLE = ir.IntType(64), ir.IntType(32), ir.DoubleType()
 
@@ -105,15 +117,20 @@ class _FourModel(models.PrimitiveModel):
 
 
 def _instructions(function: Callable, *signatures: Any) -> Callable:
-    """Let Numba compile calls of a function with these signatures to what `code(builder, *arguments)` builds.
+    """Let Numba compile calls of a function with these signatures to what `code(builder,
+    *arguments)` builds.
 
     Of an array, `code` gets the address of its first element.
     """
 
     def register(code: Callable) -> Callable:
-        def compiled(context: Any, builder: ir.IRBuilder, called: Any, arguments: Sequence[ir.Value]) -> ir.Value:
+        def compiled(
+            context: Any, builder: ir.IRBuilder, called: Any, arguments: Sequence[ir.Value]
+        ) -> ir.Value:
             values = [
-                context.make_array(kind)(context, builder, value).data if isinstance(kind, types.Array) else value
+                context.make_array(kind)(context, builder, value).data
+                if isinstance(kind, types.Array)
+                else value
                 for kind, value in zip(called.args, arguments, strict=True)
             ]
             made = code(builder, *values)
@@ -121,7 +138,9 @@ def _instructions(function: Callable, *signatures: Any) -> Callable:
                 return context.make_tuple(builder, called.return_type, made)
             return context.get_dummy_value() if made is None else made
 
-        infer_global(function)(type(function.__name__, (ConcreteTemplate,), {"cases": list(signatures)}))
+        infer_global(function)(
+            type(function.__name__, (ConcreteTemplate,), {"cases": list(signatures)})
+        )
         for one in signatures:
             lower_builtin(function, *one.args)(compiled)
         return code
@@ -130,13 +149,18 @@ def _instructions(function: Callable, *signatures: Any) -> Callable:
 
 
 def _operation(function: Callable, kind: Four, result: Four, instruction: Callable) -> None:
-    """Let Numba compile a function of two fours, or of a four and a number, to one instruction; of integers to four."""
+    """Let Numba compile a function of two fours, or of a four and a number, to one instruction; of
+    integers to four.
+    """
 
     def code(builder: ir.IRBuilder, *operands: ir.Value) -> ir.Value:
         if kind is INTEGERS:
             lanes = zip(*(_each(builder, value) for value in operands), strict=True)
             return _integers(builder, [instruction(builder, *pair) for pair in lanes])
-        fours = [value if isinstance(value.type, ir.VectorType) else _spread(builder, value) for value in operands]
+        fours = [
+            value if isinstance(value.type, ir.VectorType) else _spread(builder, value)
+            for value in operands
+        ]
         return instruction(builder, *fours)
 
     _instructions(function, *_pairs(kind, result))(code)
@@ -144,7 +168,10 @@ def _operation(function: Callable, kind: Four, result: Four, instruction: Callab
 
 def _pairs(kind: Four, result: Four) -> list[Any]:
     """Return the signatures of an operation on two fours, or a four and a number."""
-    return [signature(result, *pair) for pair in ((kind, kind), (kind, kind.number), (kind.number, kind))]
+    return [
+        signature(result, *pair)
+        for pair in ((kind, kind), (kind, kind.number), (kind.number, kind))
+    ]
 
 
 def _each(builder: ir.IRBuilder, value: ir.Value) -> list[ir.Value]:
@@ -177,7 +204,9 @@ def _spread(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
 
 
 def _shuffled(builder: ir.IRBuilder, one: ir.Value, other: ir.Value, lanes: list[int]) -> ir.Value:
-    """Return the vector of these elements of two vectors: 0 to 3 of the first, 4 to 7 of the second."""
+    """Return the vector of these elements of two vectors: 0 to 3 of the first, 4 to 7 of the
+    second.
+    """
     return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(WORD, SIZE), lanes))
 
 
@@ -200,9 +229,15 @@ _operation(operator.sub, FLOATS, FLOATS, ir.IRBuilder.fsub)
 _operation(operator.mul, FLOATS, FLOATS, ir.IRBuilder.fmul)
 _operation(operator.truediv, FLOATS, FLOATS, ir.IRBuilder.fdiv)
 _operation(np.maximum, FLOATS, FLOATS, _larger)
-_operation(operator.lt, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered("<", one, other))
-_operation(operator.le, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered("<=", one, other))
-_operation(operator.gt, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered(">", one, other))
+_operation(
+    operator.lt, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered("<", one, other)
+)
+_operation(
+    operator.le, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered("<=", one, other)
+)
+_operation(
+    operator.gt, FLOATS, TRUTHS, lambda builder, one, other: builder.fcmp_ordered(">", one, other)
+)
 _operation(operator.and_, TRUTHS, TRUTHS, ir.IRBuilder.and_)
 _operation(operator.mul, INTEGERS, INTEGERS, ir.IRBuilder.mul)
 _operation(operator.add, INTEGERS, INTEGERS, ir.IRBuilder.add)
@@ -218,7 +253,9 @@ def _differ(builder: ir.IRBuilder, one: ir.Value, other: ir.Value) -> ir.Value:
 @_instructions(np.sqrt, signature(FLOATS, FLOATS))
 def _sqrt(builder: ir.IRBuilder, values: ir.Value) -> ir.Value:
     kind = ir.FunctionType(values.type, [values.type])
-    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{SIZE}f64"), [values])
+    return builder.call(
+        cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{SIZE}f64"), [values]
+    )
 
 
 _instructions(four, signature(FLOATS, types.float64))(_spread)
@@ -227,19 +264,27 @@ _instructions(where, signature(FLOATS, TRUTHS, FLOATS, FLOATS))(ir.IRBuilder.sel
 
 @_instructions(four_from, signature(FLOATS, types.float64))
 def _four_from(builder: ir.IRBuilder, first: ir.Value) -> ir.Value:
-    return builder.fadd(_spread(builder, first), ir.Constant(FLOATS.four, [float(lane) for lane in range(SIZE)]))
+    return builder.fadd(
+        _spread(builder, first), ir.Constant(FLOATS.four, [float(lane) for lane in range(SIZE)])
+    )
 
 
 @_instructions(four_entries, signature(INTEGERS, WORDS, types.int64, types.int64, types.int64))
-def _four_entries(builder: ir.IRBuilder, array: ir.Value, first: ir.Value, end: ir.Value, beyond: ir.Value) -> ir.Value:
-    """Load the four one by one ("unordered" for LLVM): what `copy_four` has just written is then available at once.
+def _four_entries(
+    builder: ir.IRBuilder, array: ir.Value, first: ir.Value, end: ir.Value, beyond: ir.Value
+) -> ir.Value:
+    """Load the four one by one ("unordered" for LLVM): what `copy_four` has just written is then
+    available at once.
 
-    A load of all four would wait until several overlapping stores are in the cache, after all earlier instructions.
+    A load of all four would wait until several overlapping stores are in the cache, after all
+    earlier instructions.
     """
     each = []
     for lane in range(SIZE):
         index = builder.add(first, LONG(lane))
-        entry = builder.zext(builder.load_atomic(builder.gep(array, [index]), "unordered", align=4), LONG)
+        entry = builder.zext(
+            builder.load_atomic(builder.gep(array, [index]), "unordered", align=4), LONG
+        )
         each.append(builder.select(builder.icmp_signed("<", index, end), entry, beyond))
     return _integers(builder, each)
 
@@ -247,7 +292,9 @@ def _four_entries(builder: ir.IRBuilder, array: ir.Value, first: ir.Value, end: 
 @_instructions(four_columns, signature(types.UniTuple(FLOATS, SIZE), NUMBERS, INTEGERS))
 def _four_columns(builder: ir.IRBuilder, array: ir.Value, index: ir.Value) -> list[ir.Value]:
     """Load four rows, and transpose them."""
-    a, b, c, d = (builder.load(_vector_at(builder, array, at), align=8) for at in _each(builder, index))
+    a, b, c, d = (
+        builder.load(_vector_at(builder, array, at), align=8) for at in _each(builder, index)
+    )
     even_ab, odd_ab = (_shuffled(builder, a, b, lanes) for lanes in ([0, 4, 2, 6], [1, 5, 3, 7]))
     even_cd, odd_cd = (_shuffled(builder, c, d, lanes) for lanes in ([0, 4, 2, 6], [1, 5, 3, 7]))
     return [
@@ -258,13 +305,19 @@ def _four_columns(builder: ir.IRBuilder, array: ir.Value, index: ir.Value) -> li
 
 
 @_instructions(copy_four, signature(types.void, WORDS, types.int64, WORDS, types.int64))
-def _copy_four(builder: ir.IRBuilder, target: ir.Value, at: ir.Value, source: ir.Value, first: ir.Value) -> None:
+def _copy_four(
+    builder: ir.IRBuilder, target: ir.Value, at: ir.Value, source: ir.Value, first: ir.Value
+) -> None:
     values = builder.load(_vector_at(builder, source, first), align=4)
     builder.store(values, _vector_at(builder, target, at), align=4)
 
 
-@_instructions(replace_in_four, signature(types.void, WORDS, types.int64, types.uint32, types.uint32))
-def _replace_in_four(builder: ir.IRBuilder, array: ir.Value, first: ir.Value, old: ir.Value, new: ir.Value) -> None:
+@_instructions(
+    replace_in_four, signature(types.void, WORDS, types.int64, types.uint32, types.uint32)
+)
+def _replace_in_four(
+    builder: ir.IRBuilder, array: ir.Value, first: ir.Value, old: ir.Value, new: ir.Value
+) -> None:
     address = _vector_at(builder, array, first)
     values = builder.load(address, align=4)
     is_old = builder.icmp_unsigned("==", values, _spread(builder, old))

@@ -1,4 +1,6 @@
-"""Friction of a disk in a bath of other disks, by Enskog's and Boltzmann's theories: docs/theory.md, section 3."""
+"""Friction of a disk in a bath of other disks, by Enskog's and Boltzmann's theories:
+docs/theory.md, section 3.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,9 +14,12 @@ from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene, Species
 
-DECAY_TIMES = 3.0  # in units of 1/gamma of the tracer: from then on its displacements count as diffusive
-ROUNDED = 0.95  # of that time: windows that begin earlier are marked; the start of default ones is rounded
-# Packing fraction above which disks freeze and the contact values, those of the fluid, do not hold; 0.7 with round-off.
+# in units of 1/gamma of the tracer: from then on its displacements count as diffusive
+DECAY_TIMES = 3.0
+# of that time: windows that begin earlier are marked; the start of default ones is rounded
+ROUNDED = 0.95
+# Packing fraction above which disks freeze and the contact values, those of the fluid, do not hold;
+# 0.7 with round-off.
 DENSEST = 0.7 * (1 + 1e-12)
 
 
@@ -28,7 +33,9 @@ class Bath(NamedTuple):
 
 
 class Partners(NamedTuple):
-    """Enskog's theory of the tracer, for each of the K species of its bath; arrays of shape (K,)."""
+    """Enskog's theory of the tracer, for each of the K species of its bath; arrays of shape
+    (K,).
+    """
 
     contact_value: np.ndarray  # [1]
     friction: np.ndarray  # gamma = zeta/m_a [1/time]
@@ -48,21 +55,29 @@ def moves(scene: Scene) -> bool:
 def bath_of(scene: Scene) -> Bath:
     """Return the bath of a scene of species: all disks but the tracer."""
     table = species_table(scene)
-    counts = table.number - (np.arange(len(table.number)) == 0)  # the tracer is of the first species
+    counts = table.number - (
+        np.arange(len(table.number)) == 0
+    )  # the tracer is of the first species
     number, radius, mass = (values[counts > 0] for values in (counts, table.radius, table.mass))
     temperature = scene.velocities.temperature
     if temperature is None:
-        unit = math.ldexp(1.0, math.frexp(mass.max(initial=0.0))[1] - 1)  # many masses of 1e300 add up to infinity
+        unit = math.ldexp(
+            1.0, math.frexp(mass.max(initial=0.0))[1] - 1
+        )  # many masses of 1e300 add up to infinity
         mean = float((number * (mass / unit)).sum() / number.sum()) * unit
-        temperature = scene.velocities.standard_deviation * scene.velocities.standard_deviation * mean
+        temperature = (
+            scene.velocities.standard_deviation * scene.velocities.standard_deviation * mean
+        )
     return Bath(number, radius, mass, temperature)
 
 
 def bath_share(scene: Scene) -> float:
-    """Return the bath's share of the mass of all disks, 1 - m/M, where their total momentum stays zero; otherwise 1.
+    """Return the bath's share of the mass of all disks, 1 - m/M, where their total momentum stays
+    zero; otherwise 1.
 
-    In such a box the bath recoils: in equilibrium <v^2> of the tracer is 2kT/m times this share, its velocity decays at
-    gamma divided by it, and its diffusion coefficient is kT/(m gamma) times its square. docs/theory.md, section 3.
+    In such a box the bath recoils: in equilibrium <v^2> of the tracer is 2kT/m times this share,
+    its velocity decays at gamma divided by it, and its diffusion coefficient is kT/(m gamma) times
+    its square. docs/theory.md, section 3.
     """
     if not (scene.box.periodic and scene.velocities and scene.velocities.zero_momentum):
         return 1.0
@@ -72,10 +87,12 @@ def bath_share(scene: Scene) -> float:
 
 
 def diffusive_from(scene: Scene) -> float:
-    """Return the time [time] from which straight lines may be fitted to the MSD: DECAY_TIMES of the tracer's velocity.
+    """Return the time [time] from which straight lines may be fitted to the MSD: DECAY_TIMES of the
+    tracer's velocity.
 
-    It decays at Enskog's rate gamma, divided by the bath's share of the mass. NaN without a bath, and for disks listed
-    one by one. Necessary, not sufficient: in a dense fluid, or for tails of the decay, D goes on changing.
+    It decays at Enskog's rate gamma, divided by the bath's share of the mass. NaN without a bath,
+    and for disks listed one by one. Necessary, not sufficient: in a dense fluid, or for tails of
+    the decay, D goes on changing.
     """
     if scene.listed or scene.particles < 2:
         return math.nan
@@ -84,10 +101,11 @@ def diffusive_from(scene: Scene) -> float:
 
 
 def default_windows(scenes: Sequence[Scene]) -> tuple[tuple[float, float], ...]:
-    """Return the windows of straight-line fits [time] for scenes, after the slowest tracer's motion is diffusive.
+    """Return the windows of straight-line fits [time] for scenes, after the slowest tracer's motion
+    is diffusive.
 
-    Both end with the shortest run. The first begins where motion is diffusive, from a tenth to a half of that run, the
-    second at twice that time, from a half to three quarters.
+    Both end with the shortest run. The first begins where motion is diffusive, from a tenth to a
+    half of that run, the second at twice that time, from a half to three quarters.
     """
     slowest = float(f"{np.nanmax([0.0, *(diffusive_from(scene) for scene in scenes)]):.2g}")
     shortest = min(scene.duration for scene in scenes)
@@ -97,14 +115,17 @@ def default_windows(scenes: Sequence[Scene]) -> tuple[tuple[float, float], ...]:
 
 
 def are_inside(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
-    """Return which of the times (T,) lie in a window of a straight-line fit, its ends included to round-off."""
+    """Return which of the times (T,) lie in a window of a straight-line fit, its ends included to
+    round-off.
+    """
     start, end = window
     slack = 1e-9 * max(abs(start), abs(end))
     return (times >= start - slack) & (times <= end + slack)
 
 
 def window_caution(window: tuple[float, float], starts: Mapping[str, float]) -> str | None:
-    """Return one line of caution if a window of a straight-line fit begins before motion is diffusive; otherwise None.
+    """Return one line of caution if a window of a straight-line fit begins before motion is
+    diffusive; otherwise None.
 
     starts: `diffusive_from` [time] of scenes by their names.
     """
@@ -119,41 +140,61 @@ def window_caution(window: tuple[float, float], starts: Mapping[str, float]) -> 
 
 
 def moving_disks(scene: Scene) -> int:
-    """Return half of the degrees of freedom of the velocities: N, or N - 1 where the total momentum is kept at zero."""
-    return scene.particles - (scene.box.periodic and scene.velocities is not None and scene.velocities.zero_momentum)
+    """Return half of the degrees of freedom of the velocities: N, or N - 1 where the total momentum
+    is kept at zero.
+    """
+    return scene.particles - (
+        scene.box.periodic and scene.velocities is not None and scene.velocities.zero_momentum
+    )
 
 
 def rate_at_temperature(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
-    """Return collision rates (n,) of runs with kinetic temperatures `kt` (n,), scaled to the mean at the scene's.
+    """Return collision rates (n,) of runs with kinetic temperatures `kt` (n,), scaled to the mean
+    at the scene's.
 
-    If all velocities are multiplied by a factor, hard disks follow the same paths, faster by this factor: rates are
-    proportional to sqrt(kt). Over runs with velocities drawn at this temperature the mean of sqrt(kt/temperature) is
-    slightly below 1 (`mean_root`). With this factor the scaled rate has, in equilibrium, the canonical mean of the
-    rate, without the spread due to the temperatures of the runs.
+    If all velocities are multiplied by a factor, hard disks follow the same paths, faster by this
+    factor: rates are proportional to sqrt(kt). Over runs with velocities drawn at this temperature
+    the mean of sqrt(kt/temperature) is slightly below 1 (`mean_root`). With this factor the scaled
+    rate has, in equilibrium, the canonical mean of the rate, without the spread due to the
+    temperatures of the runs.
     """
     return rate * np.sqrt(scene.velocities.temperature / kt) * mean_root(scene)
 
 
 def mean_root(scene: Scene) -> float:
-    """Return the mean of sqrt(kT_run/kT) over runs with velocities drawn at kT: `theory.mean_root_chi_square`."""
+    """Return the mean of sqrt(kT_run/kT) over runs with velocities drawn at kT:
+    `theory.mean_root_chi_square`.
+    """
     return theory.mean_root_chi_square(2 * moving_disks(scene))
 
 
 def drift_diffusion(scene: Scene) -> float:
-    """Return what the drift of the centre of mass adds to D by the end of a run, <V^2> t/2 [length^2/time].
+    """Return what the drift of the centre of mass adds to D by the end of a run, <V^2> t/2
+    [length^2/time].
 
     NaN unless species are in a periodic box and their total momentum is not zero.
     """
     velocities = scene.velocities
-    if not scene.box.periodic or velocities is None or velocities.zero_momentum or not scene.particles:
+    if (
+        not scene.box.periodic
+        or velocities is None
+        or velocities.zero_momentum
+        or not scene.particles
+    ):
         return math.nan
     relative = scene.mass / scene.mass.max()
     if velocities.temperature is not None:
         square_speed = 2 * velocities.temperature / scene.mass.max() / relative.sum()
     else:
         square = relative**2
-        if scene.equilibrate.time > 0 and scene.equilibrate.tracer == "pinned" and scene.particles > 1:
-            square[1:] = relative[1:] * relative[1:].mean()  # around a held tracer the bath keeps its energy alone
+        if (
+            scene.equilibrate.time > 0
+            and scene.equilibrate.tracer == "pinned"
+            and scene.particles > 1
+        ):
+            square[1:] = (
+                relative[1:] * relative[1:].mean()
+            )  # around a held tracer the bath keeps its energy alone
         square_speed = 2 * velocities.standard_deviation**2 * square.sum() / relative.sum() ** 2
     return float(square_speed * scene.duration / 2)
 
@@ -161,12 +202,13 @@ def drift_diffusion(scene: Scene) -> float:
 def friction_rate(scene: Scene, friction: str, measured: float | None = None) -> float:
     """Return the tracer's friction rate gamma = zeta/m [1/time], dv/dt = -gamma v + noise.
 
-    `friction` is `enskog`, the sum of the frictions of all species of the bath (`partners_of`); `boltzmann`, the same
-    with contact values 1, the dilute limit; or `measured`, Enskog's sum times the tracer's `measured` collision rate
-    [1/time] over Enskog's rate. A species contributes zeta = 2 n chi sigma sqrt(2 pi mu kT), which is 2 mu times the
-    collision rate with it. With one species gamma is therefore 2 mu rate/m, the initial decay rate of the velocity
-    autocorrelation, for any chi. With several species the measured rate is divided in Enskog's proportions. It includes
-    the density increase due to excluded volume at the walls.
+    `friction` is `enskog`, the sum of the frictions of all species of the bath (`partners_of`);
+    `boltzmann`, the same with contact values 1, the dilute limit; or `measured`, Enskog's sum times
+    the tracer's `measured` collision rate [1/time] over Enskog's rate. A species contributes zeta =
+    2 n chi sigma sqrt(2 pi mu kT), which is 2 mu times the collision rate with it. With one species
+    gamma is therefore 2 mu rate/m, the initial decay rate of the velocity autocorrelation, for any
+    chi. With several species the measured rate is divided in Enskog's proportions. It includes the
+    density increase due to excluded volume at the walls.
 
     Raises RequestError if gamma is beyond the floating-point numbers.
     """
@@ -183,12 +225,14 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
 
 
 def partners_of(scene: Scene, crowded: bool = True) -> Partners:
-    """Return contact values, frictions and collision rates of the tracer with every species of its bath.
+    """Return contact values, frictions and collision rates of the tracer with every species of its
+    bath.
 
-    A species of N_k disks, the tracer not counted, has the number density N_k/A. The contact values are those of the
-    whole box, the tracer included (`theory.mixture_contact_values`), at a packing fraction of at most DENSEST; without
-    `crowded` they are 1. Walls are not considered. Masses and kT are divided by the tracer's mass first, because its
-    friction coefficient zeta alone may be beyond the floating-point numbers.
+    A species of N_k disks, the tracer not counted, has the number density N_k/A. The contact values
+    are those of the whole box, the tracer included (`theory.mixture_contact_values`), at a packing
+    fraction of at most DENSEST; without `crowded` they are 1. Walls are not considered. Masses and
+    kT are divided by the tracer's mass first, because its friction coefficient zeta alone may be
+    beyond the floating-point numbers.
     """
     tracer = followed(scene)
     bath = bath_of(scene)
@@ -196,7 +240,9 @@ def partners_of(scene: Scene, crowded: bool = True) -> Partners:
     if crowded:
         table = species_table(scene)
         fluid = min(1.0, DENSEST / scene.packing_fraction)
-        contact = theory.mixture_contact_values(fluid * table.number / scene.box.area, 2 * table.radius)
+        contact = theory.mixture_contact_values(
+            fluid * table.number / scene.box.area, 2 * table.radius
+        )
         chi = contact[0, table.number > (np.arange(len(table.number)) == 0)]
     mu = theory.reduced_mass(1.0, bath.mass / tracer.mass)
     density = bath.number / scene.box.area

@@ -1,6 +1,8 @@
-"""The initial state of a run, drawn from its seed before any equilibration: velocities, then positions.
+"""The initial state of a run, drawn from its seed before any equilibration: velocities, then
+positions.
 
-Disks are placed by random sequential insertion or, in dense scenes, grown or placed on a triangular lattice.
+Disks are placed by random sequential insertion or, in dense scenes, grown or placed on a triangular
+lattice.
 """
 
 import math
@@ -8,7 +10,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from brownpipe.engines.insertion import OUT_OF_NUMBERS, STUCK, TRIES, Places, insert, push_apart, register
+from brownpipe.engines.insertion import (
+    OUT_OF_NUMBERS,
+    STUCK,
+    TRIES,
+    Places,
+    insert,
+    push_apart,
+    register,
+)
 from brownpipe.engines.placement import JAMMED, is_grown, lattice_sites
 from brownpipe.engines.units import State, common_radius
 from brownpipe.errors import PlacementError
@@ -16,7 +26,8 @@ from brownpipe.scene import Scene
 
 ROOT_SEED = 2020  # of all streams of random numbers; the year of Harrison's note
 BEFORE_GROWTH = 0.4  # packing fraction of the smaller disks that are inserted, and then grow
-SPARE = 0.1  # share of the room between disks that they leave to each other when they are pushed apart
+# share of the room between disks that they leave to each other when they are pushed apart
+SPARE = 0.1
 MOST_SWEEPS = 5_000  # over all disks
 TRIES_PER_CALL = 1_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
 
@@ -24,11 +35,11 @@ TRIES_PER_CALL = 1_000_000  # of the kernel; between two calls Python handles si
 def draw(scene: Scene, seed: int) -> State:
     """Return the initial state of one run. It depends on the scene and the seed alone.
 
-    An explicit list of disks is returned unchanged. For species, velocities are drawn first, each component normal
-    with the scene's standard deviation or with variance kT/m, and then positions (`place`), the tracer first.
-    `zero_momentum` is applied here only if the scene has no time to equilibrate, else at the end of that time.
-    The random numbers are a Philox stream, seeded by (ROOT_SEED, N, seed). Raises RequestError if the disks cannot be
-    placed.
+    An explicit list of disks is returned unchanged. For species, velocities are drawn first, each
+    component normal with the scene's standard deviation or with variance kT/m, and then positions
+    (`place`), the tracer first. `zero_momentum` is applied here only if the scene has no time to
+    equilibrate, else at the end of that time. The random numbers are a Philox stream, seeded by
+    (ROOT_SEED, N, seed). Raises RequestError if the disks cannot be placed.
     """
     radius, mass = scene.radius, scene.mass
     if scene.velocities is None:
@@ -45,12 +56,15 @@ def draw_tracer(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return initial position (2,) and velocity (2,) of disk 0 alone; `mass` (N,) is the scene's.
 
-    The velocity is that of `draw` for the same seed, where the tracer's is drawn first. With `zero_momentum` the other
-    disks' velocities are drawn, too, to subtract that of the centre of mass. If the scene gives no position of the
-    tracer, it is drawn from `stream`, uniform over the accessible box.
+    The velocity is that of `draw` for the same seed, where the tracer's is drawn first. With
+    `zero_momentum` the other disks' velocities are drawn, too, to subtract that of the centre of
+    mass. If the scene gives no position of the tracer, it is drawn from `stream`, uniform over the
+    accessible box.
     """
     zero_momentum = scene.velocities.zero_momentum
-    velocity = _velocities(scene, mass if zero_momentum else mass[:1], _stream(ROOT_SEED, scene, seed))
+    velocity = _velocities(
+        scene, mass if zero_momentum else mass[:1], _stream(ROOT_SEED, scene, seed)
+    )
     if zero_momentum and scene.equilibrate.time > 0:
         velocity = without_total_momentum(velocity, mass)
     tracer = next(species for species in scene.species if species.count)
@@ -61,7 +75,9 @@ def draw_tracer(
 
 
 def noise(scene: Scene, seed: int) -> np.random.Generator:
-    """Return the stream of random numbers for the noise of one run, independent of that of `draw`."""
+    """Return the stream of random numbers for the noise of one run, independent of that of
+    `draw`.
+    """
     return _stream((ROOT_SEED, 1), scene, seed)
 
 
@@ -72,7 +88,9 @@ def _stream(root: int | tuple[int, ...], scene: Scene, seed: int) -> np.random.G
 
 
 def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> np.ndarray:
-    """Return velocities (n, 2), with normal components as the scene says, of disks of the given masses (n,)."""
+    """Return velocities (n, 2), with normal components as the scene says, of disks of the given
+    masses (n,).
+    """
     distribution = scene.velocities
     normal = stream.standard_normal((len(mass), 2))
     if distribution.temperature is None:
@@ -86,24 +104,28 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
 
 def without_total_momentum(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Return velocities (N, 2) relative to the centre of mass: their total momentum is zero."""
-    share = np.ldexp(mass, -math.frexp(mass.max(initial=0.0))[1])  # exact, and the sum of the masses cannot overflow
+    share = np.ldexp(
+        mass, -math.frexp(mass.max(initial=0.0))[1]
+    )  # exact, and the sum of the masses cannot overflow
     return velocity - [math.fsum(share * component) / math.fsum(share) for component in velocity.T]
 
 
-# -- positions --------------------------------------------------------------------------------------------------------
+# -- positions -------------------------------------------------------------------------------------
 
 
 def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     """Return the centres (N, 2) [length] of the disks of a scene of species.
 
-    A tracer is placed where the scene says, if it gives a position; all other disks by the scene's `placement`:
-    `random`: random sequential insertion (B. Widom, J. Chem. Phys. 44, 3888 (1966)): each centre is uniform over the
-    positions where the disk lies in the box and overlaps no disk inserted before. Larger disks are inserted first, as
-    they find no gap among many small ones, and equal disks in the scene's order. The packing fraction can reach 0.5.
-    `auto`: the same where it succeeds; otherwise smaller disks are inserted, and grow and push each other apart. The
-    packing fraction can reach 0.75; the places are not those of equilibrium.
+    A tracer is placed where the scene says, if it gives a position; all other disks by the scene's
+    `placement`: `random`: random sequential insertion (B. Widom, J. Chem. Phys. 44, 3888 (1966)):
+    each centre is uniform over the positions where the disk lies in the box and overlaps no disk
+    inserted before. Larger disks are inserted first, as they find no gap among many small ones, and
+    equal disks in the scene's order. The packing fraction can reach 0.5. `auto`: the same where it
+    succeeds; otherwise smaller disks are inserted, and grow and push each other apart. The packing
+    fraction can reach 0.75; the places are not those of equilibrium.
     `lattice`: random sites of a triangular lattice that fills the box.
-    Raises RequestError if the disks do not fit, PlacementError if random insertion ends before all have a place.
+    Raises RequestError if the disks do not fit, PlacementError if random insertion ends before all
+    have a place.
     """
     if not scene.particles:
         return np.zeros((0, 2))
@@ -120,15 +142,20 @@ def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _insertion(scene: Scene, scale: float) -> tuple[Places, np.ndarray]:
-    """Return the box before the insertion of disks of `scale` times their radii; kept for the next run of the scene.
+    """Return the box before the insertion of disks of `scale` times their radii; kept for the next
+    run of the scene.
 
-    A tracer of given position is in it. And of each of the scene's disks (N,) its place in the order of insertion.
+    A tracer of given position is in it. And of each of the scene's disks (N,) its place in the
+    order of insertion.
     """
     sequence, fixed = np.argsort(-scene.radius, kind="stable"), scene.species[0].position
     if fixed is not None:
         sequence = np.concatenate([[0], sequence[sequence > 0]])
     places = _places(
-        scene, np.zeros((scene.particles, 2)), scale * scene.radius[sequence], 1 + math.isqrt(4 * scene.particles)
+        scene,
+        np.zeros((scene.particles, 2)),
+        scale * scene.radius[sequence],
+        1 + math.isqrt(4 * scene.particles),
     )
     if fixed is not None:
         places.position[0] = np.array(fixed) - scene.box.origin
@@ -136,20 +163,35 @@ def _insertion(scene: Scene, scale: float) -> tuple[Places, np.ndarray]:
     return places, np.argsort(sequence)
 
 
-def _places(scene: Scene, position: np.ndarray, radius: np.ndarray, most: int | None = None) -> Places:
+def _places(
+    scene: Scene, position: np.ndarray, radius: np.ndarray, most: int | None = None
+) -> Places:
     """Return disks in the box of a scene with empty cells, at most `most` along each side."""
-    common, size, n = common_radius(radius), np.array((scene.box.width, scene.box.height)), len(radius)
+    common, size, n = (
+        common_radius(radius),
+        np.array((scene.box.width, scene.box.height)),
+        len(radius),
+    )
     cells = np.clip((size / (2 * common)).astype(np.int64), 1, most)
     grid, big = np.full(cells, -1, np.int64), np.flatnonzero(radius > common)
-    return Places(position, radius, common, big, size, scene.box.periodic, grid, np.full(n, -1, np.int64))
+    return Places(
+        position, radius, common, big, size, scene.box.periodic, grid, np.full(n, -1, np.int64)
+    )
 
 
 def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np.ndarray:
-    """Return centres (N, 2) by random sequential insertion of disks of `scale` times their radii."""
+    """Return centres (N, 2) by random sequential insertion of disks of `scale` times their
+    radii.
+    """
     empty, back = _insertion(scene, scale)
-    p = empty._replace(**{name: getattr(empty, name).copy() for name in ("position", "grid", "following")})
+    p = empty._replace(
+        **{name: getattr(empty, name).copy() for name in ("position", "grid", "following")}
+    )
     n, fixed = scene.particles, scene.species[0].position is not None
-    outcome, progress = OUT_OF_NUMBERS, np.array([int(fixed), 0])  # disks placed, failed tries for the next one
+    outcome, progress = (
+        OUT_OF_NUMBERS,
+        np.array([int(fixed), 0]),
+    )  # disks placed, failed tries for the next one
     while outcome == OUT_OF_NUMBERS:
         numbers = stream.random((2 * n + 64, 2))
         for first in range(0, len(numbers), TRIES_PER_CALL):
@@ -157,16 +199,23 @@ def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np
             if outcome != OUT_OF_NUMBERS:
                 break
     if outcome == STUCK:
-        others = "`placement: lattice`" if scene.placement == "auto" else "`placement: auto` or `lattice`"
+        others = (
+            "`placement: lattice`"
+            if scene.placement == "auto"
+            else "`placement: auto` or `lattice`"
+        )
         raise PlacementError(
-            f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} tries (packing "
+            f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} "
+            "tries (packing "
             f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or {others}"
         )
     return (p.position + scene.box.origin).take(back, axis=0)
 
 
 def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
-    """Return centres (N, 2) by random insertion of smaller disks, which grow and push each other apart."""
+    """Return centres (N, 2) by random insertion of smaller disks, which grow and push each other
+    apart.
+    """
     fixed = scene.species[0].position
     small = math.sqrt(BEFORE_GROWTH / scene.packing_fraction)
     position = _insert(scene, stream, small) - scene.box.origin
@@ -179,13 +228,17 @@ def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
         if push_apart(p, held, apart) == 0 and push_apart(p, held, 0.0) == 0:
             return p.position + scene.box.origin
     raise PlacementError(
-        f"disks: {scene.particles} disks still overlap after they were pushed apart {MOST_SWEEPS} times (packing "
-        f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: lattice`"
+        f"disks: {scene.particles} disks still overlap after they were pushed apart {MOST_SWEEPS} "
+        "times (packing "
+        f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: "
+        "lattice`"
     )
 
 
 def _on_lattice(scene: Scene, stream: np.random.Generator) -> np.ndarray:
-    """Return centres (N, 2) on random sites of a lattice; a tracer of given position is off the lattice."""
+    """Return centres (N, 2) on random sites of a lattice; a tracer of given position is off the
+    lattice.
+    """
     sites, fixed = lattice_sites(scene), scene.species[0].position
     position = sites[stream.permutation(len(sites))[: scene.particles - (fixed is not None)]]
     return position if fixed is None else np.concatenate([[fixed], position])

@@ -1,7 +1,7 @@
 """Compile kernels with Numba.
 
-An `entry_point` is called from Python; all functions marked `kernel` that it calls are inlined into it. Numba keeps its
-machine code on disk (`FOLDER`). `compile_all` compiles it before the first run.
+An `entry_point` is called from Python; all functions marked `kernel` that it calls are inlined into
+it. Numba keeps its machine code on disk (`FOLDER`). `compile_all` compiles it before the first run.
 """
 
 import fcntl
@@ -29,11 +29,14 @@ from brownpipe.engines import compiler
 from brownpipe.processes import held
 from brownpipe.provenance import PACKAGE
 
-config: Any = numba.config  # Numba sets its attributes from the environment, unseen by type checkers
+config: Any = (
+    numba.config
+)  # Numba sets its attributes from the environment, unseen by type checkers
 
 # error_model="numpy": x / 0 is inf, as for arrays, and no division needs a branch.
-# forceinline: of all kernels an entry point becomes one function, with the workspace in registers (3.4 times faster).
-# _nrt=False: no reference counts of array arguments (1.6 times faster); private to Numba.
+# forceinline: of all kernels an entry point becomes one function, with the workspace in registers
+# (3.4 times faster). _nrt=False: no reference counts of array arguments (1.6 times faster); private
+# to Numba.
 # fastmath is never used: results would depend on the model of the CPU.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
 if compiler.IS_TESTED:
@@ -44,12 +47,16 @@ NEWEST = 4  # folders of machine code that are kept, each of another version of 
 
 
 def kernel(function: Callable) -> Callable:
-    """Inline a function into the entry points that call it. Called from Python, it stays a Python function."""
+    """Inline a function into the entry points that call it. Called from Python, it stays a Python
+    function.
+    """
     return register_jitable(**OPTIONS)(function)
 
 
 def entry_point(function: Callable) -> Callable:
-    """Compile a function with all kernels that it calls at its first call from Python, once per machine."""
+    """Compile a function with all kernels that it calls at its first call from Python, once per
+    machine.
+    """
     dispatcher = numba.njit(**OPTIONS, nogil=True)(function)
     if FOLDER is not None and not config.DISABLE_JIT:
         before = config.CACHE_DIR
@@ -63,9 +70,11 @@ class DiskCache(FunctionCache):
     """Numba's own cache. Without a lock two processes may save different variants in one file."""
 
     def load_overload(self, *variant: Any) -> Any:
-        """Return a variant; None if it is not there. Files that a loss of power has truncated are forgotten.
+        """Return a variant; None if it is not there. Files that a loss of power has truncated are
+        forgotten.
 
-        Numba's own method first imports all that machine code may call: 0.3 s. In ours everything is inlined.
+        Numba's own method first imports all that machine code may call: 0.3 s. In ours everything
+        is inlined.
         """
         load = self._load_overload if compiler.IS_TESTED else super().load_overload
         try:
@@ -75,29 +84,38 @@ class DiskCache(FunctionCache):
             return None
 
     def save_overload(self, *variant: Any) -> None:
-        """Save a variant. If that fails, it stays in memory, and other processes compile it again."""
+        """Save a variant. If that fails, it stays in memory, and other processes compile it
+        again.
+        """
         with suppress(OSError), _locked(FOLDER):
             super().save_overload(*variant)
 
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Let no other process write to the folder; raise OSError if it cannot be written to or has no locks."""
+    """Let no other process write to the folder; raise OSError if it cannot be written to or has no
+    locks.
+    """
     with open(folder / "lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
 
 def _folder() -> Path | None:
-    """Return the folder of machine code: the first place that can be written to; None if there is none.
+    """Return the folder of machine code: the first place that can be written to; None if there is
+    none.
 
-    It is named after a digest of all that kernels are made from. Numba itself compares the source of the file with the
-    entry point alone, and would execute outdated code after an edit of another one.
+    It is named after a digest of all that kernels are made from. Numba itself compares the source
+    of the file with the entry point alone, and would execute outdated code after an edit of another
+    one.
     """
     sources = sorted(PACKAGE.glob("engines/**/*.py"))
-    name = f"kernels-{hashlib.sha256(b''.join(file.read_bytes() for file in sources)).hexdigest()[:16]}"
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()
+    name = f"kernels-{digest[:16]}"
     of_user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser(), "brownpipe")
-    for place in [Path(config.CACHE_DIR)] if config.CACHE_DIR else [PACKAGE / "__pycache__", of_user]:
+    for place in (
+        [Path(config.CACHE_DIR)] if config.CACHE_DIR else [PACKAGE / "__pycache__", of_user]
+    ):
         with suppress(OSError):
             folder = place.absolute() / name
             folder.mkdir(parents=True, exist_ok=True)
@@ -113,25 +131,35 @@ FOLDER = _folder()
 
 
 def compile_all(*calls: Callable[[], object]) -> None:
-    """Compile the entry points that are called, or load their machine code; the calls do little else.
+    """Compile the entry points that are called, or load their machine code; the calls do little
+    else.
 
-    Ctrl-C and SIGTERM wait until all are compiled: an exception would leave objects of llvmlite half made.
+    Ctrl-C and SIGTERM wait until all are compiled: an exception would leave objects of llvmlite
+    half made.
     """
     if not compiler.IS_TESTED:
         first, last = (".".join(map(str, version)) for version in compiler.TESTED)
-        _say_once(f"kernels are slower with Numba {numba.__version__}; must be {first} to {last} for full speed")
+        _say_once(
+            f"kernels are slower with Numba {numba.__version__}; must be {first} to {last} for "
+            "full speed"
+        )
     with held(), event.install_listener("numba:compile", _Compiling()):
         for call in calls:
             call()
 
 
 class _Compiling(event.Listener):
-    """Say when the first kernel is compiled, because there is no machine code of it, or none can be kept."""
+    """Say when the first kernel is compiled, because there is no machine code of it, or none can be
+    kept.
+    """
 
     def on_start(self, _: event.Event) -> None:
         _say_once("compiling the kernels for this kind of scene, once per machine: about 8 s")
         if FOLDER is None:
-            _say_once("machine code cannot be kept: every process compiles; set NUMBA_CACHE_DIR to a folder of yours")
+            _say_once(
+                "machine code cannot be kept: every process compiles; set NUMBA_CACHE_DIR to a "
+                "folder of yours"
+            )
 
     def on_end(self, _: event.Event) -> None:
         pass
@@ -143,7 +171,9 @@ def _say_once(line: str) -> None:
 
 
 def prefetch(array: np.ndarray, index: int | np.integer) -> None:
-    """Load the cache line of array[index] into the processor's cache without waiting; changes only the speed."""
+    """Load the cache line of array[index] into the processor's cache without waiting; changes only
+    the speed.
+    """
 
 
 if not config.DISABLE_JIT:
@@ -152,12 +182,16 @@ if not config.DISABLE_JIT:
     def prefetch(typing: Any, array: types.Array, index: types.Type) -> tuple[Any, Callable]:
         """Compile to LLVM's prefetch instruction."""
 
-        def code(context: CPUContext, builder: ir.IRBuilder, signature: Any, arguments: list[ir.Value]) -> Any:
+        def code(
+            context: CPUContext, builder: ir.IRBuilder, signature: Any, arguments: list[ir.Value]
+        ) -> Any:
             start = context.make_array(signature.args[0])(context, builder, arguments[0]).data
             pointer, word = ir.IntType(8).as_pointer(), ir.IntType(32)
             address = builder.bitcast(builder.gep(start, [arguments[1]]), pointer)
             instruction_type = ir.FunctionType(ir.VoidType(), [pointer, word, word, word])
-            instruction = builder.module.declare_intrinsic("llvm.prefetch", [pointer], instruction_type)
+            instruction = builder.module.declare_intrinsic(
+                "llvm.prefetch", [pointer], instruction_type
+            )
             for_reading, into_all_caches, of_data = word(0), word(3), word(1)
             builder.call(instruction, [address, for_reading, into_all_caches, of_data])
             return context.get_dummy_value()

@@ -1,10 +1,11 @@
-"""Whether the disks of a scene find places: by random sequential insertion, and on a triangular lattice.
+"""Whether the disks of a scene find places: by random sequential insertion, and on a triangular
+lattice.
 
-Random sequential insertion of equal disks saturates at a packing fraction of 0.547 (E. L. Hinrichsen, J. Feder &
-T. Jossang, J. Stat. Phys. 44, 793 (1986)). Here it ends earlier, at SATURATION, when a disk has found no place in
-`insertion.TRIES` tries. Disks are inserted from large to small: to disks of radius r, a larger disk of radius R is an
-obstacle of radius R + MARGIN r, and a wall an inaccessible strip of width MARGIN r. docs/decisions.md has the
-measurements.
+Random sequential insertion of equal disks saturates at a packing fraction of 0.547 (E. L.
+Hinrichsen, J. Feder & T. Jossang, J. Stat. Phys. 44, 793 (1986)). Here it ends earlier, at
+SATURATION, when a disk has found no place in `insertion.TRIES` tries. Disks are inserted from large
+to small: to disks of radius r, a larger disk of radius R is an obstacle of radius R + MARGIN r, and
+a wall an inaccessible strip of width MARGIN r. docs/decisions.md has the measurements.
 """
 
 import math
@@ -17,19 +18,25 @@ from brownpipe.scene import Scene
 LIMIT = 0.547  # packing fraction that random insertion of equal disks approaches
 SATURATION = 0.541  # at which it ends here
 MARGIN = 0.34  # in radii of the disk to be inserted
-SOME_FAIL, ALL_FAIL = 0.95, 1.05  # ratio of disks to places above which some runs, and all runs, fail
+SOME_FAIL, ALL_FAIL = (
+    0.95,
+    1.05,
+)  # ratio of disks to places above which some runs, and all runs, fail
 JAMMED = 0.84  # packing fraction at which disks pushed apart in disorder have no more room
-TRIES_NEAR_LIMIT = 0.09  # tries of insertion for each place, times the squared distance from LIMIT; measured
-SWEEPS_NEAR_JAMMED = 0.8  # over growing disks, times the squared distance from JAMMED, at least CLOSEST; measured
+# tries of insertion for each place, times the squared distance from LIMIT; measured
+TRIES_NEAR_LIMIT = 0.09
+# over growing disks, times the squared distance from JAMMED, at least CLOSEST; measured
+SWEEPS_NEAR_JAMMED = 0.8
 CLOSEST = 0.01  # where the number of sweeps comes near the most that are made
 TRIES_PER_SWEEP = 3  # that take as long for each disk; measured
 
 
-# -- random insertion -----------------------------------------------------------------------------------------------
+# -- random insertion ------------------------------------------------------------------------------
 
 
 def _insertions(scene: Scene) -> list[tuple[int, float]]:
-    """Return for each radius, from large to small, how many disks are inserted at random, and how many find places.
+    """Return for each radius, from large to small, how many disks are inserted at random, and how
+    many find places.
 
     It is empty for a lattice, a list of disks, and a lone disk, which always find their places.
     """
@@ -37,18 +44,25 @@ def _insertions(scene: Scene) -> list[tuple[int, float]]:
         return []
     found = []
     radii = sorted({species.radius for species in scene.species if species.count}, reverse=True)
-    counts = [sum(species.count for species in scene.species if species.radius == radius) for radius in radii]
+    counts = [
+        sum(species.count for species in scene.species if species.radius == radius)
+        for radius in radii
+    ]
     for k, (radius, count) in enumerate(zip(radii, counts, strict=True)):
         walls = 0.0 if scene.box.periodic else 2 * MARGIN * radius
         area = (scene.box.width - walls) * (scene.box.height - walls)
-        area -= sum(n * math.pi * (larger + MARGIN * radius) ** 2 for larger, n in zip(radii[:k], counts, strict=False))
+        area -= sum(
+            n * math.pi * (larger + MARGIN * radius) ** 2
+            for larger, n in zip(radii[:k], counts, strict=False)
+        )
         if k > 0 or count > 1:  # the first disk always finds a place
             found.append((count, max(SATURATION * area / (math.pi * radius**2), 1e-3)))
     return found
 
 
 def crowding(scene: Scene) -> float:
-    """Return the ratio of the number of disks to that of places for them, the largest over all radii.
+    """Return the ratio of the number of disks to that of places for them, the largest over all
+    radii.
 
     It is 0 where none are inserted at random.
     """
@@ -58,8 +72,9 @@ def crowding(scene: Scene) -> float:
 def tries_to_place(scene: Scene) -> float:
     """Return how many tries it takes to place all disks of a scene, good to a factor of 2.
 
-    For each place they grow as the inverse square of the distance from LIMIT (Hinrichsen et al.). For disks that grow,
-    sweeps count as the tries that take as long; their number grows as the inverse square of the distance from JAMMED.
+    For each place they grow as the inverse square of the distance from LIMIT (Hinrichsen et al.).
+    For disks that grow, sweeps count as the tries that take as long; their number grows as the
+    inverse square of the distance from JAMMED.
     """
     if is_grown(scene):
         sweeps = SWEEPS_NEAR_JAMMED / max(JAMMED - scene.packing_fraction, CLOSEST) ** 2
@@ -77,16 +92,25 @@ def is_grown(scene: Scene) -> bool:
 
 
 def never_placed(scene: Scene) -> bool:
-    """Return whether a disk is expected to find no place in every run; with `auto` disks grow up to JAMMED."""
-    return crowding(scene) > ALL_FAIL and (scene.placement == "random" or scene.packing_fraction > JAMMED)
+    """Return whether a disk is expected to find no place in every run; with `auto` disks grow up to
+    JAMMED.
+    """
+    return crowding(scene) > ALL_FAIL and (
+        scene.placement == "random" or scene.packing_fraction > JAMMED
+    )
 
 
 def placement_caution(scene: Scene) -> str | None:
-    """Return one line of caution if random insertion is expected to fail in some runs of a scene; otherwise None."""
+    """Return one line of caution if random insertion is expected to fail in some runs of a scene;
+    otherwise None.
+    """
     share = crowding(scene)
     if share < SOME_FAIL:
         return None
-    where = f"{'every run' if share > ALL_FAIL else 'some of the runs'} (packing fraction {scene.packing_fraction:.3g})"
+    where = (
+        f"{'every run' if share > ALL_FAIL else 'some of the runs'} (packing fraction "
+        f"{scene.packing_fraction:.3g})"
+    )
     case = f"{scene.name}, N = {scene.particles}"
     if scene.placement == "auto":
         settled = "" if scene.equilibrate.time else "; add `equilibrate`"
@@ -95,14 +119,15 @@ def placement_caution(scene: Scene) -> str | None:
     return f"{case}: random placement is expected to fail in {where}; {cure}"
 
 
-# -- a triangular lattice -------------------------------------------------------------------------------------------
+# -- a triangular lattice --------------------------------------------------------------------------
 
 
 def lattice_sites(scene: Scene) -> np.ndarray:
-    """Return the sites (at least as many as disks without a position, 2) of a lattice in the box of a scene.
+    """Return the sites (at least as many as disks without a position, 2) of a lattice in the box of
+    a scene.
 
-    Around a fixed disk sites are lost: the lattice is refined until enough are left. Raises RequestError if there is no
-    such lattice with places as large as the largest disk.
+    Around a fixed disk sites are lost: the lattice is refined until enough are left. Raises
+    RequestError if there is no such lattice with places as large as the largest disk.
     """
     fixed, radius = scene.species[0].position, scene.radius
     free = radius if fixed is None else radius[1:]
@@ -115,8 +140,10 @@ def lattice_sites(scene: Scene) -> np.ndarray:
         sites = low + lattice
         if nearest < 2 * free.max() * (1 - 1e-14):
             raise RequestError(
-                f"disks: no triangular lattice in this box has {len(free)} places for disks of radius "
-                f"{float(free.max())!r}, the largest (packing fraction {scene.packing_fraction:.4g}); must be fewer or "
+                f"disks: no triangular lattice in this box has {len(free)} places for disks of "
+                "radius "
+                f"{float(free.max())!r}, the largest (packing fraction "
+                f"{scene.packing_fraction:.4g}); must be fewer or "
                 "smaller disks"
             )
         if fixed is not None:
@@ -129,16 +156,22 @@ def lattice_sites(scene: Scene) -> np.ndarray:
 
 
 def _lattice(size: np.ndarray, periodic: bool, n: int) -> tuple[np.ndarray, float]:
-    """Return the sites (at least n, 2) of a triangular lattice in a rectangle, and the distance of nearest neighbours.
+    """Return the sites (at least n, 2) of a triangular lattice in a rectangle, and the distance of
+    nearest neighbours.
 
-    It has the number of rows for which this distance is greatest; in a periodic box this number is even, as every other
-    row is shifted. It is stretched along x or y to fill the rectangle: its triangles need not be equilateral.
+    It has the number of rows for which this distance is greatest; in a periodic box this number is
+    even, as every other row is shifted. It is stretched along x or y to fill the rectangle: its
+    triangles need not be equilateral.
     """
-    rows = np.arange(1 + periodic, n + 2 + periodic, 1 + periodic)  # each possible number, of which one is chosen
+    rows = np.arange(
+        1 + periodic, n + 2 + periodic, 1 + periodic
+    )  # each possible number, of which one is chosen
     columns = -(-n // rows)
     across = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
     up = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
-    nearest = np.minimum.reduce([across, 2 * up, np.hypot(across / 2, up)])  # in a row, the next but one, the next
+    nearest = np.minimum.reduce(
+        [across, 2 * up, np.hypot(across / 2, up)]
+    )  # in a row, the next but one, the next
     best = np.argmax(nearest)
     row, column = np.divmod(np.arange(rows[best] * columns[best]), columns[best])
     sites = np.stack([(column + 0.5 * (row % 2)) * across[best], row * up[best]], axis=1)

@@ -1,6 +1,8 @@
-"""What engines that move all disks return of a run: trajectories, conservation of energy and momentum, the report.
+"""What engines that move all disks return of a run: trajectories, conservation of energy and
+momentum, the report.
 
-Engines compute in units and in an order of the disks of their own (`units.Frame`); results are in the scene's.
+Engines compute in units and in an order of the disks of their own (`units.Frame`); results are in
+the scene's.
 """
 
 import math
@@ -14,7 +16,8 @@ from brownpipe.engines.units import Frame
 from brownpipe.observables.observable import Track
 from brownpipe.scene import Scene
 
-HEALTH_BOUND = 1e-9  # a run with a larger energy drift, overlap or momentum residual has failed; round-off is far below
+# a run with a larger energy drift, overlap or momentum residual has failed; round-off is far below
+HEALTH_BOUND = 1e-9
 MOST_IMAGES = 2.0**31  # periodic images that an int32 can count
 
 
@@ -23,7 +26,9 @@ class Conservation(NamedTuple):
 
     energy: float  # sum m v^2 / 2 at the beginning
     energy_drift: float  # relative change of the energy
-    momentum_residual: float  # largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J: walls
+    momentum_residual: (
+        float  # largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J: walls
+    )
     fastest: float  # speed of the lightest disk if it had all the energy
     finite: bool  # whether all positions and velocities at the end are finite numbers
 
@@ -35,7 +40,8 @@ def blank_samples(times: int, disks: int) -> Samples:
 
 
 def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track | None, bool]:
-    """Return the trajectory of the tracer, M = 1, converted in place; of all disks, M = N, or None if not recorded.
+    """Return the trajectory of the tracer, M = 1, converted in place; of all disks, M = N, or None
+    if not recorded.
 
     And whether all positions and velocities are finite numbers in the scene's units.
     """
@@ -50,7 +56,9 @@ def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track |
 
 
 @entry_point
-def convert(position: np.ndarray, velocity: np.ndarray, origin: np.ndarray, length: float, speed: float) -> bool:
+def convert(
+    position: np.ndarray, velocity: np.ndarray, origin: np.ndarray, length: float, speed: float
+) -> bool:
     """Convert samples (T, M, 2) from the engine's units; return whether they are finite numbers."""
     finite = True
     for t in range(position.shape[0]):
@@ -63,11 +71,14 @@ def convert(position: np.ndarray, velocity: np.ndarray, origin: np.ndarray, leng
 
 
 @entry_point
-def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, walls: np.ndarray) -> Conservation:
-    """Compare positions and velocities (N, 4) at the beginning and at the end of a run of disks of masses (N,).
+def conservation(
+    mass: np.ndarray, first: np.ndarray, last: np.ndarray, walls: np.ndarray
+) -> Conservation:
+    """Compare positions and velocities (N, 4) at the beginning and at the end of a run of disks of
+    masses (N,).
 
-    `walls` (4,) are the total impulses >= 0 given by the walls left, right, bottom and top. Disks of infinite mass are
-    left out of the sums.
+    `walls` (4,) are the total impulses >= 0 given by the walls left, right, bottom and top. Disks
+    of infinite mass are left out of the sums.
     """
     left, right, bottom, top = walls[0], walls[1], walls[2], walls[3]
     energy, energy_after, x, y, scale, lightest, finite = 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, True
@@ -81,10 +92,15 @@ def conservation(mass: np.ndarray, first: np.ndarray, last: np.ndarray, walls: n
             y += mass[i] * (v_after - v)
             scale += mass[i] * math.sqrt(u * u + v * v)
             lightest = min(lightest, mass[i])
-    missing, scale = max(abs(x - (left - right)), abs(y - (bottom - top))), scale + left + right + bottom + top
+    missing, scale = (
+        max(abs(x - (left - right)), abs(y - (bottom - top))),
+        scale + left + right + bottom + top,
+    )
     drift = (energy_after - energy) / energy if energy > 0.0 else 0.0
     fastest = math.sqrt(energy / lightest) if energy > 0.0 else 0.0
-    return Conservation(0.5 * energy, drift, missing / scale if scale > 0.0 else 0.0, fastest, finite)
+    return Conservation(
+        0.5 * energy, drift, missing / scale if scale > 0.0 else 0.0, fastest, finite
+    )
 
 
 def report(
@@ -98,10 +114,11 @@ def report(
 ) -> dict[str, Any]:
     """Return the observables that every engine of all disks reports of a run, in the scene's units.
 
-    `kinetic_energy` is the total energy at t = 0. `collisions` are the numbers of collisions of pairs, with walls, and
-    of the tracer; `impulses` the virial and the total impulses given by the four walls, in the engine's units;
-    `worst_overlap` is in contact distances. A run fails if it is not `sound`, if its energy drift exceeds HEALTH_BOUND
-    or if it has numbers that are not finite. Files list the observables in the order of the report.
+    `kinetic_energy` is the total energy at t = 0. `collisions` are the numbers of collisions of
+    pairs, with walls, and of the tracer; `impulses` the virial and the total impulses given by the
+    four walls, in the engine's units; `worst_overlap` is in contact distances. A run fails if it is
+    not `sound`, if its energy drift exceeds HEALTH_BOUND or if it has numbers that are not finite.
+    Files list the observables in the order of the report.
     """
     virial, *walls = impulses.tolist()  # Python's floats: NumPy's warn of an overflow
     sound = sound and conserved.finite and abs(conserved.energy_drift) <= HEALTH_BOUND
@@ -131,7 +148,8 @@ def report_nothing() -> None:
 def images_fit(scene: Scene, frame: Frame, crossings: float, path: float) -> bool:
     """Whether an int32 can count the periodic images that a disk crosses.
 
-    Their number is bounded by the `crossings` of all disks, and by the longest `path` of a disk [engine's units].
+    Their number is bounded by the `crossings` of all disks, and by the longest `path` of a disk
+    [engine's units].
     """
     side = min(scene.box.width, scene.box.height) / frame.length
     return not scene.box.periodic or crossings < MOST_IMAGES or path < MOST_IMAGES * side

@@ -1,12 +1,14 @@
 """Pass a NamedTuple of arrays to a kernel as one pointer.
 
-Numba passes a NamedTuple field by field, and an array as seven words: a workspace of twenty arrays was some 180
-arguments of every kernel, and packing and unpacking them took most of the compile time. A NamedTuple declared with
-`by_reference` is passed as the address of a struct instead; a nested one is part of the same struct. Without Numba's
-compiler (NUMBA_DISABLE_JIT) kernels get the NamedTuple itself.
+Numba passes a NamedTuple field by field, and an array as seven words: a workspace of twenty arrays
+was some 180 arguments of every kernel, and packing and unpacking them took most of the compile
+time. A NamedTuple declared with `by_reference` is passed as the address of a struct instead; a
+nested one is part of the same struct. Without Numba's compiler (NUMBA_DISABLE_JIT) kernels get the
+NamedTuple itself.
 
-An entry point first makes a `local_copy`. As all kernels are inlined into it, the compiler can then keep the fields in
-registers; otherwise it would have to reload an array's address after every store.
+An entry point first makes a `local_copy`. As all kernels are inlined into it, the compiler can then
+keep the fields in registers; otherwise it would have to reload an array's address after every
+store.
 """
 
 import hashlib
@@ -35,21 +37,27 @@ Record = TypeVar("Record", bound=NamedTuple)
 
 
 class Reference(types.Type):
-    """The Numba type of a reference to a record: its struct, that of a NamedTuple, and the type of each field."""
+    """The Numba type of a reference to a record: its struct, that of a NamedTuple, and the type of
+    each field.
+    """
 
     def __init__(self, record: Any, kinds: Sequence[types.Type]) -> None:
         self.fields = dict(zip(record._fields, kinds, strict=True))
-        self.struct: Any = types.NamedTuple([getattr(kind, "struct", kind) for kind in kinds], record)
-        # Numba makes the name part of every function's name, and hashes and compares types by it thousands of times:
-        # it is short, and different for different fields.
-        super().__init__(f"{record.__name__}.{hashlib.sha256(str(self.struct).encode()).hexdigest()[:16]}")
+        self.struct: Any = types.NamedTuple(
+            [getattr(kind, "struct", kind) for kind in kinds], record
+        )
+        # Numba makes the name part of every function's name, and hashes and compares types by it
+        # thousands of times: it is short, and different for different fields.
+        super().__init__(
+            f"{record.__name__}.{hashlib.sha256(str(self.struct).encode()).hexdigest()[:16]}"
+        )
 
 
 def by_reference(record: type[Record]) -> type[Record]:
     """Declare that kernels take a NamedTuple by reference.
 
-    The type of every field is taken from its value, whatever the annotation says. A field may be None; where it is
-    passed on as an argument, Numba prunes branches on `is None` at compile time.
+    The type of every field is taken from its value, whatever the annotation says. A field may be
+    None; where it is passed on as an argument, Numba prunes branches on `is None` at compile time.
     """
 
     @typeof_impl.register(record)
@@ -67,7 +75,9 @@ def local_copy(record: Record) -> Record:
 @register_model(Reference)
 class _ReferenceModel(models.PrimitiveModel):
     def __init__(self, manager: Any, reference: Reference) -> None:
-        super().__init__(manager, reference, manager.lookup(reference.struct).get_value_type().as_pointer())
+        super().__init__(
+            manager, reference, manager.lookup(reference.struct).get_value_type().as_pointer()
+        )
 
 
 @infer_getattr
@@ -79,7 +89,9 @@ class _Fields(AttributeTemplate):
 
 
 @lower_getattr_generic(Reference)
-def _read_field(context: Any, builder: ir.IRBuilder, reference: Reference, pointer: ir.Value, name: str) -> ir.Value:
+def _read_field(
+    context: Any, builder: ir.IRBuilder, reference: Reference, pointer: ir.Value, name: str
+) -> ir.Value:
     kind = reference.fields[name]
     address = cgutils.gep_inbounds(builder, pointer, 0, [*reference.fields].index(name))
     if isinstance(kind, Reference):
@@ -96,7 +108,9 @@ def _from_python(reference: Reference, value: ir.Value, c: Any) -> NativeValue:
     def release() -> None:
         c.context.nrt.decref(c.builder, reference.struct, struct.value)
 
-    return NativeValue(pointer, is_error=struct.is_error, cleanup=release if c.context.enable_nrt else None)
+    return NativeValue(
+        pointer, is_error=struct.is_error, cleanup=release if c.context.enable_nrt else None
+    )
 
 
 if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it from the environment
@@ -105,7 +119,9 @@ if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it 
     def local_copy(typing: Any, record: Reference) -> tuple[Any, Callable]:
         """Compile to a copy in the memory of the entry point's call."""
 
-        def code(context: Any, builder: ir.IRBuilder, signature: Any, arguments: list[ir.Value]) -> ir.Value:
+        def code(
+            context: Any, builder: ir.IRBuilder, signature: Any, arguments: list[ir.Value]
+        ) -> ir.Value:
             (pointer,) = arguments
             copy = cgutils.alloca_once(builder, pointer.type.pointee)
             builder.store(builder.load(pointer), copy)

@@ -1,7 +1,8 @@
-"""The state of all disks, and the units and the order of the disks in which engines that move all disks compute.
+"""The state of all disks, and the units and the order of the disks in which engines that move all
+disks compute.
 
-Sizes, speeds and masses are near 1 in these units, so that their squares do not over- or underflow. The units of length
-and time are powers of two, so that conversion by them is exact.
+Sizes, speeds and masses are near 1 in these units, so that their squares do not over- or underflow.
+The units of length and time are powers of two, so that conversion by them is exact.
 """
 
 import math
@@ -12,13 +13,19 @@ import numpy as np
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
-LARGEST_RATIO = 1e12  # of a mass to the smallest one; `rms_speed` treats heavier disks as if they had this ratio
-SLOW_TO_COOL = 100.0  # ratio of masses above which a heavy disk does not soon share its energy with light ones
-SMALLEST_NORMAL = float(np.finfo(float).smallest_normal)  # the smallest floating-point number with all its digits
-SHORTEST_UNIT = 1e-305  # of time: the unit, its inverse and its products with speeds are normal floating-point numbers
-# The longest path in a block of time of the exact engine, in contact distances, of a disk at rms speed. Times are
-# counted from the start of the block: at its end, round-off of the time moves such a disk by 1e-13 contact distances.
-# Where cells are wider, it is the width of a cell: round-off of positions is larger than that.
+# of a mass to the smallest one; `rms_speed` treats heavier disks as if they had this ratio
+LARGEST_RATIO = 1e12
+# ratio of masses above which a heavy disk does not soon share its energy with light ones
+SLOW_TO_COOL = 100.0
+SMALLEST_NORMAL = float(
+    np.finfo(float).smallest_normal
+)  # the smallest floating-point number with all its digits
+# of time: the unit, its inverse and its products with speeds are normal floating-point numbers
+SHORTEST_UNIT = 1e-305
+# The longest path in a block of time of the exact engine, in contact distances, of a disk at rms
+# speed. Times are counted from the start of the block: at its end, round-off of the time moves such
+# a disk by 1e-13 contact distances. Where cells are wider, it is the width of a cell: round-off of
+# positions is larger than that.
 PATH_PER_BLOCK = 1024.0
 
 
@@ -32,14 +39,20 @@ class State(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """The engine's units and order of disks: engine's coordinate = (scene's coordinate - origin) / length."""
+    """The engine's units and order of disks: engine's coordinate = (scene's coordinate - origin) /
+    length.
+    """
 
-    origin: np.ndarray  # (2,) [length]; per axis 0 if the box contains coordinate 0, else the centre of the box
+    origin: (
+        np.ndarray
+    )  # (2,) [length]; per axis 0 if the box contains coordinate 0, else the centre of the box
     length: float  # engine's unit of length [length], a power of two
     time: float  # engine's unit of time [time], a power of two
     speed: float  # length / time, a power of two
     mass: float  # engine's unit of mass; if all masses are equal it is this mass
-    order: np.ndarray  # (N,) int64, number in the scene of each of the engine's disks; much bigger disks come first
+    order: (
+        np.ndarray
+    )  # (N,) int64, number in the scene of each of the engine's disks; much bigger disks come first
     back: np.ndarray  # (N,) int64, the inverse: number in the engine of each of the scene's disks
 
 
@@ -51,17 +64,23 @@ def power_of_two(value: float) -> float:
 def frame_of(scene: Scene) -> Frame:
     """Choose the engine's units for a scene: sizes, speeds and masses are near 1 in them.
 
-    Raises RequestError if the disks are so fast or slow that no unit of time is a normal floating-point number.
+    Raises RequestError if the disks are so fast or slow that no unit of time is a normal
+    floating-point number.
     """
     box, radius, mass = scene.box, scene.radius, scene.mass
-    origin = np.array([0.0 if low <= 0.0 <= high else low + (high - low) / 2 for low, high in (box.x, box.y)])
+    origin = np.array(
+        [0.0 if low <= 0.0 <= high else low + (high - low) / 2 for low, high in (box.x, box.y)]
+    )
     common = common_radius(radius) if len(radius) else box.width
     length, speed = power_of_two(2 * common), rms_speed(scene)
-    time_at_rest = max(length, power_of_two(scene.duration * 2.0**-960))  # in this unit the duration does not overflow
+    time_at_rest = max(
+        length, power_of_two(scene.duration * 2.0**-960)
+    )  # in this unit the duration does not overflow
     time = length / power_of_two(speed) if speed > 0 else time_at_rest
     if not SHORTEST_UNIT <= time <= 1 / SHORTEST_UNIT:
         raise RequestError(
-            f"{scene.name}: velocities: the rms speed {speed:.3g} must be from {length * SHORTEST_UNIT:.3g} to "
+            f"{scene.name}: velocities: the rms speed {speed:.3g} must be from "
+            f"{length * SHORTEST_UNIT:.3g} to "
             f"{length / SHORTEST_UNIT:.3g} for disks of radius {common:.3g}; choose other units"
         )
     order = np.argsort(radius <= common, kind="stable")
@@ -72,10 +91,12 @@ def frame_of(scene: Scene) -> Frame:
 
 
 def rms_speed(scene: Scene) -> float:
-    """Return the rms speed sqrt(2 kT/m) of the lightest disks [length/time]; 0 if all disks are at rest.
+    """Return the rms speed sqrt(2 kT/m) of the lightest disks [length/time]; 0 if all disks are at
+    rest.
 
-    kT is the mean kinetic energy per disk, by the velocities that the scene gives; equipartition is assumed. Where
-    disks of very different mass begin at one speed, the heaviest sqrt(N) keep their energy for long and do not count.
+    kT is the mean kinetic energy per disk, by the velocities that the scene gives; equipartition is
+    assumed. Where disks of very different mass begin at one speed, the heaviest sqrt(N) keep their
+    energy for long and do not count.
     """
     if scene.particles == 0:
         return 0.0
@@ -85,7 +106,9 @@ def rms_speed(scene: Scene) -> float:
         squares = np.sum((velocity / largest) ** 2, axis=1)
     else:
         temperature = scene.velocities.temperature
-        largest = scene.velocities.standard_deviation if temperature is None else math.sqrt(temperature)
+        largest = (
+            scene.velocities.standard_deviation if temperature is None else math.sqrt(temperature)
+        )
         squares = 2.0 if temperature is None else 2.0 / scene.mass
     ratio = np.minimum(scene.mass / scene.mass.min(), LARGEST_RATIO)
     if scene.velocities and temperature is None and ratio.max() > SLOW_TO_COOL:
@@ -102,9 +125,11 @@ def motion_of(state: State, frame: Frame) -> np.ndarray:
 
 
 def common_radius(radius: np.ndarray) -> float:
-    """Return the radius that sets the size of the cells: the largest of (N,) radii, N > 0, without a few big disks.
+    """Return the radius that sets the size of the cells: the largest of (N,) radii, N > 0, without
+    a few big disks.
 
-    Big disks are at most sqrt(N) in number, and their radii exceed 1.5 times the largest of the rest.
+    Big disks are at most sqrt(N) in number, and their radii exceed 1.5 times the largest of the
+    rest.
     """
     ordered = np.sort(radius)
     for big in range(math.isqrt(len(ordered)), 0, -1):
@@ -114,5 +139,7 @@ def common_radius(radius: np.ndarray) -> float:
 
 
 def cell_width(common: float, packing_fraction: float) -> float:
-    """Return the width of cells: 1.1 (dense) to 2 (dilute) contact distances of disks of the common radius."""
+    """Return the width of cells: 1.1 (dense) to 2 (dilute) contact distances of disks of the common
+    radius.
+    """
     return 2 * common * (2.0 - 1.8 * min(packing_fraction, 0.5))

@@ -1,7 +1,8 @@
 """The parts of a dataset that figures and tables show, their names, and tables of their numbers.
 
-A case is one scene with one value of each varied key, one particle count and one engine: the dataset without these
-dimensions. A part of it, such as a species or a pair of species, lacks that dimension, too.
+A case is one scene with one value of each varied key, one particle count and one engine: the
+dataset without these dimensions. A part of it, such as a species or a pair of species, lacks that
+dimension, too.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 def cases_of(dataset: Dataset) -> list[Dataset]:
     """Return every case that has runs, ordered by scene, varied keys, particle count and engine.
 
-    With g(r) it has `contact_theory`, the contact value of equal disks, or of a tracer and its only species; of other
-    pairs, whose value is not in a dataset, NaN.
+    With g(r) it has `contact_theory`, the contact value of equal disks, or of a tracer and its only
+    species; of other pairs, whose value is not in a dataset, NaN.
     """
     dims, cases = [name for name in labels_of_cases(dataset) if name in dataset.dims], []
     for labels in product(*(dataset[dim].values for dim in dims)):
@@ -41,7 +42,10 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
         if int(case.runs) + int(case.failed_runs) == 0:
             continue
         if has(case, "pair_distribution", "enskog_contact_value"):
-            pairs = [part.species_pair.item() for part in parts_of(case, "species_pair", "pair_distribution")]
+            pairs = [
+                part.species_pair.item()
+                for part in parts_of(case, "species_pair", "pair_distribution")
+            ]
             known = case.species_pair == pairs[0] if len(pairs) <= 2 else False
             case = case.assign(contact_theory=case.enskog_contact_value.where(known))
         cases.append(case)
@@ -50,24 +54,30 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
 
 def has(case: Dataset, *names: str) -> bool:
     """Return whether the case has a finite value of every one of these variables."""
-    return all(name in case and bool(np.isfinite(case.variables[name].values).any()) for name in names)
+    return all(
+        name in case and bool(np.isfinite(case.variables[name].values).any()) for name in names
+    )
 
 
 def own_names(cases: list[Dataset]) -> list[str]:
     """Return the names of the averages of the user's own observables that any of the cases has."""
-    names = [str(name) for name in cases[0].data_vars if "observable" in cases[0].variables[name].attrs]
+    names = [
+        str(name) for name in cases[0].data_vars if "observable" in cases[0].variables[name].attrs
+    ]
     return [name for name in names if any(has(case, name) for case in cases)]
 
 
 def cases_shown(
     dataset: Dataset, particles: int | None = None, names: Sequence[str] | None = None
 ) -> dict[str, list[Dataset]]:
-    """Return the cases that each figure shows: those with data for it, of one particle count or of all.
+    """Return the cases that each figure shows: those with data for it, of one particle count or of
+    all.
 
-    `names` selects the figures; the default is every figure that the dataset has data for. Most figures show one
-    particle count of each scene: `particles`, or by default its largest.
+    `names` selects the figures; the default is every figure that the dataset has data for. Most
+    figures show one particle count of each scene: `particles`, or by default its largest.
 
-    Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle count that it lacks.
+    Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle
+    count that it lacks.
     """
     cases = cases_of(dataset)
     counts = sorted({int(case.particles) for case in cases})
@@ -76,14 +86,20 @@ def cases_shown(
     shown: dict[str, list[Dataset]] = {}
     for name in names or FIGURES:
         needs, variables, every_count, _ = FIGURES[name]
-        selected = [defined(case, *variables[:1]) if variables else case for case in cases if has(case, *variables)]
+        selected = [
+            defined(case, *variables[:1]) if variables else case
+            for case in cases
+            if has(case, *variables)
+        ]
         selected = selected if every_count else one_count(selected, particles)
         selected = [case for case in selected if OWN not in needs or own_names([case])]
         if SCAN in needs and not (selected and axis_of(selected) in differing(selected)):
             selected = []
         if names and not selected:
             needed = "; ".join(needs) or "runs"
-            raise FigureError(f"{name}: cannot be drawn from this dataset, whose study must have {needed}")
+            raise FigureError(
+                f"{name}: cannot be drawn from this dataset, whose study must have {needed}"
+            )
         shown |= {name: selected} if selected else {}
     return shown
 
@@ -99,17 +115,29 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
 
 
 def differing(cases: list[Dataset]) -> list[str]:
-    """Return the labels that tell cases or their parts apart: scene, varied keys, particle count, engine, species."""
-    return [name for name in _labels(cases[0]) if len({case.variables[name].values.item() for case in cases}) > 1]
+    """Return the labels that tell cases or their parts apart: scene, varied keys, particle count,
+    engine, species.
+    """
+    return [
+        name
+        for name in _labels(cases[0])
+        if len({case.variables[name].values.item() for case in cases}) > 1
+    ]
 
 
 def _labels(case: Dataset) -> list[str]:
     """Return the names of the labels of a case or a part of it."""
-    return [name for name in (*labels_of_cases(case), *SPECIES) if name in case and not case.variables[name].dims]
+    return [
+        name
+        for name in (*labels_of_cases(case), *SPECIES)
+        if name in case and not case.variables[name].dims
+    ]
 
 
 def axis_of(cases: list[Dataset], otherwise: str = "particles") -> str:
-    """Return the axis of a scan: the first varied key with several numbers, or else the number of disks."""
+    """Return the axis of a scan: the first varied key with several numbers, or else the number of
+    disks.
+    """
     keys = [name for name in differing(cases) if name in labels_of_cases(cases[0])[1:-2]]
     return next((key for key in keys if cases[0][key].dtype.kind in "iuf"), otherwise)
 
@@ -119,10 +147,11 @@ def panels_of(
 ) -> list[list[Dataset]]:
     """Group the cases that share a panel: those with equal values of the labels `keys`.
 
-    A panel holds at most MOST_CURVES, with durations within a factor of LONGEST. If there are more, cases are also
-    divided by one further label, by that which gives the fewest panels, or if none suffices by all. With a `part`, the
-    dimension of species or pairs of species, group those parts of the cases that have this variable: species of a
-    single case share a panel; each pair has one of its own, and so has each species of several cases.
+    A panel holds at most MOST_CURVES, with durations within a factor of LONGEST. If there are more,
+    cases are also divided by one further label, by that which gives the fewest panels, or if none
+    suffices by all. With a `part`, the dimension of species or pairs of species, group those parts
+    of the cases that have this variable: species of a single case share a panel; each pair has one
+    of its own, and so has each species of several cases.
 
     Raises FigureError for a key that the cases do not have.
     """
@@ -133,7 +162,11 @@ def panels_of(
     further = differing(cases)
     choices = [keys, *([*keys, name] for name in further), [*keys, *further]]
     groupings = [[*_grouped(cases, partial(in_words, names=names)).values()] for names in choices]
-    groups = min((groups for groups in groupings[:-1] if all(map(_fits, groups))), key=len, default=groupings[-1])
+    groups = min(
+        (groups for groups in groupings[:-1] if all(map(_fits, groups))),
+        key=len,
+        default=groupings[-1],
+    )
     panels = [] if part else groups
     for group in groups if part else ():
         parts = [one for case in group for one in parts_of(case, part, variable)]
@@ -147,17 +180,24 @@ def _fits(group: list[Dataset]) -> bool:
 
 
 def series_of(cases: list[Dataset], *axes: str, drift: bool = False) -> dict[str, list[Dataset]]:
-    """Group the cases that differ in `axes` alone, ascending along the first, under what else tells them apart.
+    """Group the cases that differ in `axes` alone, ascending along the first, under what else tells
+    them apart.
 
     drift: those that are found not to be in equilibrium are a series of their own.
     """
     names = [name for name in differing(cases) if name not in axes]
     for name in labels_of_cases(cases[0])[1:-1]:
         others = [other for other in names if other != name]
-        if len({tuple(case[label].item() for label in (*axes, *others)) for case in cases}) == len(cases):
-            names = others  # it follows from them: a key varied together with the axis, N if a species' count is varied
+        if len({tuple(case[label].item() for label in (*axes, *others)) for case in cases}) == len(
+            cases
+        ):
+            # it follows from them: a key varied together with the axis, N if a species' count is
+            # varied
+            names = others
     ascending = sorted(cases, key=lambda case: case[axes[0]].item())
-    return _grouped(ascending, lambda case: in_words(case, names) + (drift_in_words(case) if drift else ""))
+    return _grouped(
+        ascending, lambda case: in_words(case, names) + (drift_in_words(case) if drift else "")
+    )
 
 
 def _grouped(cases: list[Dataset], name: Callable[[Dataset], Any]) -> dict[Any, list[Dataset]]:
@@ -169,16 +209,22 @@ def _grouped(cases: list[Dataset], name: Callable[[Dataset], Any]) -> dict[Any, 
 
 
 def defined(case: Dataset, name: str) -> Dataset:
-    """Return the case at the points where a variable has a value, along its last dimension if it has one.
+    """Return the case at the points where a variable has a value, along its last dimension if it
+    has one.
 
     Scenes of other durations, sizes or pairs leave gaps.
     """
     values = case.variables[name]
-    return case.dropna(values.dims[-1], how="all", subset=[name]) if values.dims and values.isnull().any() else case
+    return (
+        case.dropna(values.dims[-1], how="all", subset=[name])
+        if values.dims and values.isnull().any()
+        else case
+    )
 
 
 def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
-    """Return the case at each point along `dim`, such as each species, where it has a finite value of `name`.
+    """Return the case at each point along `dim`, such as each species, where it has a finite value
+    of `name`.
 
     Without a dimension it is the case itself.
     """
@@ -187,13 +233,21 @@ def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
 
 
 def distributions_of(cases: list[Dataset]) -> list[Dataset]:
-    """Return the cases at each time of their displacement distributions, with the rings used at that time."""
-    at_times = [one for case in cases for one in parts_of(case, "displacement_time", "displacement_overflow")]
+    """Return the cases at each time of their displacement distributions, with the rings used at
+    that time.
+    """
+    at_times = [
+        one
+        for case in cases
+        for one in parts_of(case, "displacement_time", "displacement_overflow")
+    ]
     return [defined(at_time, "displacement_counts") for at_time in at_times]
 
 
 def at_last_distribution(case: Dataset) -> Dataset:
-    """Return the case at the last time of its displacement distribution, or without one at the dataset's last."""
+    """Return the case at the last time of its displacement distribution, or without one at the
+    dataset's last.
+    """
     at_times = parts_of(case, "displacement_time", "displacement_overflow")
     return at_times[-1] if at_times else case.isel(displacement_time=-1)
 
@@ -203,7 +257,7 @@ def fits_of(case: Dataset) -> list[Dataset]:
     return parts_of(case, "window", "slope")
 
 
-# -- names and numbers in words -------------------------------------------------------------------------------------
+# -- names and numbers in words --------------------------------------------------------------------
 
 
 def text_of(case: Dataset, name: str) -> str:
@@ -213,11 +267,17 @@ def text_of(case: Dataset, name: str) -> str:
 
 
 def in_words(case: Dataset, names: Iterable[str]) -> str:
-    """Return labels of a case: scene, engine (but for the exact one) and species by name, others as `N = 150`."""
+    """Return labels of a case: scene, engine (but for the exact one) and species by name, others as
+    `N = 150`.
+    """
     words = {name: text_of(case, name) for name in names}
-    numbers = {name: f"{'N' if name == 'particles' else name} = {word}" for name, word in words.items()}
+    numbers = {
+        name: f"{'N' if name == 'particles' else name} = {word}" for name, word in words.items()
+    }
     named = {name: word for name, word in words.items() if name in ("scene", "engine", *SPECIES)}
-    return ", ".join(word for word in (numbers | named).values() if word != "exact") or "exact" * ("engine" in words)
+    return ", ".join(word for word in (numbers | named).values() if word != "exact") or "exact" * (
+        "engine" in words
+    )
 
 
 def scene_of(case: Dataset) -> str:
@@ -226,7 +286,8 @@ def scene_of(case: Dataset) -> str:
 
 
 def title_of(*cases: Dataset) -> str:
-    """Return what cases have in common: scene, varied keys, particle count, the engine unless it is exact, species.
+    """Return what cases have in common: scene, varied keys, particle count, the engine unless it is
+    exact, species.
 
     Of a single case also whether its runs drift.
     """
@@ -247,28 +308,39 @@ def drift_in_words(case: Dataset) -> str:
 
 
 def drifts(case: Dataset) -> bool:
-    """Return whether the runs of a case that claims equilibrium are found to drift (`analysis.drift`)."""
+    """Return whether the runs of a case that claims equilibrium are found to drift
+    (`analysis.drift`).
+    """
     return has(case, "drift_p_value") and bool(np.nanmin(case.drift_p_value.values) < LEVEL)
 
 
 def early_mark(case: Dataset, since: str = "window_start") -> str:
-    """Return a ring for a D measured from (or up to) a time at which motion is not yet diffusive; else ""."""
+    """Return a ring for a D measured from (or up to) a time at which motion is not yet diffusive;
+    else "".
+    """
     return " °" if case[since].item() < ROUNDED * case.diffusive_from.item() else ""
 
 
 def fitted_diffusion(case: Dataset) -> str:
-    """Return D in the first fit window in words, with the ring of `early_mark`; "" without a fit."""
+    """Return D in the first fit window in words, with the ring of `early_mark`; "" without a
+    fit.
+    """
     fits = [(fit, estimate_of(fit, "diffusion_coefficient")) for fit in fits_of(case)[:1]]
-    return "".join(f"D over {fit.window.item()} = {estimate}{early_mark(fit)}" for fit, estimate in fits)
+    return "".join(
+        f"D over {fit.window.item()} = {estimate}{early_mark(fit)}" for fit, estimate in fits
+    )
 
 
 def estimate_of(case: Dataset, name: str) -> str:
-    """Return a variable that is one number in this case with its standard error, as `plus_minus` does."""
+    """Return a variable that is one number in this case with its standard error, as `plus_minus`
+    does.
+    """
     return plus_minus(case.variables[name], case.variables[f"{name}_standard_error"])
 
 
 def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
-    """Return `0.974 ± 0.022`: the value rounded to the two leading digits of its standard error, or to an integer.
+    """Return `0.974 ± 0.022`: the value rounded to the two leading digits of its standard error, or
+    to an integer.
 
     Without an error beyond round-off return the value alone, and `-` if it is not finite.
     """
@@ -279,29 +351,39 @@ def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
     return f"{value:.{decimals}f} ± {error:.{decimals}f}"
 
 
-# -- tables: numbers (pandas, written as CSV), and words in aligned columns -------------------------------------------
+# -- tables: numbers (pandas, written as CSV), and words in aligned columns ------------------------
 
 
 def frame_of(cases: Sequence[Dataset], dims: Sequence[str], names: Iterable[str]) -> DataFrame:
-    """Return one row per case and point along `dims` with the variables `names` there, each with its uncertainties.
+    """Return one row per case and point along `dims` with the variables `names` there, each with
+    its uncertainties.
 
     Variables and uncertainties that no case has are left out, and so are empty rows.
     """
     import pandas
 
     labels = labels_of_cases(cases[0])
-    shown = [name for name in names if name not in labels and any(has(case, name) for case in cases)]
+    shown = [
+        name for name in names if name not in labels and any(has(case, name) for case in cases)
+    ]
     shown = [f"{name}{part}" for name in shown for part in PARTS if f"{name}{part}" in cases[0]]
-    frames = [case[shown].expand_dims(labels).to_dataframe([*labels, *dims])[shown].dropna(how="all") for case in cases]
+    frames = [
+        case[shown].expand_dims(labels).to_dataframe([*labels, *dims])[shown].dropna(how="all")
+        for case in cases
+    ]
     return pandas.concat(frames).reset_index()
 
 
 def label_of(case: Dataset, *numbers: str) -> dict[str, Any]:
-    """Return scene, particle count and engine, by which the rows of a case begin, and some of its numbers."""
+    """Return scene, particle count and engine, by which the rows of a case begin, and some of its
+    numbers.
+    """
     return {name: case[name].item() for name in (*labels_of_cases(case), *numbers)}
 
 
 def aligned(columns: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a text table, given its columns; every column is as wide as its widest cell."""
+    """Return the lines of a text table, given its columns; every column is as wide as its widest
+    cell.
+    """
     widths = [max(map(len, column)) for column in columns]
     return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*columns, strict=True)]

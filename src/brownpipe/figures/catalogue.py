@@ -1,10 +1,12 @@
-"""The list of figures. To add one, write `figures/NAME.py` and its caption `figures/NAME.rst`, and add a line here.
+"""The list of figures. To add one, write `figures/NAME.py` and its caption `figures/NAME.rst`, and
+add a line here.
 
-The module has `draw(cases)`, which returns a matplotlib figure; or, if several cases may share a panel,
-`curves(axes, cases, **looks)`, which draws them into one, and the `LABELS` of the vertical axes (`render`). Its numbers
-are `TABLE`, the dimensions and variables of `cases.frame_of`, or `table(cases)`. The `needs` of a figure must guarantee
-that some case has its `variables`. Studies, the command line and the workflow take the names from here, so that this
-module imports nothing heavy.
+The module has `draw(cases)`, which returns a matplotlib figure; or, if several cases may share a
+panel, `curves(axes, cases, **looks)`, which draws them into one, and the `LABELS` of the vertical
+axes (`render`). Its numbers are `TABLE`, the dimensions and variables of `cases.frame_of`, or
+`table(cases)`. The `needs` of a figure must guarantee that some case has its `variables`. Studies,
+the command line and the workflow take the names from here, so that this module imports nothing
+heavy.
 """
 
 from typing import NamedTuple
@@ -30,13 +32,23 @@ class Figure(NamedTuple):
 
 FIGURES = {  # by name, which is that of the module that draws it
     "msd": Figure((FOLLOWED, SPREADING), ("msd",)),
-    "displacement_distribution": Figure((FOLLOWED, ENDS), ("displacement_counts", "displacement_overflow")),
+    "displacement_distribution": Figure(
+        (FOLLOWED, ENDS), ("displacement_counts", "displacement_overflow")
+    ),
     "diffusion": Figure((FOLLOWED, SPREADING), ("msd",)),
-    "velocity_autocorrelation": Figure(("the observable velocity_autocorrelation",), ("velocity_autocorrelation",)),
-    "velocity_distribution": Figure(("the observable velocity_distribution",), ("velocity_density",)),
-    "pair_distribution": Figure(("the observable pair_distribution",), ("pair_distribution",), part="species_pair"),
+    "velocity_autocorrelation": Figure(
+        ("the observable velocity_autocorrelation",), ("velocity_autocorrelation",)
+    ),
+    "velocity_distribution": Figure(
+        ("the observable velocity_distribution",), ("velocity_density",)
+    ),
+    "pair_distribution": Figure(
+        ("the observable pair_distribution",), ("pair_distribution",), part="species_pair"
+    ),
     "density_profile": Figure((WALLS,), ("density_profile", "contact_density"), part="species"),
-    "orientational_order": Figure(("the observable orientational_order",), ("orientational_order",), True),
+    "orientational_order": Figure(
+        ("the observable orientational_order",), ("orientational_order",), True
+    ),
     "energy": Figure(("the observable species_energy",), ("species_energy",), part="species"),
     "own_observables": Figure((OWN,), every_count=True),
     "thermodynamics": Figure((COLLISIONS,), ("collision_rate",), every_count=True),

@@ -1,4 +1,6 @@
-"""Figure `density_profile`: the number density of each species against the distance from the walls."""
+"""Figure `density_profile`: the number density of each species against the distance from the
+walls.
+"""
 
 from typing import Any
 
@@ -15,8 +17,12 @@ BULK = 0.75  # share of the largest distance from which on the density is that o
 
 
 def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
-    """Draw the profile of each species with its 95 % band, its value at the wall, and that of the bulk."""
-    for part, line in told_apart(parts, lambda part: f"n(wall) = {estimate_of(part, 'contact_density')}", looks):
+    """Draw the profile of each species with its 95 % band, its value at the wall, and that of the
+    bulk.
+    """
+    for part, line in told_apart(
+        parts, lambda part: f"n(wall) = {estimate_of(part, 'contact_density')}", looks
+    ):
         band(axes, part, NAME, **line)
         points(axes, [0.0], [part], "contact_density", fmt="o", color=line["color"], clip_on=False)
         bulk = float(part[NAME].where(part.wall_distance > BULK * part.wall_distance[-1]).mean())

@@ -1,7 +1,8 @@
-"""Figure `diffusion`: the diffusion coefficient D(t) against time, by three routes, and that of kinetic theory.
+"""Figure `diffusion`: the diffusion coefficient D(t) against time, by three routes, and that of
+kinetic theory.
 
-The routes (docs/theory.md): the running slope of the MSD over 4, MSD/4t, and the Green-Kubo integral. In two dimensions
-D(t) has no limit, as the velocity autocorrelation decays as 1/t.
+The routes (docs/theory.md): the running slope of the MSD over 4, MSD/4t, and the Green-Kubo
+integral. In two dimensions D(t) has no limit, as the velocity autocorrelation decays as 1/t.
 """
 
 from typing import Any
@@ -19,14 +20,21 @@ ROUTES = {
     "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
 }  # variable: label
 TABLE = (("time",), ROUTES)
-FROM_MSD = ("diffusion_running", "msd_over_4t")  # shown in every case; they set the limits of the axis
-OTHERS = ("green_kubo", "enskog_diffusion")  # shown in equilibrium, up to REACH times the largest value from the MSD
+FROM_MSD = (
+    "diffusion_running",
+    "msd_over_4t",
+)  # shown in every case; they set the limits of the axis
+OTHERS = (
+    "green_kubo",
+    "enskog_diffusion",
+)  # shown in equilibrium, up to REACH times the largest value from the MSD
 HEADROOM, REACH = 1.25, 2.0
 ENSKOG = "Enskog's theory"
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
-    """Draw D(t) with its 95 % band, Enskog's D, and slope/4 across its window, of a single case by every route.
+    """Draw D(t) with its 95 % band, Enskog's D, and slope/4 across its window, of a single case by
+    every route.
 
     Of several cases or with `looks` it is the running slope, or MSD/4t without one.
     """
@@ -39,14 +47,25 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
             _bar(axes, case, color=line["color"])
             if has(case, "enskog_diffusion"):
                 hidden = "_" * (bool(looks) or ENSKOG in axes.get_legend_handles_labels()[1])
-                axes.axhline(float(case.enskog_diffusion), color=line["color"], linestyle=DOTTED, label=hidden + ENSKOG)
+                axes.axhline(
+                    float(case.enskog_diffusion),
+                    color=line["color"],
+                    linestyle=DOTTED,
+                    label=hidden + ENSKOG,
+                )
         axes.set_ylim(bottom=min(0, axes.get_ylim()[0]))
     time_axis(axes, cases)
 
 
 def _routes(axes: Axes, case: Dataset) -> None:
-    """Draw D(t) of one case by every route; without a temperature, the Green-Kubo integral is not a D."""
-    shown = [name for name in (*FROM_MSD, *(OTHERS if has(case, "enskog_diffusion") else ())) if has(case, name)]
+    """Draw D(t) of one case by every route; without a temperature, the Green-Kubo integral is not a
+    D.
+    """
+    shown = [
+        name
+        for name in (*FROM_MSD, *(OTHERS if has(case, "enskog_diffusion") else ()))
+        if has(case, name)
+    ]
     highest = max(float(case[name].max()) for name in shown if name in FROM_MSD)
     end = HEADROOM * min(max(float(case[name].max()) for name in shown), REACH * highest) or 1.0
     later = case.isel(time=case.time.values > 0)
@@ -65,5 +84,8 @@ def _routes(axes: Axes, case: Dataset) -> None:
 def _bar(axes: Axes, case: Dataset, **looks: Any) -> None:
     """Draw slope/4 of the first fit across its window."""
     for fit in fits_of(case)[:1]:
-        ends, diffusion = [float(fit.window_start), float(fit.window_end)], float(fit.diffusion_coefficient)
+        ends, diffusion = (
+            [float(fit.window_start), float(fit.window_end)],
+            float(fit.diffusion_coefficient),
+        )
         axes.plot(ends, [diffusion] * 2, linewidth=1.2, marker="|", markersize=9, **looks)

@@ -1,4 +1,5 @@
-"""Figure `displacement_distribution`: runs counted by their displacement (the note's figure 2), against eq. (18).
+"""Figure `displacement_distribution`: runs counted by their displacement (the note's figure 2),
+against eq. (18).
 
 This is the self part of the van Hove function, integrated over rings around the start.
 """
@@ -11,10 +12,26 @@ from xarray import Dataset
 
 from brownpipe.analysis import goodness
 from brownpipe.figures.cases import distributions_of, label_of, parts_of, title_of
-from brownpipe.figures.style import DASHED, DATA, DOTTED, FIT, INK, MODEL, columns, heads, highest, residual_panel
+from brownpipe.figures.style import (
+    DASHED,
+    DATA,
+    DOTTED,
+    FIT,
+    INK,
+    MODEL,
+    columns,
+    heads,
+    highest,
+    residual_panel,
+)
 
-# By the source of a model's D; msd and square are also the names of their models, all others are slopes:
-LOOKS = {"msd": (FIT, "-", "o"), "slope": (MODEL, DASHED, "s"), "square": (INK, DOTTED, "^")}  # colour, line, marker
+# By the source of a model's D; msd and square are also the names of their models, all others are
+# slopes:
+LOOKS = {
+    "msd": (FIT, "-", "o"),
+    "slope": (MODEL, DASHED, "s"),
+    "square": (INK, DOTTED, "^"),
+}  # colour, line, marker
 SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "reflecting square, D"}
 OF_MODELS = ("model_diffusion_coefficient", "expected_overflow", "p_value_joint")  # in the legend
 HEIGHTS = (4.4, 2.0)  # of the counts and of their residuals [inch]
@@ -22,10 +39,14 @@ LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where n
 
 
 def draw(cases: list[Dataset]) -> Figure:
-    """Draw one column per case and time: observed and expected counts per ring above, their residuals below."""
+    """Draw one column per case and time: observed and expected counts per ring above, their
+    residuals below.
+    """
     shown = distributions_of(cases)
     comparable = len({_width(case) for case in shown}) == 1  # counts in rings of equal width
-    counted = f"runs between $r$ and $r$ + {_width(shown[0]):.4g}" if comparable else "runs per ring"
+    counted = (
+        f"runs between $r$ and $r$ + {_width(shown[0]):.4g}" if comparable else "runs per ring"
+    )
     labels = (counted, "(observed - expected)\n/ standard error")
     figure, axes = columns(labels, len(shown), HEIGHTS, sharey=comparable)
     for case, (main, low) in zip(shown, axes.T, strict=True):
@@ -39,14 +60,21 @@ def draw(cases: list[Dataset]) -> Figure:
 
 
 def _counts(axes: Axes, low: Axes, case: Dataset) -> None:
-    """Draw observed counts with their intervals and expected ones, and the residuals of every model below.
+    """Draw observed counts with their intervals and expected ones, and the residuals of every model
+    below.
 
-    The legend has the p-value of each model by all its tests, the runs beyond the last ring, and those expected there.
+    The legend has the p-value of each model by all its tests, the runs beyond the last ring, and
+    those expected there.
     """
     observed, r, edge = case.displacement_counts.values, case.r.values, case.r_outer[-1].item()
     axes.bar(r, observed, 0.92 * _width(case), color=DATA, alpha=0.18, linewidth=0)
-    reach = np.abs(np.stack([case.displacement_counts_low, case.displacement_counts_high]) - observed)
-    runs = f"{int(case.runs):,} runs, 95 % intervals; {int(case.displacement_overflow):,} beyond $r$ = {edge:g}"
+    reach = np.abs(
+        np.stack([case.displacement_counts_low, case.displacement_counts_high]) - observed
+    )
+    runs = (
+        f"{int(case.runs):,} runs, 95 % intervals; {int(case.displacement_overflow):,} beyond $r$ "
+        f"= {edge:g}"
+    )
     axes.errorbar(r, observed, reach, fmt="none", ecolor=DATA, elinewidth=1.1)
     axes.plot(r, observed, "o", color=DATA, markersize=3.5, label=runs)
     axes.set_xlim(0, edge)
@@ -59,18 +87,29 @@ def _counts(axes: Axes, low: Axes, case: Dataset) -> None:
         expected = model.expected_counts.values
         error = np.sqrt(np.maximum(expected * (1 - expected / float(case.runs)), LEAST_VARIANCE))
         axes.plot(r, expected, color=colour, linestyle=line, label=label)
-        low.plot(r, (observed - expected) / error, marker, color=colour, markersize=4, markerfacecolor="none")
+        low.plot(
+            r,
+            (observed - expected) / error,
+            marker,
+            color=colour,
+            markersize=4,
+            markerfacecolor="none",
+        )
 
 
 def _models(case: Dataset) -> dict[str, Dataset]:
-    """The first defined model of each source of D; the reflecting square only where its walls matter."""
+    """The first defined model of each source of D; the reflecting square only where its walls
+    matter.
+    """
     first: dict[str, Dataset] = {}
     for model in parts_of(case, "model", "model_diffusion_coefficient"):
         name = model.model.item()
         first.setdefault(name if name in LOOKS else "slope", model)
     if {"msd", "square"} <= first.keys():
         free, walled = (first[name].expected_counts.values for name in ("msd", "square"))
-        if np.all(np.abs(free - walled) < 0.1 * np.sqrt(np.maximum(free, 1))):  # a tenth of a standard error
+        if np.all(
+            np.abs(free - walled) < 0.1 * np.sqrt(np.maximum(free, 1))
+        ):  # a tenth of a standard error
             del first["square"]
     return first
 
@@ -86,7 +125,9 @@ def _width(case: Dataset) -> float:
 
 
 def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case, time and ring; the last one holds all displacements beyond the rings."""
+    """Return one row per case, time and ring; the last one holds all displacements beyond the
+    rings.
+    """
     frames = []
     for case in distributions_of(cases):
         columns = {
@@ -97,6 +138,9 @@ def table(cases: list[Dataset]) -> DataFrame:
             "runs_low": np.append(case.displacement_counts_low, np.nan),
             "runs_high": np.append(case.displacement_counts_high, np.nan),
         }
-        expected = {f"expected, {name}": _all_counts(case.sel(model=name), "expected") for name in case.model.values}
+        expected = {
+            f"expected, {name}": _all_counts(case.sel(model=name), "expected")
+            for name in case.model.values
+        }
         frames.append(DataFrame(label_of(case) | columns | expected))
     return concat(frames)

@@ -1,4 +1,5 @@
-"""One whole run in pictures, for `brownpipe movie`: every disk to scale, the tracer in colour with its path so far.
+"""One whole run in pictures, for `brownpipe movie`: every disk to scale, the tracer in colour with
+its path so far.
 
 A picture shows the end of the run; an animation its samples.
 """
@@ -28,27 +29,37 @@ from brownpipe.text import counted
 
 SUFFIXES = (".gif", ".png")
 DOTS = 100  # per inch, of an animation
-GIF_RATES = (100 / 65535, 50.0)  # frames a second: a pause is two bytes [0.01 s], and viewers slow down shorter ones
+GIF_RATES = (
+    100 / 65535,
+    50.0,
+)  # frames a second: a pause is two bytes [0.01 s], and viewers slow down shorter ones
 LONGER_SIDE = 5.6  # of the box [inch]
 LEAST_WIDTH = 3.6  # of the panel [inch]
 BESIDE, ABOVE = 0.36, 0.9  # margins of the panel, without the legend [inch]
 LINE = 0.19  # height of a line of the legend [inch]
-FACES = np.array(["#B5DAF0", "#DADADA", "#A9A9A9", "#F1E2B8", "#8FB8A8"])  # of disk 0 and of the others, by species
+FACES = np.array(
+    ["#B5DAF0", "#DADADA", "#A9A9A9", "#F1E2B8", "#8FB8A8"]
+)  # of disk 0 and of the others, by species
 RIM = "#858585"  # edge of the other disks
 
 
 def scenery_of(scene: Scene, seed: int, track: Track) -> tuple[Figure, Callable[[int], None]]:
-    """Return the figure of a run with box, disks and path, and the function that sets them to sample k.
+    """Return the figure of a run with box, disks and path, and the function that sets them to
+    sample k.
 
     The function is to be called within the context `style.drawing`, as this one.
     """
     shades = shades_of(scene)
     figure, axes = _box(scene, f"{scene.name}, N = {scene.particles}, seed {seed}", shades)
-    disks = EllipseCollection([], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5)
+    disks = EllipseCollection(
+        [], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5
+    )
     axes.add_collection(disks)
     (path,) = axes.plot([], [], color=DATA, linewidth=1.2)
     (centre,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
-    axes.plot(*track.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3)
+    axes.plot(
+        *track.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3
+    )
     time = axes.set_title("", loc="right", fontweight="normal", fontsize=10)
     points, ends = path_of(track)
 
@@ -73,28 +84,53 @@ def scenery_of(scene: Scene, seed: int, track: Track) -> tuple[Figure, Callable[
 
 
 def shades_of(scene: Scene) -> np.ndarray:
-    """Index (N,) of each disk's colour in FACES: 0 for disk 0, then one per species, in their order."""
+    """Index (N,) of each disk's colour in FACES: 0 for disk 0, then one per species, in their
+    order.
+    """
     _, rank = np.unique(species_table(scene).label[1:], return_inverse=True)
     return np.append(0, 1 + rank % (len(FACES) - 1))
 
 
 def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
-    """The figure and the axes of the empty box, with solid sides for hard walls and dashed ones for a periodic box."""
+    """The figure and the axes of the empty box, with solid sides for hard walls and dashed ones for
+    a periodic box.
+    """
     sides = np.array([scene.box.width, scene.box.height])
     width, height = LONGER_SIDE * sides / sides.max()
     entries = legend_entries(scene, shades)
     size = np.array([max(width, LEAST_WIDTH) + BESIDE, height + ABOVE + LINE * len(entries)])
-    figure = Figure(np.ceil(50 * size) / 50, layout="constrained")  # an even number of pixels, as videos need
-    axes = figure.add_subplot(aspect="equal", xlim=scene.box.x, ylim=scene.box.y, xticks=[], yticks=[])
+    figure = Figure(
+        np.ceil(50 * size) / 50, layout="constrained"
+    )  # an even number of pixels, as videos need
+    axes = figure.add_subplot(
+        aspect="equal", xlim=scene.box.x, ylim=scene.box.y, xticks=[], yticks=[]
+    )
     for spine in axes.spines.values():
         spine.set(visible=True, color=INK, linewidth=1.2 if scene.box.periodic else 2.5)
         spine.set_linestyle((0, (4, 3)) if scene.box.periodic else "-")
     mark = partial(Line2D, [], [], linestyle="", marker="o", markersize=8)
-    marks = [mark(mfc=FACES[shade], mec=RIM if shade else DATA, label=text) for shade, text in entries]
-    head = {"title": title, "title_fontproperties": {"size": 11, "weight": "bold"}, "alignment": "left"}
-    figure.legend(handles=marks, loc="outside upper left", handlelength=1, borderpad=0, borderaxespad=0.9, **head)
+    marks = [
+        mark(mfc=FACES[shade], mec=RIM if shade else DATA, label=text) for shade, text in entries
+    ]
+    head = {
+        "title": title,
+        "title_fontproperties": {"size": 11, "weight": "bold"},
+        "alignment": "left",
+    }
+    figure.legend(
+        handles=marks,
+        loc="outside upper left",
+        handlelength=1,
+        borderpad=0,
+        borderaxespad=0.9,
+        **head,
+    )
     sides_in_words = f"{scene.box.width:g} x {scene.box.height:g} (reduced units)"
-    axes.set_xlabel(f"{sides_in_words}, {'periodic' if scene.box.periodic else 'hard walls'}", loc="left", fontsize=8.8)
+    axes.set_xlabel(
+        f"{sides_in_words}, {'periodic' if scene.box.periodic else 'hard walls'}",
+        loc="left",
+        fontsize=8.8,
+    )
     return figure, axes
 
 
@@ -118,7 +154,9 @@ def _range(values: np.ndarray) -> str:
 
 
 def with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (M, 2) and indices (M,) of all disks and of the images that reach into a periodic box; disk 0 is last."""
+    """Centres (M, 2) and indices (M,) of all disks and of the images that reach into a periodic
+    box; disk 0 is last.
+    """
     which, sides = np.arange(scene.particles)[::-1], np.array([scene.box.width, scene.box.height])
     if not scene.box.periodic:
         return position[which], which
@@ -126,14 +164,17 @@ def with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndar
     images = np.tile([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)], (scene.particles, 1))
     centres = position[which] + images * sides
     middle = np.array(scene.box.origin) + sides / 2
-    seen = (np.abs(centres - middle) < sides / 2 + scene.radius[which, None]).all(axis=1) | ~images.any(axis=1)
+    seen = (np.abs(centres - middle) < sides / 2 + scene.radius[which, None]).all(
+        axis=1
+    ) | ~images.any(axis=1)
     return centres[seen], which[seen]
 
 
 def path_of(track: Track) -> tuple[np.ndarray, np.ndarray]:
     """The path of disk 0 as points (P, 2), and the number of points up to each sample (T,).
 
-    It has a gap, a point of NaN, where the disk leaves a periodic box and enters at the opposite edge.
+    It has a gap, a point of NaN, where the disk leaves a periodic box and enters at the opposite
+    edge.
     """
     points, ends = track.position[:, 0], np.arange(1, len(track.position) + 1)
     if track.image is None:
@@ -146,17 +187,25 @@ def path_of(track: Track) -> tuple[np.ndarray, np.ndarray]:
 
 
 def movie(
-    trajectories: Trajectories, seed: int, suffix: str, record: Record, frames: int | None = None, fps: float = 25.0
+    trajectories: Trajectories,
+    seed: int,
+    suffix: str,
+    record: Record,
+    frames: int | None = None,
+    fps: float = 25.0,
 ) -> bytes:
     """Return the bytes of a picture (`.png`) or an animation (`.gif`) of one whole run.
 
-    A picture shows the run at its end. An animation shows `frames` of its samples (default: all), equally spaced and
-    ending with the last, at `fps` per second; a GIF rounds the time per frame to hundredths of a second. `record` goes
-    into the metadata. The same run gives the same bytes. Raise RequestError for a rate that a GIF cannot have.
+    A picture shows the run at its end. An animation shows `frames` of its samples (default: all),
+    equally spaced and ending with the last, at `fps` per second; a GIF rounds the time per frame to
+    hundredths of a second. `record` goes into the metadata. The same run gives the same bytes.
+    Raise RequestError for a rate that a GIF cannot have.
     """
     if suffix == ".gif" and not GIF_RATES[0] <= fps <= GIF_RATES[1]:
         low, high = GIF_RATES
-        raise RequestError(f"--fps: must be from {low:.3g} to {high:g} frames a second for a .gif, not {fps:.10g}")
+        raise RequestError(
+            f"--fps: must be from {low:.3g} to {high:g} frames a second for a .gif, not {fps:.10g}"
+        )
     scene, track = trajectories.scene, trajectories.ensemble.whole[seed]
     with drawing():
         figure, show = scenery_of(scene, seed, track)
@@ -166,11 +215,15 @@ def movie(
 
 
 def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
-    """Return the indices of those of `samples` samples that an animation of `frames` frames shows."""
+    """Return the indices of those of `samples` samples that an animation of `frames` frames
+    shows.
+    """
     return np.unique(np.linspace(samples - 1, 0, frames or samples).round().astype(int))
 
 
-def _gif(figure: Figure, show: Callable[[int], None], shown: np.ndarray, fps: float, comment: str) -> bytes:
+def _gif(
+    figure: Figure, show: Callable[[int], None], shown: np.ndarray, fps: float, comment: str
+) -> bytes:
     """Return the bytes of an animation that repeats forever, in the colours of its last picture."""
     figure.set_dpi(DOTS)
     canvas, buffer = FigureCanvasAgg(figure), io.BytesIO()
@@ -181,7 +234,10 @@ def _gif(figure: Figure, show: Callable[[int], None], shown: np.ndarray, fps: fl
         return Image.fromarray(np.array(canvas.buffer_rgba())[..., :3])
 
     colours = picture(shown[-1]).quantize(method=Image.Quantize.FASTOCTREE)
-    pictures = (picture(k).quantize(palette=colours, dither=Image.Dither.NONE) for k in tracked(shown, "frames"))
+    pictures = (
+        picture(k).quantize(palette=colours, dither=Image.Dither.NONE)
+        for k in tracked(shown, "frames")
+    )
     how = {"duration": 10 * round(100 / fps), "loop": 0, "comment": comment}
     next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, **how)
     return buffer.getvalue()

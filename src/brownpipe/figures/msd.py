@@ -1,4 +1,6 @@
-"""Figure `msd`: mean squared displacement against time (the note's figure 1), ballistic flight and diffusion."""
+"""Figure `msd`: mean squared displacement against time (the note's figure 1), ballistic flight and
+diffusion.
+"""
 
 from typing import Any
 
@@ -10,25 +12,44 @@ from xarray import Dataset
 from brownpipe import theory
 from brownpipe.engines.friction import are_inside
 from brownpipe.figures import style
-from brownpipe.figures.cases import early_mark, estimate_of, fits_of, fitted_diffusion, frame_of, has
+from brownpipe.figures.cases import (
+    early_mark,
+    estimate_of,
+    fits_of,
+    fitted_diffusion,
+    frame_of,
+    has,
+)
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
-DOTS = {"linestyle": "", "marker": "o", "markersize": 3, "markevery": 0.02}  # of the length of the curve
+DOTS = {
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 3,
+    "markevery": 0.02,
+}  # of the length of the curve
 LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
-FORGOTTEN = 0.5  # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
+# MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
+FORGOTTEN = 0.5
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
-    """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise with models."""
+    """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise
+    with models.
+    """
     single = len(cases) == 1 and not looks
-    for case, line in style.told_apart(cases, _last_in_words if single else fitted_diffusion, looks):
+    for case, line in style.told_apart(
+        cases, _last_in_words if single else fitted_diffusion, looks
+    ):
         style.band(axes, case, "msd", **line | (DOTS if single else {}))  # models are lines
     for k, fit in enumerate(fit for case in cases for fit in fits_of(case)[:1]):
         t = np.array([fit.window_start.item(), fit.window_end.item()])
         slope = f": slope {estimate_of(fit, 'slope')}{early_mark(fit)}" if single else ""
         label = "_" if looks or k else f"least squares over {fit.window.item()}{slope}"
-        axes.plot(t, _fitted(fit, t), color=style.FIT if single else style.INK, linewidth=1.2, label=label)
+        axes.plot(
+            t, _fitted(fit, t), color=style.FIT if single else style.INK, linewidth=1.2, label=label
+        )
     if single:
         _models(axes, cases[0], np.linspace(0, cases[0].time.values[-1], 201))
         axes.set_ylim(0, HEADROOM * style.highest(cases, "msd") or 1.0)
@@ -38,27 +59,40 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
 
 def _last_in_words(case: Dataset) -> str:
     """The number of runs and the MSD at their end, for the legend."""
-    return f"{int(case.runs):,} runs: MSD({case.time[-1]:g}) = {estimate_of(case.isel(time=-1), 'msd')}"
+    return (
+        f"{int(case.runs):,} runs: MSD({case.time[-1]:g}) = "
+        f"{estimate_of(case.isel(time=-1), 'msd')}"
+    )
 
 
 def _models(axes: Axes, case: Dataset, t: np.ndarray) -> None:
     """Draw the MSD of diffusion and of ballistic flight at times t, each if it is known."""
     diffusion, label = _diffusion(case, t)
     if label:
-        axes.plot(t, diffusion, color=style.MODEL, linestyle=style.DASHED, linewidth=1.4, label=label)
+        axes.plot(
+            t, diffusion, color=style.MODEL, linestyle=style.DASHED, linewidth=1.4, label=label
+        )
     square_speed = float(case.initial_square_speed)
     if np.isfinite(square_speed):
         label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
-        axes.plot(t, theory.ballistic_msd(t, square_speed), color=style.GREY, linestyle=style.DOTTED, label=label)
+        axes.plot(
+            t,
+            theory.ballistic_msd(t, square_speed),
+            color=style.GREY,
+            linestyle=style.DOTTED,
+            label=label,
+        )
 
 
 def _diffusion(case: Dataset, t: np.ndarray) -> tuple[np.ndarray, str]:
-    """Return the MSD of diffusion at times t and its legend; NaN and "" where there is no diffusion yet.
+    """Return the MSD of diffusion at times t and its legend; NaN and "" where there is no diffusion
+    yet.
 
-    D is that of the fit window that begins last, where the initial velocity is forgotten most. Once walls have stopped
-    the spreading (MSD above half of its limit, 2/3 of the squared accessible half-width), the slope there says nothing
-    of D, which then follows from the last MSD below that half. There is no D if no line could be fitted, if it does not
-    rise, or if the tracer still moves ballistically where the window begins.
+    D is that of the fit window that begins last, where the initial velocity is forgotten most. Once
+    walls have stopped the spreading (MSD above half of its limit, 2/3 of the squared accessible
+    half-width), the slope there says nothing of D, which then follows from the last MSD below that
+    half. There is no D if no line could be fitted, if it does not rise, or if the tracer still
+    moves ballistically where the window begins.
     """
     half_width = float(case.accessible_half_width) if has(case, "accessible_half_width") else np.inf
     start, value, source = np.nan, np.nan, ""
@@ -70,17 +104,26 @@ def _diffusion(case: Dataset, t: np.ndarray) -> tuple[np.ndarray, str]:
     elif fits := fits_of(case):
         fit = max(fits, key=lambda fit: float(fit.window_start))
         start, value = float(fit.window_start), float(fit.diffusion_coefficient)
-        source = f"D over {fit.window.item()} = {estimate_of(fit, 'diffusion_coefficient')}{early_mark(fit)}"
+        source = (
+            f"D over {fit.window.item()} = "
+            f"{estimate_of(fit, 'diffusion_coefficient')}{early_mark(fit)}"
+        )
     ballistic = theory.ballistic_msd(start, float(case.initial_square_speed))
-    if not (value > 0 and np.interp(start, case.time, case.msd) < FORGOTTEN * ballistic):  # nor if any is unknown: NaN
+    if not (
+        value > 0 and np.interp(start, case.time, case.msd) < FORGOTTEN * ballistic
+    ):  # nor if any is unknown: NaN
         return np.full(t.shape, np.nan), ""
     if half_width < np.inf:
-        return theory.reflecting_square_msd(t, value, half_width), f"diffusion between walls: {source}"
+        return theory.reflecting_square_msd(
+            t, value, half_width
+        ), f"diffusion between walls: {source}"
     return theory.diffusive_msd(t, value), f"free diffusion, $4Dt$: {source}"
 
 
 def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
-    """Draw MSD(t) on logarithmic axes, where ballistic flight has slope 2 and diffusion slope 1; of one case both."""
+    """Draw MSD(t) on logarithmic axes, where ballistic flight has slope 2 and diffusion slope 1; of
+    one case both.
+    """
     cases = [case for group in groups for case in group]
     top = HEADROOM * style.highest(cases, "msd") or 1.0
     axes[0, 0].set_ylim(0, top)
@@ -91,7 +134,10 @@ def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
         if moving:
             for case, line in style.told_apart(moving, lambda _: "", {}):
                 style.band(panel, case, "msd", **line)
-            start, end = min(case.time.values[0] for case in moving), max(case.time.values[-1] for case in moving)
+            start, end = (
+                min(case.time.values[0] for case in moving),
+                max(case.time.values[-1] for case in moving),
+            )
             style.log_axis(panel, "x", start, end)
         if len(moving) == 1:
             _models(panel, moving[0], np.geomspace(start, end, 201))
@@ -107,12 +153,17 @@ def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:
 
 
 def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and time: the curves of the figure. Fitted lines are empty outside their windows."""
+    """Return one row per case and time: the curves of the figure. Fitted lines are empty outside
+    their windows.
+    """
     frames = []
     for case in cases:
         t = case.time.values
         ballistic = theory.ballistic_msd(t, float(case.initial_square_speed))
-        fits = {f"fit over {window}": _fitted(case.sel(window=window), t) for window in case.window.values}
+        fits = {
+            f"fit over {window}": _fitted(case.sel(window=window), t)
+            for window in case.window.values
+        }
         frame = frame_of([case], ["time"], ["msd", "msd_over_4t"])
         frames.append(frame.assign(ballistic=ballistic, diffusion=_diffusion(case, t)[0], **fits))
     return concat(frames)

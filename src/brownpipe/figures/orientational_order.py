@@ -1,4 +1,6 @@
-"""Figure `orientational_order`: the bond-orientational order abs(psi_6) of all disks against what is varied."""
+"""Figure `orientational_order`: the bond-orientational order abs(psi_6) of all disks against what
+is varied.
+"""
 
 from itertools import cycle
 from typing import Any
@@ -15,11 +17,19 @@ TABLE = ((), ("packing_fraction", NAME, f"{NAME}_squared"))
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
-    """Draw a point per case against a varied key, the packing fraction or the number of disks, by what else differs."""
+    """Draw a point per case against a varied key, the packing fraction or the number of disks, by
+    what else differs.
+    """
     densities = {float(case.packing_fraction) for case in cases}
     axis = axis_of(cases, "packing_fraction" if len(densities) > 1 else "particles")
     series = series_of(cases, axis, *(["particles"] if axis == "packing_fraction" else []))
     for (label, of_series), mark in zip(series.items(), cycle(MARKS), strict=False):
-        points(axes, [case[axis].item() for case in of_series], of_series, NAME, **mark | {"label": label} | looks)
+        points(
+            axes,
+            [case[axis].item() for case in of_series],
+            of_series,
+            NAME,
+            **mark | {"label": label} | looks,
+        )
     axes.set_ylim(bottom=0)
     axes.set_xlabel(axis_label(cases[0], axis))

@@ -1,7 +1,10 @@
-"""What a figure, table or page was made from: a record (JSON) in its metadata and in `provenance.json` beside it.
+"""What a figure, table or page was made from: a record (JSON) in its metadata and in
+`provenance.json` beside it.
 
-The record has the options of `brownpipe figures`, the source and versions that drew, and all that the dataset says of
-itself: runs, seeds, options, source and versions. It is deterministic: no date, folder, machine or user.
+The record has the options of `brownpipe figures`, the source and versions that drew, and all that
+the dataset says of
+itself: runs, seeds, options, source and versions. It is deterministic: no date, folder, machine or
+user.
 
     PNG    text chunks `Description` and `Source` (the record)
     SVG    Dublin Core elements `description` and `source`
@@ -37,20 +40,26 @@ Record = dict[str, Any]
 def record_of(dataset: Dataset, digest: str, options: Mapping[str, Any]) -> Record:
     """Return the record of the figures of a dataset.
 
-    digest: the seal of the dataset's file. options: the given ones of `brownpipe figures`: `figures`,
-    `particles` and `panel` (`render`), `title` and `note`.
+    digest: the seal of the dataset's file. options: the given ones of `brownpipe figures`:
+    `figures`, `particles` and `panel` (`render`), `title` and `note`.
     """
     stated = {str(name): value for name, value in dataset.attrs.items() if name not in DESCRIBING}
     return {
         **options,
         "made_by": made_by("figures"),
         "dataset": {"sha256": digest}
-        | {name: json.loads(value) if name in IN_JSON else str(value) for name, value in stated.items()},
+        | {
+            name: json.loads(value) if name in IN_JSON else str(value)
+            for name, value in stated.items()
+        },
     }
 
 
-def movie_record(trajectories: Trajectories, recorded: str, seed: int, **options: float | None) -> Record:
-    """Return the record of a picture or movie of the run of a seed, with the options of `brownpipe movie`.
+def movie_record(
+    trajectories: Trajectories, recorded: str, seed: int, **options: float | None
+) -> Record:
+    """Return the record of a picture or movie of the run of a seed, with the options of `brownpipe
+    movie`.
 
     `recorded` is what the picture needs, as `--record` takes it.
     """
@@ -67,14 +76,19 @@ def metadata(record: Record) -> dict[str, str]:
 
 
 def record_text(record: Record, names: Iterable[str]) -> str:
-    """Return the text of `provenance.json`: the record, and the files in the folder that it belongs to."""
+    """Return the text of `provenance.json`: the record, and the files in the folder that it belongs
+    to.
+    """
     return json.dumps({"files": sorted(names)} | record, indent=1, sort_keys=True) + "\n"
 
 
 def closing_lines(record: Record) -> str:
     """Return the lines at the end of a text file: what made it, and where all the rest is said."""
     what = installation_in_words(record["made_by"])
-    return f"Made by {what} from the dataset {record['dataset']['sha256'][:12]}.\nScenes, seeds, versions: {RECORD}\n"
+    return (
+        f"Made by {what} from the dataset {record['dataset']['sha256'][:12]}.\nScenes, seeds, "
+        f"versions: {RECORD}\n"
+    )
 
 
 def installation_in_words(made: Mapping[str, Any]) -> str:
@@ -82,11 +96,15 @@ def installation_in_words(made: Mapping[str, Any]) -> str:
     commit = str(made.get("git_commit", ""))
     commit = f", commit {commit[:12]}{commit[40:]}" if commit else ""
     source = str(made.get("source_digest"))[:12]
-    return printable(f"brownpipe {made.get('brownpipe_version')}, source {source}{commit}, Python {made.get('python')}")
+    return printable(
+        f"brownpipe {made.get('brownpipe_version')}, source {source}{commit}, Python "
+        f"{made.get('python')}"
+    )
 
 
 def read_record(path: str | Path) -> Record | None:
-    """Return the record in a picture or page, that in `provenance.json` beside a table or text, None without one.
+    """Return the record in a picture or page, that in `provenance.json` beside a table or text,
+    None without one.
 
     Raises OSError if the file cannot be read.
     """
@@ -103,6 +121,10 @@ def read_record(path: str | Path) -> Record | None:
         elif beside.is_file():
             text = beside.read_bytes()
         record = json.loads(text)
-        return record if "made_by" in record and path.name in (*record.get("files", [path.name]), RECORD) else None
+        return (
+            record
+            if "made_by" in record and path.name in (*record.get("files", [path.name]), RECORD)
+            else None
+        )
     except (KeyError, TypeError, UnidentifiedImageError, ValueError):
         return None

@@ -1,4 +1,6 @@
-"""Figure `own_observables`: the averages of the user's own observables, one panel for each array."""
+"""Figure `own_observables`: the averages of the user's own observables, one panel for each
+array.
+"""
 
 from collections.abc import Iterator
 from functools import partial
@@ -8,33 +10,58 @@ import pandas
 from matplotlib.figure import Figure
 from xarray import Dataset
 
-from brownpipe.figures.cases import MOST_CURVES, SPECIES, axis_label, defined, frame_of, has, in_words, own_names
+from brownpipe.figures.cases import (
+    MOST_CURVES,
+    SPECIES,
+    axis_label,
+    defined,
+    frame_of,
+    has,
+    in_words,
+    own_names,
+)
 from brownpipe.figures.style import MARKS, WIDTH, band, grid, heads, points, told_apart
 
 
 def draw(cases: list[Dataset]) -> Figure:
-    """Draw each array of all cases against its first dimension, with its 95 % band; numbers as points.
+    """Draw each array of all cases against its first dimension, with its 95 % band; numbers as
+    points.
 
     Of a case are shown at most MOST_CURVES, those at the first places along the other dimensions.
     """
-    shown = {one: [part for case in cases if has(case, one) for part in _parts(case, one)] for one in own_names(cases)}
+    shown = {
+        one: [part for case in cases if has(case, one) for part in _parts(case, one)]
+        for one in own_names(cases)
+    }
     figure, axes = grid(len(shown), 1, WIDTH, 2.3 + 0.19 * max(6, *map(len, shown.values())))
     for (name, parts), panel in zip(shown.items(), axes[:, 0], strict=True):
         along, *others = map(str, cases[0][name].dims or ("case",))
-        place = partial(in_words, names=[dim for dim in others if dim not in SPECIES])  # species are told apart anyway
+        place = partial(
+            in_words, names=[dim for dim in others if dim not in SPECIES]
+        )  # species are told apart anyway
         for k, (part, line) in enumerate(told_apart(parts, place, {})):
             if cases[0][name].dims:
                 band(panel, defined(part, name), name, **line)
             else:
-                points(panel, [k], [part], name, **line | {"linestyle": "none", "marker": MARKS[k % 36]["fmt"]})
+                points(
+                    panel,
+                    [k],
+                    [part],
+                    name,
+                    **line | {"linestyle": "none", "marker": MARKS[k % 36]["fmt"]},
+                )
                 panel.set_xticks([])
         panel.set(xlabel=along, ylabel=axis_label(cases[0], name))
-    heads(axes[:, 0], [f"{cases[0][name].observable}: {cases[0][name].long_name}" for name in shown])
+    heads(
+        axes[:, 0], [f"{cases[0][name].observable}: {cases[0][name].long_name}" for name in shown]
+    )
     return figure
 
 
 def _parts(case: Dataset, name: str) -> Iterator[Dataset]:
-    """Yield a case at the first places along all dimensions of an array but its first; they need no coordinates."""
+    """Yield a case at the first places along all dimensions of an array but its first; they need no
+    coordinates.
+    """
     dims = case[name].dims[1:]
     numbered = case.assign_coords({dim: case[dim] for dim in dims})
     for place in islice(product(*(range(case.sizes[dim]) for dim in dims)), MOST_CURVES):
@@ -43,4 +70,6 @@ def _parts(case: Dataset, name: str) -> Iterator[Dataset]:
 
 def table(cases: list[Dataset]) -> pandas.DataFrame:
     """Return one row per case, array and point along its dimensions."""
-    return pandas.concat([frame_of(cases, [*map(str, cases[0][name].dims)], [name]) for name in own_names(cases)])
+    return pandas.concat(
+        [frame_of(cases, [*map(str, cases[0][name].dims)], [name]) for name in own_names(cases)]
+    )

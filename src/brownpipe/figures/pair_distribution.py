@@ -1,4 +1,5 @@
-"""Figure `pair_distribution`: g(r) of every pair of species, and its value at contact by two routes.
+"""Figure `pair_distribution`: g(r) of every pair of species, and its value at contact by two
+routes.
 
 The routes: extrapolation of g(r) to contact, and the collision rate of the pair (docs/theory.md).
 """
@@ -30,9 +31,12 @@ DILUTE = 0.2  # packing fraction below which the first order in the density is d
 def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
     """Draw g(r) of each pair of species with its 95 % band, and theory.
 
-    Of several pairs or with `looks` it is drawn with its value at contact, of a single one with both values.
+    Of several pairs or with `looks` it is drawn with its value at contact, of a single one with
+    both values.
     """
-    pairs = [pair.isel(distance=pair.distance.values > float(pair.contact_distance)) for pair in pairs]
+    pairs = [
+        pair.isel(distance=pair.distance.values > float(pair.contact_distance)) for pair in pairs
+    ]
     contacts = [float(pair.contact_distance) for pair in pairs]
     axes.axhline(1, color=style.GREY, linewidth=0.8)
     for contact in {*contacts}:
@@ -52,15 +56,25 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
 
 
 def _in_words(single: bool, pair: Dataset) -> str:
-    return f"{int(pair.runs):,} runs, 95 % band" if single else f"g(contact) = {estimate_of(pair, 'contact_value')}"
+    return (
+        f"{int(pair.runs):,} runs, 95 % band"
+        if single
+        else f"g(contact) = {estimate_of(pair, 'contact_value')}"
+    )
 
 
 def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
-    """Draw the contact value of theory and, for dilute equal disks, g(r) to first order in the density."""
+    """Draw the contact value of theory and, for dilute equal disks, g(r) to first order in the
+    density.
+    """
     known = [pair for pair in pairs if has(pair, "contact_theory")]
     for k, pair in enumerate(known):
         hidden = "_" * (k > 0 or not named)
-        label = f"theory at contact: {float(pair.contact_theory):.4g}" if len(known) == 1 else "theory at contact"
+        label = (
+            f"theory at contact: {float(pair.contact_theory):.4g}"
+            if len(known) == 1
+            else "theory at contact"
+        )
         place = [float(pair.contact_distance)], [float(pair.contact_theory)]
         axes.plot(*place, "_", color=style.INK, markersize=12, linestyle="", label=hidden + label)
         if has(pair, "compressibility_rate") and pair.packing_fraction < DILUTE:  # equal disks
@@ -73,7 +87,8 @@ def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
 def _pooled(pair: Dataset) -> Dataset:
     """Return g(r) in bins as wide as LARGEST_ERROR asks for, weighted by the area of their rings.
 
-    Errors of bins are taken as independent: the error of their mean falls as the root of their number.
+    Errors of bins are taken as independent: the error of their mean falls as the root of their
+    number.
     """
     g, error, area = pair[NAME], pair[f"{NAME}_standard_error"], pair.distance.rename("area")
     relative = float((error / g.where(g > 0)).median())
@@ -81,7 +96,10 @@ def _pooled(pair: Dataset) -> Dataset:
         return pair
     widest = WIDEST * float(pair.contact_distance / (pair.distance[1] - pair.distance[0]))
     number = min(int(np.ceil((relative / LARGEST_ERROR) ** 2)), max(1, int(widest)))
-    sums = (values.coarsen(distance=number, boundary="trim").sum() for values in (area * g, (area * error) ** 2, area))
+    sums = (
+        values.coarsen(distance=number, boundary="trim").sum()
+        for values in (area * g, (area * error) ** 2, area)
+    )
     total, variance, areas = sums
     mean, reach = total / areas, NORMAL * np.sqrt(variance) / areas
     return Dataset({NAME: mean, f"{NAME}_low": mean - reach, f"{NAME}_high": mean + reach})

@@ -33,7 +33,9 @@ class Drawing(NamedTuple):
     table: DataFrame
 
 
-def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel: Sequence[str], name: str) -> Drawing:
+def drawn(
+    shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel: Sequence[str], name: str
+) -> Drawing:
     """Draw the figure of this name with these metadata.
 
     shown: the cases of each figure (`cases_shown`). panel: labels, as in `cases.panels_of`.
@@ -45,12 +47,17 @@ def drawn(shown: Mapping[str, list[Dataset]], metadata: Mapping[str, str], panel
 
 
 def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
-    """Draw the cases, MOST_CASES of them at equal steps if there are more and the figure is not that of a scan.
+    """Draw the cases, MOST_CASES of them at equal steps if there are more and the figure is not
+    that of a scan.
 
-    With `curves` several cases share a panel, where each of them, or each of its parts, is a curve. A figure that shows
-    every particle count has one panel. Further rows of panels are drawn by `below`.
+    With `curves` several cases share a panel, where each of them, or each of its parts, is a curve.
+    A figure that shows every particle count has one panel. Further rows of panels are drawn by
+    `below`.
     """
-    module, (needs, variables, every_count, part) = import_module(f"brownpipe.figures.{name}"), FIGURES[name]
+    module, (needs, variables, every_count, part) = (
+        import_module(f"brownpipe.figures.{name}"),
+        FIGURES[name],
+    )
     most = len(cases) if SCAN in needs else min(MOST_CASES, len(cases))
     shown = [cases[step] for step in np.linspace(0, len(cases) - 1, most, dtype=int)]
     if hasattr(module, "curves"):
@@ -65,31 +72,48 @@ def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
     else:
         figure = module.draw(shown)
     if len(shown) < len(cases):
-        figure.suptitle(f"{MOST_CASES} of {len(cases)} cases, at equal steps; the table has all", x=0.01, ha="left")
+        figure.suptitle(
+            f"{MOST_CASES} of {len(cases)} cases, at equal steps; the table has all",
+            x=0.01,
+            ha="left",
+        )
     return figure
 
 
 def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[str, str]) -> Drawing:
-    """Lay out a figure and make its pictures with these metadata; to be called within `style.drawing()`."""
-    return Drawing(name, {suffix: image_bytes(figure, suffix, metadata) for suffix in ("png", "svg")}, table)
+    """Lay out a figure and make its pictures with these metadata; to be called within
+    `style.drawing()`.
+    """
+    return Drawing(
+        name, {suffix: image_bytes(figure, suffix, metadata) for suffix in ("png", "svg")}, table
+    )
 
 
-def draw(dataset: Dataset, name: str, particles: int | None = None, panel: Sequence[str] = ()) -> Figure:
-    """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as in `cases_shown`."""
+def draw(
+    dataset: Dataset, name: str, particles: int | None = None, panel: Sequence[str] = ()
+) -> Figure:
+    """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as in
+    `cases_shown`.
+    """
     cases = cases_shown(dataset, particles, [name])[name]
     with drawing():
         return _figure(name, cases, panel)
 
 
-def draw_into(axes: Axes, dataset: Dataset, name: str, particles: int | None = None, **looks: Any) -> Axes:
+def draw_into(
+    axes: Axes, dataset: Dataset, name: str, particles: int | None = None, **looks: Any
+) -> Axes:
     """Draw all curves of a figure into axes, whose style is the caller's; return the axes.
 
-    looks: of its lines, as for `axes.plot`, such as color and label. Raises FigureError for a figure of several panels.
+    looks: of its lines, as for `axes.plot`, such as color and label. Raises FigureError for a
+    figure of several panels.
     """
     module, (_, variables, _, part) = import_module(f"brownpipe.figures.{name}"), FIGURES[name]
     if not hasattr(module, "curves"):
         raise FigureError(f"ax: must not be given for {name}, which has several panels")
     cases = cases_shown(dataset, particles, [name])[name]
-    module.curves(axes, [one for case in cases for one in parts_of(case, part, variables[0])], **looks)
+    module.curves(
+        axes, [one for case in cases for one in parts_of(case, part, variables[0])], **looks
+    )
     axes.set_ylabel(axes.get_ylabel() or module.LABELS[0])
     return axes

@@ -1,4 +1,6 @@
-"""Figure `scan`: MSD at the end, D, pressure and collision rate against a varied key, or the number of disks."""
+"""Figure `scan`: MSD at the end, D, pressure and collision rate against a varied key, or the number
+of disks.
+"""
 
 from collections.abc import Mapping
 from itertools import cycle, pairwise
@@ -12,7 +14,8 @@ from xarray import Dataset
 from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, frame_of, has, series_of
 from brownpipe.figures.style import DASHED, MARKS, WIDTH, grid, heads, log_axis, points
 
-LOGARITHMIC = 30.0  # ratio of the largest value to the smallest, beyond which an axis is logarithmic
+# ratio of the largest value to the smallest, beyond which an axis is logarithmic
+LOGARITHMIC = 30.0
 MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
 END, D = "msd", "diffusion_coefficient"
 OF_RUNS = {END: "run_msd", D: "run_diffusion_coefficient"}  # the same of each run
@@ -20,12 +23,17 @@ PANELS = {  # title, label of the axis, Enskog's theory
     END: ("MSD at the end of the runs", "$\\langle r^2 \\rangle$", ""),
     D: ("diffusion coefficient", "$D$ = slope/4", "enskog_diffusion"),
     "compressibility": ("compressibility factor", "$Z$", "enskog_compressibility"),
-    "collision_rate": ("collision rate", "collisions per disk and unit time", "enskog_collision_rate"),
+    "collision_rate": (
+        "collision rate",
+        "collisions per disk and unit time",
+        "enskog_collision_rate",
+    ),
 }
 
 
 def draw(cases: list[Dataset]) -> Figure:
-    """Draw a panel per quantity: its values along the axis of the scan, a series for each value of what else differs.
+    """Draw a panel per quantity: its values along the axis of the scan, a series for each value of
+    what else differs.
 
     D is that of the first fit window; the table has all.
     """
@@ -40,7 +48,10 @@ def draw(cases: list[Dataset]) -> Figure:
         _panel(panel, axis, shown, name)
         panel.set_xlabel(axis_label(cases[0], axis))
         panel.set_ylabel(PANELS[name][1])
-    over = {D: f" over {cases[0].window[0].item()}{max(early_mark(case.isel(window=0)) for case in cases)}"}
+    over = {
+        D: " over "
+        f"{cases[0].window[0].item()}{max(early_mark(case.isel(window=0)) for case in cases)}"
+    }
     heads(axes.flat[: len(names)], [PANELS[name][0] + over.get(name, "") for name in names])
     return figure
 
@@ -51,11 +62,23 @@ def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str
     for (label, cases), looks in zip(series.items(), cycle(MARKS), strict=False):
         x = [case[axis].item() for case in cases]
         points(axes, x, cases, name, label=label, **looks)
-        values += [float(case[f"{name}{part}"]) for case in cases for part in PARTS if part != "_standard_error"]
+        values += [
+            float(case[f"{name}{part}"])
+            for case in cases
+            for part in PARTS
+            if part != "_standard_error"
+        ]
         expected = [float(case.get(theory, np.nan)) for case in cases]
         if np.isfinite(expected).any():
             named = "_" * ("Enskog" in axes.get_legend_handles_labels()[1])
-            axes.plot(x, expected, color=looks["color"], linestyle=DASHED, linewidth=1, label=f"{named}Enskog")
+            axes.plot(
+                x,
+                expected,
+                color=looks["color"],
+                linestyle=DASHED,
+                linewidth=1,
+                label=f"{named}Enskog",
+            )
     varied = [case[axis].item() for cases in series.values() for case in cases]
     for direction, on_axis in (("x", varied), ("y", values)):
         low, high = np.nanmin(on_axis), np.nanmax(on_axis)
@@ -64,11 +87,12 @@ def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str
 
 
 def table(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and fit window: D and the quantities of the case, theory, and differences.
+    """Return one row per case and fit window: D and the quantities of the case, theory, and
+    differences.
 
-    A difference is taken from the case before along the axis, whose runs with the same seeds begin alike if they have
-    as many disks; its standard error is that of the mean over these pairs of runs. The difference of D is for the first
-    window.
+    A difference is taken from the case before along the axis, whose runs with the same seeds begin
+    alike if they have as many disks; its standard error is that of the mean over these pairs of
+    runs. The difference of D is for the first window.
     """
     axis, ends = axis_of(cases), []
     for series in series_of(cases, axis).values():
@@ -76,16 +100,32 @@ def table(cases: list[Dataset]) -> DataFrame:
             ends.append(case.isel(time=-1).assign(_differences(before, case)))
     differences = [f"{name}_difference" for name in OF_RUNS]
     theory = [expected for _, _, expected in PANELS.values() if expected]
-    names = ("packing_fraction", "diffusive_from", "window_start", "window_end", *PANELS, *theory, *differences)
+    names = (
+        "packing_fraction",
+        "diffusive_from",
+        "window_start",
+        "window_end",
+        *PANELS,
+        *theory,
+        *differences,
+    )
     return frame_of(ends, ("window",), names).drop(columns="window")
 
 
 def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
-    """Return the differences of means from the case before, over runs with the same seeds, and their errors."""
+    """Return the differences of means from the case before, over runs with the same seeds, and
+    their errors.
+    """
     found: dict[str, float] = {}
     for name in (name for name in OF_RUNS if OF_RUNS[name] in case):
         values = case[OF_RUNS[name]]
-        pairs = (values - (np.nan if before is None else before[OF_RUNS[name]])).dropna("seed").values
-        mean, error = (pairs.mean(), pairs.std(ddof=1) / np.sqrt(len(pairs))) if len(pairs) > 1 else (np.nan, np.nan)
+        pairs = (
+            (values - (np.nan if before is None else before[OF_RUNS[name]])).dropna("seed").values
+        )
+        mean, error = (
+            (pairs.mean(), pairs.std(ddof=1) / np.sqrt(len(pairs)))
+            if len(pairs) > 1
+            else (np.nan, np.nan)
+        )
         found |= {f"{name}_difference": mean, f"{name}_difference_standard_error": error}
     return found

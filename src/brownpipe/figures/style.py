@@ -1,4 +1,5 @@
-"""The style of all figures: colours, panels, axes and legends. matplotlib is imported in functions, as it takes long.
+"""The style of all figures: colours, panels, axes and legends. matplotlib is imported in functions,
+as it takes long.
 
 Its settings are in `style.mplstyle`; neither the user's settings nor the date affect a file.
 """
@@ -30,21 +31,29 @@ DASHED = (0, (5, 2.5))
 DOTTED = (0, (1, 1.2))
 # Colour, line and marker of the first, second, ... species, fit window or scene
 SERIES = (
-    *((DATA, "-", "o"), (FIT, DASHED, "s"), (MODEL, (0, (4, 1.5, 1, 1.5)), "^"), ("#8A4F7D", DOTTED, "D")),
+    *(
+        (DATA, "-", "o"),
+        (FIT, DASHED, "s"),
+        (MODEL, (0, (4, 1.5, 1, 1.5)), "^"),
+        ("#8A4F7D", DOTTED, "D"),
+    ),
     *(("#E69F00", (0, (9, 2)), "v"), ("#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P")),
 )
-# Of the points or curves of the first, second, ... series: every pair of colour and marker, or of colour and line
+# Of the points or curves of the first, second, ... series: every pair of colour and marker, or of
+# colour and line
 MARKS = [{"color": SERIES[k % 6][0], "fmt": SERIES[(k + k // 6) % 6][2]} for k in range(36)]
 LINES = [SERIES[(k + k // 6) % 6][1] for k in range(36)]
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
-# Leading digits labelled on a logarithmic axis, by the decades below which they apply; (): labels of a linear axis
+# Leading digits labelled on a logarithmic axis, by the decades below which they apply; (): labels
+# of a linear axis
 LABELLED = {0.4: (), 0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
 KEY_SIZE = 8.8  # of the words of a legend [point]
 
 
 def drawing() -> AbstractContextManager:
-    """Return the context in which figures are drawn and saved: matplotlib's defaults and `style.mplstyle`.
+    """Return the context in which figures are drawn and saved: matplotlib's defaults and
+    `style.mplstyle`.
 
     The settings of the user have no effect in it, and are restored after it.
     """
@@ -54,7 +63,9 @@ def drawing() -> AbstractContextManager:
 
 
 def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None = None) -> bytes:
-    """Return the bytes of a PNG or SVG file with these metadata, without date. The first call computes the layout."""
+    """Return the bytes of a PNG or SVG file with these metadata, without date. The first call
+    computes the layout.
+    """
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
         figure.set_layout_engine(None)  # with an engine, `savefig` would draw the figure twice
@@ -63,10 +74,13 @@ def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None 
     return buffer.getvalue()
 
 
-def grid(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
+def grid(
+    rows: int, columns: int, width: float, height: float, **options: Any
+) -> tuple[Figure, np.ndarray]:
     """Return a figure of panels and its axes (rows, columns).
 
-    `width` and `height` [inch] are those of a panel, on average over the rows; `options` as for `Figure.subplots`.
+    `width` and `height` [inch] are those of a panel, on average over the rows; `options` as for
+    `Figure.subplots`.
     """
     from matplotlib.figure import Figure
 
@@ -74,15 +88,21 @@ def grid(rows: int, columns: int, width: float, height: float, **options: Any) -
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def columns(labels: Sequence[str], count: int, heights: Sequence[float], sharey: bool) -> tuple[Figure, np.ndarray]:
-    """Return a figure of `count` stacks of panels, at most MOST_COLUMNS side by side, and its axes (panels, count).
+def columns(
+    labels: Sequence[str], count: int, heights: Sequence[float], sharey: bool
+) -> tuple[Figure, np.ndarray]:
+    """Return a figure of `count` stacks of panels, at most MOST_COLUMNS side by side, and its axes
+    (panels, count).
 
-    `labels` name the vertical axes of a stack's panels, `heights` [inch] are those of the panels. With `sharey` the
-    panels at the same place of all stacks share their vertical axis, and only the leftmost of a row shows its numbers.
+    `labels` name the vertical axes of a stack's panels, `heights` [inch] are those of the panels.
+    With `sharey` the panels at the same place of all stacks share their vertical axis, and only the
+    leftmost of a row shows its numbers.
     """
     wide = min(count, MOST_COLUMNS)
     rows, panels = -(-count // wide), len(heights)
-    figure, axes = grid(panels * rows, wide, WIDTH, sum(heights) / panels, height_ratios=tuple(heights) * rows)
+    figure, axes = grid(
+        panels * rows, wide, WIDTH, sum(heights) / panels, height_ratios=tuple(heights) * rows
+    )
     stacks = axes.reshape(rows, panels, wide).swapaxes(0, 1).reshape(panels, rows * wide)
     for panel in stacks[:, count:].flat:
         panel.remove()
@@ -96,9 +116,11 @@ def columns(labels: Sequence[str], count: int, heights: Sequence[float], sharey:
 
 
 def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
-    """Put titles and legends above panels, where they cover no data; all titles at the height of the longest legend.
+    """Put titles and legends above panels, where they cover no data; all titles at the height of
+    the longest legend.
 
-    A title of more than 45 characters and a legend wider than 3.5 inches are set smaller, so that they fit.
+    A title of more than 45 characters and a legend wider than 3.5 inches are set smaller, so that
+    they fit.
     """
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
@@ -106,20 +128,34 @@ def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     font = FontProperties(size=KEY_SIZE)
     pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
     for axes, title in zip(panels, titles, strict=True):
-        axes.set_title(title or " ", pad=pad, fontsize=11 * min(1, 45 / max(len(title), 1)))  # "" makes no room
+        axes.set_title(
+            title or " ", pad=pad, fontsize=11 * min(1, 45 / max(len(title), 1))
+        )  # "" makes no room
         if labels := axes.get_legend_handles_labels()[1]:
-            width = max(text_to_path.get_text_width_height_descent(text, font, "$" in text)[0] for text in labels) / 72
-            place = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "borderaxespad": 0.2, "labelspacing": 0.35}
+            width = (
+                max(
+                    text_to_path.get_text_width_height_descent(text, font, "$" in text)[0]
+                    for text in labels
+                )
+                / 72
+            )
+            place = {
+                "loc": "lower left",
+                "bbox_to_anchor": (-0.02, 1.0),
+                "borderaxespad": 0.2,
+                "labelspacing": 0.35,
+            }
             axes.legend(**place, fontsize=KEY_SIZE * min(1, 3.5 / width)).set_in_layout(False)
 
 
 def told_apart(
     cases: list[Dataset], number: Callable[[Dataset], str], looks: Mapping[str, Any]
 ) -> Iterator[tuple[Dataset, dict[str, Any]]]:
-    """Yield the cases, or parts of cases, of one panel, each with the looks of its line, as for `axes.plot`.
+    """Yield the cases, or parts of cases, of one panel, each with the looks of its line, as for
+    `axes.plot`.
 
-    The label says what distinguishes it from the others, and adds its `number`. Colours are ordered if only one number
-    differs. `looks` replaces any of these.
+    The label says what distinguishes it from the others, and adds its `number`. Colours are ordered
+    if only one number differs. `looks` replaces any of these.
     """
     from matplotlib.cbook import normalize_kwargs
     from matplotlib.lines import Line2D
@@ -128,40 +164,58 @@ def told_apart(
     ordered = len(names) == 1 and cases[0][names[0]].dtype.kind in "iuf"
     colours = shades(len(cases)) if ordered else [colour for colour, _, _ in SERIES]
     for case, colour, line in zip(cases, cycle(colours), cycle(LINES), strict=False):
-        label = ": ".join(filter(None, (in_words(case, names), number(case)))) + drift_in_words(case)
+        label = ": ".join(filter(None, (in_words(case, names), number(case)))) + drift_in_words(
+            case
+        )
         own = {"color": colour, "linestyle": "-" if ordered else line, "label": label}
         yield case, own | normalize_kwargs({**looks}, Line2D)
 
 
 def band(axes: Axes, case: Dataset, name: str, color: Any, **line: Any) -> None:
-    """Draw a variable over its one dimension, with its 95 % band if it has one; `line` as for `axes.plot`."""
+    """Draw a variable over its one dimension, with its 95 % band if it has one; `line` as for
+    `axes.plot`.
+    """
     x = case[case[name].dims[0]].values
     if f"{name}_low" in case:
-        axes.fill_between(x, case[f"{name}_low"], case[f"{name}_high"], color=color, alpha=0.22, linewidth=0)
+        axes.fill_between(
+            x, case[f"{name}_low"], case[f"{name}_high"], color=color, alpha=0.22, linewidth=0
+        )
     axes.plot(x, case[name], color=color, **line)
 
 
-def points(axes: Axes, x: Sequence[float], cases: Sequence[Dataset], name: str, **looks: Any) -> None:
-    """Draw a variable of each case at its x, with its 95 % interval; hollow, so that equal points show each other."""
-    value, low, high = ([float(case[f"{name}{part}"]) for case in cases] for part in ("", "_low", "_high"))
+def points(
+    axes: Axes, x: Sequence[float], cases: Sequence[Dataset], name: str, **looks: Any
+) -> None:
+    """Draw a variable of each case at its x, with its 95 % interval; hollow, so that equal points
+    show each other.
+    """
+    value, low, high = (
+        [float(case[f"{name}{part}"]) for case in cases] for part in ("", "_low", "_high")
+    )
     reach = np.abs(np.subtract([low, high], value))
     axes.errorbar(x, value, reach, markersize=5, markerfacecolor="none", elinewidth=1.3, **looks)
 
 
 def highest(cases: Sequence[Dataset], name: str) -> float:
-    """Return the upper end of the 95 % bands of a variable, or of the variable where it has none."""
+    """Return the upper end of the 95 % bands of a variable, or of the variable where it has
+    none.
+    """
     return max(float(case[f"{name}_high"].fillna(case[name]).max()) for case in cases)
 
 
 def residual_panel(axes: Axes) -> None:
-    """Prepare a panel for residuals in standard errors: a line at zero, and a grey band from -2 to 2."""
+    """Prepare a panel for residuals in standard errors: a line at zero, and a grey band from -2 to
+    2.
+    """
     axes.axhspan(-2, 2, color="#EFEFEF", linewidth=0)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
 
 
 def shades(count: int) -> list:
-    """Return colours from dark to light, whose order shows to the colour-blind and in greyscale, too."""
+    """Return colours from dark to light, whose order shows to the colour-blind and in greyscale,
+    too.
+    """
     import matplotlib
 
     return list(matplotlib.colormaps["viridis"](np.linspace(0.02, 0.7, count)))
@@ -183,7 +237,8 @@ def time_axis(axes: Axes, cases: Sequence[Dataset]) -> None:
 
 
 def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
-    """Make the axis `name`, x or y, logarithmic from `low` to `high`, with few enough labels to be legible.
+    """Make the axis `name`, x or y, logarithmic from `low` to `high`, with few enough labels to be
+    legible.
 
     On a short axis these are not only at powers of ten, but at 1.5, 2, 3, 5, ... times them.
     """
@@ -197,6 +252,8 @@ def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
     labelled = next(digits for fewer, digits in LABELLED.items() if decades < fewer)
     axis.set_major_locator(LogLocator(subs=labelled, numticks=7) if labelled else MaxNLocator(2))
     plain = low >= 1e-4 and high <= 1e4
-    axis.set_major_formatter("{x:.4g}" if plain else LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
+    axis.set_major_formatter(
+        "{x:.4g}" if plain else LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf))
+    )
     axis.set_minor_locator(LogLocator(subs=range(1, 10), numticks=99))
     axis.set_minor_formatter(NullFormatter())

@@ -48,11 +48,15 @@ WIDEST = 120  # characters of a line of the table
 
 
 class Quantity(NamedTuple):
-    """A quantity of the answer: at the end of the runs, in the first fit window, for each species or pair of them."""
+    """A quantity of the answer: at the end of the runs, in the first fit window, for each species
+    or pair of them.
+    """
 
     heading: str
     variable: str
-    asked_by: tuple[str, ...]  # variables of observables, options of the analysis, figures: any of them shows it
+    asked_by: tuple[
+        str, ...
+    ]  # variables of observables, options of the analysis, figures: any of them shows it
     theory: str = ""  # variable with its value in theory, shown beside it in parentheses
 
 
@@ -63,26 +67,43 @@ OF_SPREADING = (
 )
 QUANTITIES = (
     Quantity("energy", "species_energy", ("species_energy",)),
-    Quantity("Z", "compressibility", ("pair_distribution", "figure thermodynamics"), "enskog_compressibility"),
+    Quantity(
+        "Z",
+        "compressibility",
+        ("pair_distribution", "figure thermodynamics"),
+        "enskog_compressibility",
+    ),
     Quantity("g(contact)", "contact_value", ("contact_value",), "contact_theory"),
-    Quantity("collision rate", "collision_rate", ("figure thermodynamics",), "enskog_collision_rate"),
+    Quantity(
+        "collision rate", "collision_rate", ("figure thermodynamics",), "enskog_collision_rate"
+    ),
     Quantity("|psi_6|", "orientational_order", ("orientational_order",)),
     Quantity("n(wall)", "contact_density", ("contact_density",)),
     Quantity("alpha_2", "non_gaussian_parameter", ("non_gaussian_parameter",)),
     Quantity("D (Green-Kubo)", "green_kubo", ("green_kubo",), "enskog_diffusion"),
 )
-SINCE = {"diffusion_coefficient": "window_start", "green_kubo": "time"}  # from when on, or up to when, D is measured
-DISPLACED = (Quantity("MSD", "msd", OF_SPREADING), Quantity("D", "diffusion_coefficient", OF_SPREADING))
+SINCE = {
+    "diffusion_coefficient": "window_start",
+    "green_kubo": "time",
+}  # from when on, or up to when, D is measured
+DISPLACED = (
+    Quantity("MSD", "msd", OF_SPREADING),
+    Quantity("D", "diffusion_coefficient", OF_SPREADING),
+)
 
 
 class Answer(NamedTuple):
     """The results of a study in words."""
 
     labels: int  # number of the first columns, which name the cases
-    columns: list[tuple[str, ...]]  # heading and cells; those of TESTS, the last, only if there are tests
+    columns: list[
+        tuple[str, ...]
+    ]  # heading and cells; those of TESTS, the last, only if there are tests
     legend: list[str]  # lines that explain the columns
     missing: list[str]  # lines that name failed and missing seeds
-    drifting: list[str]  # lines that name cases that are not in equilibrium, or of which it cannot be told
+    drifting: list[
+        str
+    ]  # lines that name cases that are not in equilibrium, or of which it cannot be told
 
 
 def summary(dataset: Dataset, chosen: Collection[str] = (), title: str = "") -> str:
@@ -99,19 +120,28 @@ def summary(dataset: Dataset, chosen: Collection[str] = (), title: str = "") -> 
             blocks.append([*names])
         blocks[-1].append(column)
     table = [line for block in blocks for line in aligned(block)]
-    return in_lines([*([title] if title else []), *table, *found.legend, *found.missing, *found.drifting]) + "\n"
+    return (
+        in_lines(
+            [*([title] if title else []), *table, *found.legend, *found.missing, *found.drifting]
+        )
+        + "\n"
+    )
 
 
 def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
-    """Return the results of each scene, particle count and engine; `chosen` are the figures that the study names.
+    """Return the results of each scene, particle count and engine; `chosen` are the figures that
+    the study names.
 
-    The columns are what an observable, an option of the analysis or a figure asks for, or without any all that the
-    dataset has, with standard errors over runs. If rings or displacement times were asked for, there is the verdict on
-    eq. (18) with either D. All tests of the table are one family: a model is rejected at the family-wise level (Holm).
+    The columns are what an observable, an option of the analysis or a figure asks for, or without
+    any all that the dataset has, with standard errors over runs. If rings or displacement times
+    were asked for, there is the verdict on eq. (18) with either D. All tests of the table are one
+    family: a model is rejected at the family-wise level (Holm).
     """
     cases = cases_of(dataset)
     options = json.loads(dataset.attrs.get("options", "{}"))
-    given = {name for name, value in options.items() if value} | {f"figure {name}" for name in chosen}
+    given = {name for name, value in options.items() if value} | {
+        f"figure {name}" for name in chosen
+    }
     of_quantity = {one: [*columns_of(cases, one)] for one in quantities(dataset)}
     given |= {name for one in of_quantity for name in one.asked_by if has(dataset, name)}
     known = [one for one, found in of_quantity.items() if found]
@@ -122,13 +152,20 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     tests = int(np.count_nonzero(np.isfinite(p)))
     durations = {case.duration.item() for case in cases}
     end = f"MSD(t = {durations.pop():g})" if len(durations) == 1 else "MSD at the end"
-    names = [name for name in labels_of_cases(dataset) if name != "engine" or dataset.sizes["engine"] > 1]
+    names = [
+        name for name in labels_of_cases(dataset) if name != "engine" or dataset.sizes["engine"] > 1
+    ]
     headings = ["N" if name == "particles" else name.replace("_", " ") for name in names]
-    columns = [(head, *(text_of(case, name) for case in cases)) for head, name in zip(headings, names, strict=True)]
+    columns = [
+        (head, *(text_of(case, name) for case in cases))
+        for head, name in zip(headings, names, strict=True)
+    ]
     columns.append(("runs", *(str(int(case.runs)) for case in cases)))
     for one in shown:
         for heading, parts in of_quantity[one]:
-            columns.append((end if one.variable == "msd" else heading, *(_cell(part, one) for part in parts)))
+            columns.append(
+                (end if one.variable == "msd" else heading, *(_cell(part, one) for part in parts))
+            )
     if tests:
         columns += [(name, *map(_verdict, p[:, k], rejected[:, k])) for k, name in enumerate(TESTS)]
     legend = [*_legend(dataset, cases, shown, tests)]
@@ -138,28 +175,46 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
 def quantities(dataset: Dataset) -> list[Quantity]:
     """Return all quantities that an answer may have, MSD and D last.
 
-    An observable of the user's own is every variable with this attribute that is one number in each case.
+    An observable of the user's own is every variable with this attribute that is one number in each
+    case.
     """
     own = own_names([dataset])
-    numbers = [name for name in own if f"{name}_standard_error" in dataset and dataset[name].dims == dataset.runs.dims]
+    numbers = [
+        name
+        for name in own
+        if f"{name}_standard_error" in dataset and dataset[name].dims == dataset.runs.dims
+    ]
     return [*QUANTITIES, *(Quantity(name, name, (name,)) for name in numbers), *DISPLACED]
 
 
 def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[Dataset | None]]]:
-    """Yield heading and cells of each column of a quantity: for each case the part with one number, None without it."""
-    needed = {one.variable, f"{one.variable}_standard_error", one.theory, "diffusive_from", "drift_p_value"}
-    # What `_cell` reads, and no more: of a case with all variables each part takes xarray several times as long.
+    """Yield heading and cells of each column of a quantity: for each case the part with one number,
+    None without it.
+    """
+    needed = {
+        one.variable,
+        f"{one.variable}_standard_error",
+        one.theory,
+        "diffusive_from",
+        "drift_p_value",
+    }
+    # What `_cell` reads, and no more: of a case with all variables each part takes xarray several
+    # times as long.
     cases = [case[[name for name in needed if name in case]] for case in cases]
     dim = next((dim for dim in SPECIES if dim in cases[0].dims), "")
     labels = cases[0][dim].values.tolist() if dim else [""]
-    parts = {label: [_at(case.sel({dim: label}) if dim else case, one) for case in cases] for label in labels}
+    parts = {
+        label: [_at(case.sel({dim: label}) if dim else case, one) for case in cases]
+        for label in labels
+    }
     known = {label: of_label for label, of_label in parts.items() if any(of_label)}
     for label, of_label in known.items():
         yield f"{one.heading}, {label}" if len(known) > 1 else one.heading, of_label
 
 
 def _at(case: Dataset, one: Quantity) -> Dataset | None:
-    """Return the case at the end and in the first window; None if it does not have the quantity there.
+    """Return the case at the end and in the first window; None if it does not have the quantity
+    there.
 
     Without a temperature, the Green-Kubo integral is not a D.
     """
@@ -188,7 +243,9 @@ def _verdict(p: float, rejected: bool) -> str:
     return "-" if np.isnan(p) else f"{'' if rejected else 'not '}rejected, {in_words(p)}"
 
 
-def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], tests: int) -> Iterator[str]:
+def _legend(
+    dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], tests: int
+) -> Iterator[str]:
     """Lines that explain the columns, and the tests for equilibrium."""
     yield "N: number of disks. ±: one standard error over runs. All in the scene's reduced units."
     followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
@@ -200,34 +257,64 @@ def _legend(dataset: Dataset, cases: list[Dataset], shown: Sequence[Quantity], t
         place = "".join(where.get(str(dim), "") for dim in variable.dims)
         yield from textwrap.wrap(f"{one.heading}: {meaning}{place}{source}.", LINE)
     for name, own in dataset.data_vars.items():
-        if "observable" in own.attrs and own.dims == dataset.runs.dims and (own.isnull() & (dataset.runs > 0)).any():
+        if (
+            "observable" in own.attrs
+            and own.dims == dataset.runs.dims
+            and (own.isnull() & (dataset.runs > 0)).any()
+        ):
             yield f"{name}: no mean where a run has no number of it."
     if any(one.theory and has(case, one.theory) for one in shown for case in cases):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
-    starts = {f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item() for case in cases}
+    starts = {
+        f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item()
+        for case in cases
+    }
     window = dataset.window_start.values[0], dataset.window_end.values[0]
     if DISPLACED[-1] in shown and (caution := window_caution(window, starts)):
         yield from textwrap.wrap(f"° {caution}.", LINE)
-    if any(" °" in _cell(_at(case, one), one) for one in shown if one.variable == "green_kubo" for case in cases):
-        yield "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D of diffusion."
+    if any(
+        " °" in _cell(_at(case, one), one)
+        for one in shown
+        if one.variable == "green_kubo"
+        for case in cases
+    ):
+        yield (
+            "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D of "
+            "diffusion."
+        )
     for case in cases:
         if has(case, "drift_diffusion"):
-            yield f"{title_of(case)}: the drift of all disks adds {case.drift_diffusion:.2g} to D by the end of a run."
+            yield (
+                f"{title_of(case)}: the drift of all disks adds {case.drift_diffusion:.2g} to D "
+                "by the end of a run."
+            )
     yield from _tests_of_equilibrium(cases)
     if tests:
-        times = {at_last_distribution(case).displacement_time.item() for case in cases if has(case, "msd")}
+        times = {
+            at_last_distribution(case).displacement_time.item()
+            for case in cases
+            if has(case, "msd")
+        }
         at = "at the end" if len(times) > 1 else f"at t = {times.pop():g}"
         family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
-        yield f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and kurtosis,"
+        yield (
+            f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and "
+            "kurtosis,"
+        )
         yield f"and rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm)."
 
 
 def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:
-    """Two lines on the tests of cases that claim equilibrium: number, level, power, and what they do not see."""
+    """Two lines on the tests of cases that claim equilibrium: number, level, power, and what they
+    do not see.
+    """
     tested = [case for case in cases if has(case, "drift_p_value")]
     tests = sum(int(np.isfinite(case.drift_p_value).sum()) for case in tested)
     if tests:
-        found = max(drift.found_with_power(case.drift_standard_error.values, int(case.runs), tests) for case in tested)
+        found = max(
+            drift.found_with_power(case.drift_standard_error.values, int(case.runs), tests)
+            for case in tested
+        )
         family = f"level {drift.LEVEL:.0%} for all {tests} tests (Holm)"
         yield f"Equilibrium: the first and the last quarter of each run are compared, {family}."
         power = f"{drift.POWER:.0%} of the pressure's drifts by {100 * found:.2g} % are found"
@@ -235,7 +322,9 @@ def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:
 
 
 def drifting(cases: list[Dataset]) -> Iterator[str]:
-    """Lines that name the cases, marked by a star, whose runs drift, and those where it cannot be told."""
+    """Lines that name the cases, marked by a star, whose runs drift, and those where it cannot be
+    told.
+    """
     claimed = [case for case in cases if has(case, "time_to_try")]
     for case in filter(drifts, claimed):
         values = (case[name].values for name in ("drift", "drift_standard_error", "drift_p_value"))
@@ -244,13 +333,18 @@ def drifting(cases: list[Dataset]) -> Iterator[str]:
         yield f"* {scene_of(case)}, N = {case.particles.item()}: {words}"
     unknown = [title_of(case) for case in claimed if not has(case, "drift_p_value")]
     if unknown:
-        yield f"{unknown[0]}{f' and {len(unknown) - 1} more' if len(unknown) > 1 else ''}: {drift.TOO_FEW}"
+        yield (
+            f"{unknown[0]}{f' and {len(unknown) - 1} more' if len(unknown) > 1 else ''}: "
+            f"{drift.TOO_FEW}"
+        )
 
 
 def missing_runs(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
-    """Lines that name the seeds whose runs failed or are missing, why runs could not go on, and the risk of a bias.
+    """Lines that name the seeds whose runs failed or are missing, why runs could not go on, and the
+    risk of a bias.
 
-    Missing are seeds from the first to the last of the same engine: engines may have seeds of their own.
+    Missing are seeds from the first to the last of the same engine: engines may have seeds of their
+    own.
     """
     is_there = dataset.run_status != MISSING
     of_engine = is_there.any([dim for dim in is_there.dims if dim not in ("engine", "seed")])
@@ -260,18 +354,31 @@ def missing_runs(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
         for status, fate in ((FAILED, "failed and left out"), (MISSING, "missing")):
             seeds = case.seed.values[(case.run_status.values == status) & asked]
             if seeds.size:
-                reasons = case.stopped.values.tolist() if status == FAILED and "stopped" in case else ()
-                stopped = {seed: why for seed, why in zip(case.seed.values.tolist(), reasons, strict=False) if why}
+                reasons = (
+                    case.stopped.values.tolist() if status == FAILED and "stopped" in case else ()
+                )
+                stopped = {
+                    seed: why
+                    for seed, why in zip(case.seed.values.tolist(), reasons, strict=False)
+                    if why
+                }
                 reason = f"; {stopped_in_words(stopped)}" if stopped else ""
-                which = f"{seeds.size} of {np.count_nonzero(asked)} seeds ({brief_seed_text(seeds)})"
+                which = (
+                    f"{seeds.size} of {np.count_nonzero(asked)} seeds ({brief_seed_text(seeds)})"
+                )
                 yield f"{title_of(case)}: {fate}: {which}{reason}"
     if failed := sum(int(case.failed_runs) for case in cases):
         runs = counted(failed, "failed run")
-        yield f"The averages leave out {runs}; they are biased if runs that fail differ from the others."
+        yield (
+            f"The averages leave out {runs}; they are biased if runs that fail differ from the "
+            "others."
+        )
 
 
 def summary_table(dataset: Dataset) -> DataFrame:
-    """Return every number that an answer may have, and those of the other fit windows: one row per case and window."""
+    """Return every number that an answer may have, and those of the other fit windows: one row per
+    case and window.
+    """
     from pandas import DataFrame
 
     rows, cases = [], cases_of(dataset)
@@ -279,7 +386,11 @@ def summary_table(dataset: Dataset) -> DataFrame:
     measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):
         row = label_of(case, "runs", "failed_runs")
-        row |= {"time": case.duration.item(), "diffusive_from": case.diffusive_from.item(), "drifts": drifts(case)}
+        row |= {
+            "time": case.duration.item(),
+            "diffusive_from": case.diffusive_from.item(),
+            "drifts": drifts(case),
+        }
         for one, heading, parts in measured:
             for end in ("", "_standard_error"):
                 value = parts[k][one.variable + end].item() if parts[k] is not None else np.nan
@@ -288,5 +399,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
         row |= {name: last[name].item() if name in last else np.nan for name in SHAPE}
         of_models = [(test, model) for model in dataset.model.values for test in TESTED]
         row |= {f"{test}, {model}": last[test].sel(model=model).item() for test, model in of_models}
-        rows += [row | {name: case[name][w].item() for name in FIT} for w in range(case.sizes["window"])]
+        rows += [
+            row | {name: case[name][w].item() for name in FIT} for w in range(case.sizes["window"])
+        ]
     return DataFrame(rows)

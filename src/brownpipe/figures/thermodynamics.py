@@ -1,6 +1,8 @@
-"""Figure `thermodynamics`: compressibility factor and collision rates against the packing fraction, and theory.
+"""Figure `thermodynamics`: compressibility factor and collision rates against the packing fraction,
+and theory.
 
-Theory is Luding's equation of state for equal disks, and Enskog's for rates and mixtures (docs/theory.md).
+Theory is Luding's equation of state for equal disks, and Enskog's for rates and mixtures
+(docs/theory.md).
 """
 
 from itertools import cycle
@@ -29,7 +31,8 @@ TABLE = ((), ("packing_fraction", *MEASURED, *(f"enskog_{name}" for name in PANE
 
 
 def draw(cases: list[Dataset]) -> Figure:
-    """Draw one column per quantity: its values against the packing fraction above, deviations from theory below.
+    """Draw one column per quantity: its values against the packing fraction above, deviations from
+    theory below.
 
     The lower row is left out if there is no theory for any of the cases.
     """
@@ -38,14 +41,18 @@ def draw(cases: list[Dataset]) -> Figure:
     legend = 0.19 * max(0, len(_series(cases)) - 2)  # room for many series [inch]
     heights = (3.73, 1.87) if with_theory else (4.0,)
     height = (sum(heights) + legend) / len(heights)
-    figure, axes = grid(len(heights), len(names), WIDTH, height, sharex="col", height_ratios=heights)
+    figure, axes = grid(
+        len(heights), len(names), WIDTH, height, sharex="col", height_ratios=heights
+    )
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
         for (label, of_series), looks in zip(_series(measured).items(), cycle(MARKS), strict=False):
             densities = [float(case.packing_fraction) for case in of_series]
             points(main, densities, of_series, name, label=label, **looks)
             for panel in low:
-                points(panel, densities, [_deviation(case, name) for case in of_series], name, **looks)
+                points(
+                    panel, densities, [_deviation(case, name) for case in of_series], name, **looks
+                )
         main.margins(x=0.15, y=0.12)
         if name == Z:
             main.axhline(1, color=GREY, linewidth=0.8)  # of the ideal gas
@@ -56,7 +63,11 @@ def draw(cases: list[Dataset]) -> Figure:
             panel.axhline(0, color=GREY, linewidth=0.8)
             panel.margins(y=0.15)
             panel.set_ylabel("deviation\nfrom theory (%)")
-        if name == Z and with_theory and any(has(case, "compressibility_rate") for case in measured):  # equal disks
+        if (
+            name == Z
+            and with_theory
+            and any(has(case, "compressibility_rate") for case in measured)
+        ):  # equal disks
             _equations_of_state(main, low[0], main.get_xlim())
         main.locator_params(axis="x", nbins=5)
         (low[0] if low else main).set_xlabel("packing fraction $\\phi$")
@@ -71,10 +82,14 @@ def _series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
 
 
 def _deviation(case: Dataset, name: str) -> Dataset:
-    """The deviation from theory [%]: of a rate, of that at the temperature of the scene if there is one."""
+    """The deviation from theory [%]: of a rate, of that at the temperature of the scene if there is
+    one.
+    """
     compared = f"{name}_at_temperature" if has(case, f"{name}_at_temperature") else name
     parts = {f"{name}{part}": case[f"{compared}{part}"] for part in ("", "_low", "_high")}
-    return Dataset({part: 100 * (value / _expected(case, name) - 1) for part, value in parts.items()})
+    return Dataset(
+        {part: 100 * (value / _expected(case, name) - 1) for part, value in parts.items()}
+    )
 
 
 def _expected(case: Dataset, name: str) -> float:
@@ -83,10 +98,19 @@ def _expected(case: Dataset, name: str) -> float:
 
 
 def _equations_of_state(main: Axes, low: Axes, ends: tuple[float, float]) -> None:
-    """Draw Luding's and Henderson's equations of state for equal disks, and the deviation of the latter."""
+    """Draw Luding's and Henderson's equations of state for equal disks, and the deviation of the
+    latter.
+    """
     phi = np.linspace(max(0.0, ends[0]), min(DENSEST, ends[1]), 200)
     luding = theory.compressibility(phi, theory.contact_value(phi))
     henderson = theory.compressibility(phi, theory.contact_value_henderson(phi))
     main.plot(phi, luding, color=INK, linewidth=1, label="Luding (2001), equal disks")
-    main.plot(phi, henderson, color=GREY, linestyle=DASHED, linewidth=1, label="Henderson (1975), equal disks")
+    main.plot(
+        phi,
+        henderson,
+        color=GREY,
+        linestyle=DASHED,
+        linewidth=1,
+        label="Henderson (1975), equal disks",
+    )
     low.plot(phi, 100 * (henderson / luding - 1), color=GREY, linestyle=DASHED, linewidth=1)

@@ -1,6 +1,8 @@
-"""Figures `tradeoff_SCENE_N150`: expected error of the MSD against CPU time, one line per engine; the same as text.
+"""Figures `tradeoff_SCENE_N150`: expected error of the MSD against CPU time, one line per engine;
+the same as text.
 
-An engine with its settings is named by its label, as in studies and result folders (`timestep-0.001-late`).
+An engine with its settings is named by its label, as in studies and result folders
+(`timestep-0.001-late`).
 """
 
 from __future__ import annotations
@@ -29,19 +31,34 @@ WIDTH = 8.6  # of the figure [inch]
 HEIGHT = 5.4  # least height of the figure [inch]
 FRAME = 1.3  # height of the figure outside the panel [inch]
 LABEL_DISTANCE = 13.5  # least distance of two labels [point]
-LABELS: dict[str, Any] = {"xycoords": "axes fraction", "va": "center", "fontsize": 8.5, "annotation_clip": False}
+LABELS: dict[str, Any] = {
+    "xycoords": "axes fraction",
+    "va": "center",
+    "fontsize": 8.5,
+    "annotation_clip": False,
+}
 # From a curve to its label
 LEADER = {"arrowstyle": "-", "linewidth": 0.6, "relpos": (0, 0.5), "shrinkA": 1, "shrinkB": 0}
-KEY = "Bold: Pareto front, with unresolved biases at their 95 % upper bound. Dotted: error below that bound."
+KEY = (
+    "Bold: Pareto front, with unresolved biases at their 95 % upper bound. Dotted: error below "
+    "that bound."
+)
 POINTS = 2000  # of a curve
 
 
 def draw(dataset: Dataset, scene: str) -> Figure:
-    """Draw the expected error of the MSD at the end of a run against CPU time, with the Pareto front in bold."""
+    """Draw the expected error of the MSD at the end of a run against CPU time, with the Pareto
+    front in bold.
+    """
     settings = settings_of(dataset, scene)
     front = pareto_front(settings_of(dataset, scene, careful=True))
-    exact = settings[0]  # is drawn until it reaches the finest error, or beyond the last change of the front
-    end = max((exact.spread / LEAST_ERROR) ** 2 * exact.seconds, *(3 * interval.start for interval in front))
+    exact = settings[
+        0
+    ]  # is drawn until it reaches the finest error, or beyond the last change of the front
+    end = max(
+        (exact.spread / LEAST_ERROR) ** 2 * exact.seconds,
+        *(3 * interval.start for interval in front),
+    )
     times = np.geomspace(FEWEST_RUNS * min(setting.seconds for setting in settings), end, POINTS)
     figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
     coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
@@ -49,12 +66,25 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     for setting in settings:
         error, on_front = total_error(setting, times), np.zeros(len(times), bool)
         for interval in front:
-            on_front |= (interval.label == setting.label) & (times >= interval.start) & (times <= interval.end)
-        unresolved = error < _unresolved_bound(dataset.sel(scene=scene, setting=setting.label), "msd_bias")
-        colour, bold = colours.get(setting.label, GREY), {"linewidth": 4.0, "solid_capstyle": "round"}
+            on_front |= (
+                (interval.label == setting.label)
+                & (times >= interval.start)
+                & (times <= interval.end)
+            )
+        unresolved = error < _unresolved_bound(
+            dataset.sel(scene=scene, setting=setting.label), "msd_bias"
+        )
+        colour, bold = (
+            colours.get(setting.label, GREY),
+            {"linewidth": 4.0, "solid_capstyle": "round"},
+        )
         lines = (~unresolved, {"alpha": 0.8}), (unresolved, {"linestyle": DOTTED}), (on_front, bold)
         for shown, looks in lines:
-            line: dict[str, Any] = {"color": colour, "linewidth": 1.0, "label": setting.label} | looks
+            line: dict[str, Any] = {
+                "color": colour,
+                "linewidth": 1.0,
+                "label": setting.label,
+            } | looks
             axes.plot(times, np.where(shown, error, np.nan), **line)
     last = {setting.label: float(total_error(setting, times[-1])) for setting in settings}
     inside = {label: error for label, error in last.items() if error <= 1.0}
@@ -75,25 +105,40 @@ def _unresolved_bound(setting: Dataset, name: str) -> float:
     return max(-low, high) if low <= 0.0 <= high else 0.0
 
 
-def _direct_labels(axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float) -> None:
-    """Write the label of every curve beside its end, at the last of its `errors`; keep labels `least` apart."""
+def _direct_labels(
+    axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float
+) -> None:
+    """Write the label of every curve beside its end, at the last of its `errors`; keep labels
+    `least` apart.
+    """
     low, high = np.log(axes.get_ylim())
     ends = [(np.log(error) - low) / (high - low) for error in errors.values()]
     for label, end, place in zip(errors, ends, apart(ends, least, 0.0, 1.0), strict=True):
         colour, weight = colours.get(label, INK), "bold" if label in colours else "normal"
-        looks: dict[str, Any] = {"color": colour, "weight": weight, "arrowprops": LEADER | {"color": colour}}
+        looks: dict[str, Any] = {
+            "color": colour,
+            "weight": weight,
+            "arrowprops": LEADER | {"color": colour},
+        }
         axes.annotate(label, (1, end), (1.04, place), **looks, **LABELS)
 
 
-def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: float) -> np.ndarray:
-    """Return the places of labels, moved up and where there is no room above down, so that they lie `least` apart.
+def apart(
+    places: Sequence[float] | np.ndarray, least: float, low: float, high: float
+) -> np.ndarray:
+    """Return the places of labels, moved up and where there is no room above down, so that they lie
+    `least` apart.
 
-    Their order stays, and they stay in [low, high]. If the interval is too short for that, they divide it evenly.
+    Their order stays, and they stay in [low, high]. If the interval is too short for that, they
+    divide it evenly.
     """
     order = np.argsort(places, kind="stable")
     least = min(least, (high - low) / max(1, len(order) - 1))
     offsets = least * np.arange(len(order))
-    moved = np.maximum.accumulate(np.clip(np.asarray(places, float)[order], low, high) - offsets) + offsets
+    moved = (
+        np.maximum.accumulate(np.clip(np.asarray(places, float)[order], low, high) - offsets)
+        + offsets
+    )
     return np.minimum(moved, high - offsets[::-1])[np.argsort(order)]
 
 
@@ -101,10 +146,22 @@ def apart(places: Sequence[float] | np.ndarray, least: float, low: float, high: 
 
 
 def table(dataset: Dataset) -> DataFrame:
-    """Return one row per scene and setting with all numbers of the dataset: cost, biases, health, the Pareto front."""
-    numbers = [name for name, of in dataset.items() if of.dims == ("scene", "setting") and of.dtype.kind in "fi"]
-    rows = [(scene, setting.label) for scene in scenes_of(dataset) for setting in settings_of(dataset, scene)]
-    frame = dataset[["particles", *numbers]].to_dataframe(["scene", "setting"]).loc[rows].reset_index()
+    """Return one row per scene and setting with all numbers of the dataset: cost, biases, health,
+    the Pareto front.
+    """
+    numbers = [
+        name
+        for name, of in dataset.items()
+        if of.dims == ("scene", "setting") and of.dtype.kind in "fi"
+    ]
+    rows = [
+        (scene, setting.label)
+        for scene in scenes_of(dataset)
+        for setting in settings_of(dataset, scene)
+    ]
+    frame = (
+        dataset[["particles", *numbers]].to_dataframe(["scene", "setting"]).loc[rows].reset_index()
+    )
     return frame[["scene", "particles", "setting", *numbers]]
 
 
@@ -118,17 +175,22 @@ def summary(dataset: Dataset) -> str:
 
 REMARK = (
     "cost: CPU time of a run relative to an exact one, timed in turn on this machine.\n"
-    "bias: relative to exact, ± one standard error; `< 2 %`: not resolved, below 2 % with 95 % confidence.\n"
+    "bias: relative to exact, ± one standard error; `< 2 %`: not resolved, below 2 % with 95 % "
+    "confidence.\n"
     "distance: total variation distance of the displacement distributions at the end.\n"
     "departs: median time at which the tracer leaves the exact trajectory.\n"
-    "front: CPU times at which no other setting has a smaller expected error of the MSD (Pareto front);\n"
-    "unresolved biases are at their 95 % upper bound; `perhaps`: if these are small, or its cost low.\n"
+    "front: CPU times at which no other setting has a smaller expected error of the MSD (Pareto "
+    "front);\n"
+    "unresolved biases are at their 95 % upper bound; `perhaps`: if these are small, or its cost "
+    "low.\n"
 )
 
 
 def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:
     """Return the table of a scene in words, by columns; those without any number are left out."""
-    settings = [dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)]
+    settings = [
+        dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)
+    ]
     rows = [_row(setting, float(settings[0].seconds)) for setting in settings]
     columns = [(name, *(row[name] for row in rows)) for name in rows[0]]
     return [column for column in columns if {*column[1:]} != {"-"}]
@@ -146,13 +208,17 @@ def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
         "distance": _bias(setting, "displacement_bias"),
         "g(contact)": _bias(setting, "contact_bias"),
         "overlap": f"{float(setting.worst_overlap):.1g}".replace("nan", "-"),
-        "departs": f"{float(setting.departure_time):.3g}".replace("nan", "-").replace("inf", "never"),
+        "departs": f"{float(setting.departure_time):.3g}".replace("nan", "-").replace(
+            "inf", "never"
+        ),
         "front, s": _interval(setting),
     }
 
 
 def _bias(setting: Dataset, name: str) -> str:
-    """`+2.1 ± 1.0 %`, or `< 1.1 %` for a bias that is not resolved; a distance has no sign and no standard error."""
+    """`+2.1 ± 1.0 %`, or `< 1.1 %` for a bias that is not resolved; a distance has no sign and no
+    standard error.
+    """
     value = float(setting[name])
     if np.isnan(value) or setting.setting == "exact":
         return "-"
@@ -174,11 +240,17 @@ def _interval(setting: Dataset) -> str:
 
 def scenes_of(dataset: Dataset) -> list[str]:
     """Return the scenes that have runs of more than one setting."""
-    return [scene for scene in dataset.scene.values if np.count_nonzero(dataset.runs.sel(scene=scene)) > 1]
+    return [
+        scene
+        for scene in dataset.scene.values
+        if np.count_nonzero(dataset.runs.sel(scene=scene)) > 1
+    ]
 
 
 def drawn(dataset: Dataset, metadata: Mapping[str, str]) -> list[Drawing]:
-    """Draw the trade-off of every scene with these metadata; the table of each drawing has that scene alone."""
+    """Draw the trade-off of every scene with these metadata; the table of each drawing has that
+    scene alone.
+    """
     with drawing():
         return [
             drawing_of(f"tradeoff_{scene}", draw(dataset, scene), rows, metadata)

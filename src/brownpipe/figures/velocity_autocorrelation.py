@@ -1,7 +1,7 @@
 """Figure `velocity_autocorrelation`: tracer and bath, from the initial slope to the 1/t tail.
 
-The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md); the tail is that of hydrodynamics in
-two dimensions.
+The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md); the tail is that
+of hydrodynamics in two dimensions.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,14 +23,20 @@ TABLE = (("time",), (TRACER, BATH))
 
 
 def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
-    """Draw the correlation of the tracer; of a single case also that of the bath, and the initial slope.
+    """Draw the correlation of the tracer; of a single case also that of the bath, and the initial
+    slope.
 
     The slope follows from the tracer's collision rate. With `looks` there is one line per case.
     """
     axes.axhline(0, color=style.GREY, linewidth=0.8)
     for curve, line in _curves(cases, looks):
         style.band(axes, curve, TRACER, **line)
-    if len(cases) == 1 and not looks and has(cases[0], "vacf_initial_slope_expected") and cases[0][TRACER][0] > 0:
+    if (
+        len(cases) == 1
+        and not looks
+        and has(cases[0], "vacf_initial_slope_expected")
+        and cases[0][TRACER][0] > 0
+    ):
         rate = -float(cases[0].vacf_initial_slope_expected) / float(cases[0][TRACER][0])
         t = np.linspace(0, 1 / max(rate, 1 / float(cases[0].time[-1])), 200)
         label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
@@ -38,27 +44,42 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     style.time_axis(axes, cases)
 
 
-def _curves(cases: list[Dataset], looks: Mapping[str, Any]) -> Iterator[tuple[Dataset, dict[str, Any]]]:
-    """The correlations divided by their values at t = 0, under the tracer's name, and their looks."""
+def _curves(
+    cases: list[Dataset], looks: Mapping[str, Any]
+) -> Iterator[tuple[Dataset, dict[str, Any]]]:
+    """The correlations divided by their values at t = 0, under the tracer's name, and their
+    looks.
+    """
     names = [TRACER, BATH] if len(cases) == 1 and not looks else [TRACER]
     curves = [_normalised(case, name) for case in cases for name in names if has(case, name)]
     return style.told_apart(curves, _rate_in_words, looks)
 
 
 def _normalised(case: Dataset, name: str) -> Dataset:
-    """The case with the correlation of this name and its initial slope, if it is the tracer's, over its first value."""
+    """The case with the correlation of this name and its initial slope, if it is the tracer's, over
+    its first value.
+    """
     scaled = {TRACER: name, SLOPE: SLOPE if name == TRACER else ""}
     parts = {f"{new}{part}": f"{old}{part}" for new, old in scaled.items() for part in PARTS}
-    curve = case.drop_dims("species", errors="ignore").drop_vars([new for new in parts if new in case])
-    curve = curve.assign({new: case[old] / float(case[name][0]) for new, old in parts.items() if old in case})
+    curve = case.drop_dims("species", errors="ignore").drop_vars(
+        [new for new in parts if new in case]
+    )
+    curve = curve.assign(
+        {new: case[old] / float(case[name][0]) for new, old in parts.items() if old in case}
+    )
     return curve.assign_coords(species="bath" if name == BATH else "tracer")
 
 
 def _rate_in_words(curve: Dataset) -> str:
-    """The measured initial decay rate of the tracer's correlation, for the legend; empty where it is not known."""
+    """The measured initial decay rate of the tracer's correlation, for the legend; empty where it
+    is not known.
+    """
     if not has(curve, SLOPE):
         return ""
-    return f"initial decay $1 - \\gamma t$, $\\gamma$ = {plus_minus(-curve[SLOPE], curve[f'{SLOPE}_standard_error'])}"
+    return (
+        "initial decay $1 - \\gamma t$, $\\gamma$ = "
+        f"{plus_minus(-curve[SLOPE], curve[f'{SLOPE}_standard_error'])}"
+    )
 
 
 def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
@@ -75,7 +96,8 @@ def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
 def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> None:
     """Draw the decays on logarithmic axes as far as they are resolved, with a slope of 1/t.
 
-    A curve ends where its 95 % band, or without one the curve, first reaches zero: the rest is noise.
+    A curve ends where its 95 % band, or without one the curve, first reaches zero: the rest is
+    noise.
     """
     tails = []
     for curve, line in _curves(cases, {}):
@@ -86,7 +108,9 @@ def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> None:
             style.band(axes, tail, TRACER, **line)
             tails.append(tail)
     if not tails:
-        axes.text(0.5, 0.5, "not resolved from 0", ha="center", color=style.GREY, transform=axes.transAxes)
+        axes.text(
+            0.5, 0.5, "not resolved from 0", ha="center", color=style.GREY, transform=axes.transAxes
+        )
     for tail in [tail for tail in tails if tail.sizes["time"] > 2][:1]:  # a guide above its end
         t = tail.time.values[tail.time.values >= tail.time.values[-1] / 3]
         guide = 2.5 * float((tail[TRACER] * tail.time).sel(time=t).mean()) / t

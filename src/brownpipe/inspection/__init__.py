@@ -1,7 +1,8 @@
 """What is in a file, and whether its runs can be reproduced to the bit: `brownpipe inspect`.
 
-The reports show numbers as figures and summary do, and runs are made by the engines: this layer is above both. It is
-not part of `figures` or `storage`, because a change of a report must not run any step of a study again.
+The reports show numbers as figures and summary do, and runs are made by the engines: this layer is
+above both. It is not part of `figures` or `storage`, because a change of a report must not run any
+step of a study again.
 """
 
 from brownpipe.inspection.reports import describe_product, report, scene_text, variables

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.analysis.drift import LEVEL, TOO_FEW, drift_of, in_words, is_tested, quarters_of, time_to_try
+from brownpipe.analysis.drift import (
+    LEVEL,
+    TOO_FEW,
+    drift_of,
+    in_words,
+    is_tested,
+    quarters_of,
+    time_to_try,
+)
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.variables import EACH, FAILED, MISSING
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
@@ -31,14 +39,24 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 DIGITS = 12  # shown of a digest
-PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".gif", ".html")  # of `brownpipe figures` and `movie`
+PRODUCTS = (
+    ".png",
+    ".svg",
+    ".csv",
+    ".txt",
+    ".json",
+    ".gif",
+    ".html",
+)  # of `brownpipe figures` and `movie`
 
 
 def report(path: str | Path, seed: int | None = None) -> str:
-    """Return what a trajectory file or dataset contains, as lines of text; of a `seed`, all about its run.
+    """Return what a trajectory file or dataset contains, as lines of text; of a `seed`, all about
+    its run.
 
-    Raises StorageError if the file is damaged, WrongFileError if it is of neither kind, FigureError for a dataset that
-    is not as it was made, RequestError, which names the seeds of the file, if this one is not among them.
+    Raises StorageError if the file is damaged, WrongFileError if it is of neither kind, FigureError
+    for a dataset that is not as it was made, RequestError, which names the seeds of the file, if
+    this one is not among them.
     """
     contents = read_contents(path) if seed is None else runs_of(path, seed)
     if isinstance(contents, Trajectories):
@@ -48,9 +66,17 @@ def report(path: str | Path, seed: int | None = None) -> str:
     else:
         lines, table = lines_on_results(contents), table_of_results(contents)
         made, now = contents.attrs, made_with("tradeoff" if is_tradeoff(contents) else "aggregate")
-    versions = [f"{name.removesuffix('_version')} {made[name]}" for name in made if name.endswith("_version")]
+    versions = [
+        f"{name.removesuffix('_version')} {made[name]}"
+        for name in made
+        if name.endswith("_version")
+    ]
     source = made.get("source_digest", "unknown")
-    whose = "that of this installation" if source == now["source_digest"] else "not that of this installation"
+    whose = (
+        "that of this installation"
+        if source == now["source_digest"]
+        else "not that of this installation"
+    )
     lines += [
         f"written by   {', '.join(versions) or 'unknown'}",
         f"source       {source[:DIGITS]}, {whose}",
@@ -60,7 +86,9 @@ def report(path: str | Path, seed: int | None = None) -> str:
 
 
 def variables(path: str | Path) -> str:
-    """Return a table of all variables of a dataset: dimensions, units and meaning. Errors as in `report`."""
+    """Return a table of all variables of a dataset: dimensions, units and meaning. Errors as in
+    `report`.
+    """
     dataset = read_dataset(path)
     rows: list[tuple[str, ...]] = [("variable", "dimensions", "units", "meaning")]
     for name, variable in dataset.variables.items():
@@ -70,7 +98,9 @@ def variables(path: str | Path) -> str:
 
 
 def scene_text(path: str | Path) -> str:
-    """Return the scene of a trajectory file as the text of a scene file (YAML). Errors as in `report`."""
+    """Return the scene of a trajectory file as the text of a scene file (YAML). Errors as in
+    `report`.
+    """
     scene = read_trajectories(path).scene
     head = f"# Scene {scene.name} of a trajectory file, with all defaults. Digest: {scene.digest}"
     return f"{head}\n{yaml_text(scene.as_mapping())}"
@@ -81,11 +111,17 @@ def runs_of(path: str | Path, seed: int | None = None) -> Trajectories:
     contents = read_trajectories(path)
     seeds = contents.ensemble.seeds
     if seed is not None and seed not in seeds:
-        raise RequestError(f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(seeds)}")
-    return contents if seed is None else contents._replace(ensemble=select(contents.ensemble, seeds == seed))
+        raise RequestError(
+            f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(seeds)}"
+        )
+    return (
+        contents
+        if seed is None
+        else contents._replace(ensemble=select(contents.ensemble, seeds == seed))
+    )
 
 
-# -- runs -----------------------------------------------------------------------------------------------------------
+# -- runs ------------------------------------------------------------------------------------------
 
 
 def lines_on_runs(contents: Trajectories) -> list[str]:
@@ -94,7 +130,8 @@ def lines_on_runs(contents: Trajectories) -> list[str]:
     times, box = ensemble.times, scene.box
     size, phi = f"{box.boundary} box {box.width:g} x {box.height:g}", scene.packing_fraction
     lines = [
-        f"scene        {scene.name}: {scene.particles} disks in a {size}, packing fraction {phi:.4g}",
+        f"scene        {scene.name}: {scene.particles} disks in a {size}, packing fraction "
+        f"{phi:.4g}",
         f"engine       {engine.options}",
         f"seeds        {seed_text(ensemble.seeds)} ({counted(len(ensemble.seeds), 'run')})",
         f"samples      {len(times)} from t = {times[0]:g} to {times[-1]:g}",
@@ -104,19 +141,28 @@ def lines_on_runs(contents: Trajectories) -> list[str]:
         *equilibrium(contents),
     ]
     if ensemble.tracer is not None and len(ensemble.seeds) == 1 and not ensemble.stopped:
-        moved = displacement(ensemble.tracer.position, ensemble.tracer.image, (box.width, box.height))[-1, 0]
-        lines += [f"displaced    by ({moved[0]:.6g}, {moved[1]:.6g}); squared displacement {np.sum(moved**2):.6g}"]
+        moved = displacement(
+            ensemble.tracer.position, ensemble.tracer.image, (box.width, box.height)
+        )[-1, 0]
+        lines += [
+            f"displaced    by ({moved[0]:.6g}, {moved[1]:.6g}); squared displacement "
+            f"{np.sum(moved**2):.6g}"
+        ]
     return lines
 
 
 def _health(ensemble: Ensemble) -> str:
-    """Return which runs failed and, of each reported error, the largest with its seed; NaN is largest."""
+    """Return which runs failed and, of each reported error, the largest with its seed; NaN is
+    largest.
+    """
     parts = [failures(ensemble) or "no failed runs"]
     complete = ~np.isin(ensemble.seeds, list(ensemble.stopped))
     for name in (name for name in HEALTH if name in ensemble.observables and complete.any()):
         sizes = np.abs(ensemble.observables[name][complete])
         seed = f" (seed {ensemble.seeds[complete][np.argmax(sizes)]})" if np.max(sizes) else ""
-        parts.append(f"worst {name.removeprefix('worst_').replace('_', ' ')} {np.max(sizes):.2g}{seed}")
+        parts.append(
+            f"worst {name.removeprefix('worst_').replace('_', ' ')} {np.max(sizes):.2g}{seed}"
+        )
     return "; ".join(parts)
 
 
@@ -133,14 +179,17 @@ def equilibrium(contents: Trajectories) -> list[str]:
 
 
 def table_of_runs(ensemble: Ensemble) -> list[str]:
-    """Return a table of all observables: mean, min and max of the runs that did not fail, or that of one run.
+    """Return a table of all observables: mean, min and max of the runs that did not fail, or that
+    of one run.
 
     Of arrays it has the dimensions instead.
     """
     several, shown = len(ensemble.seeds) > 1, ensemble.observables["failed"] == 0
     shown = shown if several else np.array([not ensemble.stopped])
     columns = ("mean", "min", "max") if several else ("value",)
-    rows: list[tuple[str, ...]] = [("observable", *(f"{name:>12}" for name in columns), "units", "meaning")]
+    rows: list[tuple[str, ...]] = [
+        ("observable", *(f"{name:>12}" for name in columns), "units", "meaning")
+    ]
     for name in sorted(ensemble.observables.keys() - {"failed"}):
         values, numbers = ensemble.observables[name], ["", "", ""]
         units, meaning = [*described(name, ensemble.own).values()][:2]
@@ -153,14 +202,21 @@ def table_of_runs(ensemble: Ensemble) -> list[str]:
     return aligned([*zip(*rows, strict=True)])
 
 
-# -- results --------------------------------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def lines_on_results(dataset: Dataset) -> list[str]:
-    """Return the lines of the report on a dataset: its sizes, and the largest errors of all runs, failed ones too."""
-    sizes = {name: abs(dataset[name]) for name in ("energy_drift", "worst_overlap") if name in dataset}
+    """Return the lines of the report on a dataset: its sizes, and the largest errors of all runs,
+    failed ones too.
+    """
+    sizes = {
+        name: abs(dataset[name]) for name in ("energy_drift", "worst_overlap") if name in dataset
+    }
     worst = {name: size.where(np.isfinite(size), 0.0).max().item() for name, size in sizes.items()}
-    words = (f"worst {name.removeprefix('worst_').replace('_', ' ')} {size:.2g}" for name, size in worst.items())
+    words = (
+        f"worst {name.removeprefix('worst_').replace('_', ' ')} {size:.2g}"
+        for name, size in worst.items()
+    )
     return [
         f"title        {dataset.attrs.get('title', '-')}",
         f"dimensions   {', '.join(f'{name} {size}' for name, size in dataset.sizes.items())}",
@@ -170,39 +226,58 @@ def lines_on_results(dataset: Dataset) -> list[str]:
 
 
 def table_of_results(dataset: Dataset) -> list[str]:
-    """Return the results of a dataset of `brownpipe aggregate` or `brownpipe tradeoff` as their summaries show them."""
+    """Return the results of a dataset of `brownpipe aggregate` or `brownpipe tradeoff` as their
+    summaries show them.
+    """
     return (tradeoff.summary if is_tradeoff(dataset) else summary)(dataset).splitlines()
 
 
 def describe_product(path: str | Path) -> list[str]:
-    """Return lines that say what made a figure, page or movie, and by which commands its runs are made again.
+    """Return lines that say what made a figure, page or movie, and by which commands its runs are
+    made again.
 
-    Raises WrongFileError for a file that does not say what it was made from, or that cannot be read.
+    Raises WrongFileError for a file that does not say what it was made from, or that cannot be
+    read.
     """
     try:
         record = read_record(path)
     except OSError as error:
         raise WrongFileError(f"{path}: cannot be read: {error.strerror or error}") from error
     if record is None:
-        raise WrongFileError(f"{path}: does not say what it was made from, and no {RECORD} beside it does")
+        raise WrongFileError(
+            f"{path}: does not say what it was made from, and no {RECORD} beside it does"
+        )
     dataset = record.get("dataset", {})
     lines = [f"{path}  made by {installation_in_words(record['made_by'])}"]
     lines += [f"dataset      {dataset['sha256'][:DIGITS]}"] if dataset else []
-    lines += [f"runs         {one['command']}" for one in (*dataset.get("made_from", ()), *record.get("made_from", ()))]
-    return [*lines, "scenes       are in the files of runs: brownpipe inspect FILE.h5 --scene > SCENE.yaml"]
+    lines += [
+        f"runs         {one['command']}"
+        for one in (*dataset.get("made_from", ()), *record.get("made_from", ()))
+    ]
+    return [
+        *lines,
+        "scenes       are in the files of runs: brownpipe inspect FILE.h5 --scene > SCENE.yaml",
+    ]
 
 
 def failed_runs(path: str | Path) -> tuple[int, int, str]:
-    """Return how many runs of a dataset failed, how many it has with those, and the cases and seeds in words.
+    """Return how many runs of a dataset failed, how many it has with those, and the cases and seeds
+    in words.
 
-    Raises StorageError if the file is damaged, WrongFileError if it is no dataset of `brownpipe aggregate` with the
-    labels of its runs.
+    Raises StorageError if the file is damaged, WrongFileError if it is no dataset of `brownpipe
+    aggregate` with the labels of its runs.
     """
     status = read_dataset(path).get("run_status")
     if status is None or not {*EACH, "seed"} <= set(status.dims):
-        raise WrongFileError(f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate")
+        raise WrongFileError(
+            f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate"
+        )
     cases = []
     for place in zip(*np.nonzero((status == FAILED).any("seed").values), strict=True):
-        words = label_in_words(status[place].coords.to_dataset(), map(str, status.dims[:-1]))  # the last is `seed`
-        cases.append(f"{words}: seeds {brief_seed_text(status.seed.values[status[place].values == FAILED])}")
+        words = label_in_words(
+            status[place].coords.to_dataset(), map(str, status.dims[:-1])
+        )  # the last is `seed`
+        cases.append(
+            f"{words}: seeds {brief_seed_text(status.seed.values[status[place].values == FAILED])}"
+        )
     return int((status == FAILED).sum()), int((status != MISSING).sum()), "; ".join(cases)

@@ -1,12 +1,14 @@
-"""Observables: what is measured in a run while all its disks are in memory, so that trajectories need not be stored.
+"""Observables: what is measured in a run while all its disks are in memory, so that trajectories
+need not be stored.
 
-Each observable is a pure function of the tracks of one run that returns arrays. The arrays of all runs of a batch are
-stacked and stored under their names, shape (S, ...). ARRAYS describes each array, AXES its dimensions: T
-sample times, K species (the tracer is a species of its own), P pairs of species.
+Each observable is a pure function of the tracks of one run that returns arrays. The arrays of all
+runs of a batch are stacked and stored under their names, shape (S, ...). ARRAYS describes each
+array, AXES its dimensions: T sample times, K species (the tracer is a species of its own), P pairs
+of species.
 
-A new observable is a function and its record (`observable.Observable`) in a module of this package, and its name in
-OBSERVABLES. The command line, files, checkpoints, studies and forecasts take it from there. A user's own functions need
-no record (`own`).
+A new observable is a function and its record (`observable.Observable`) in a module of this package,
+and its name in OBSERVABLES. The command line, files, checkpoints, studies and forecasts take it
+from there. A user's own functions need no record (`own`).
 """
 
 import math
@@ -15,13 +17,25 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.observables import displacement, equilibrium, orientation, own, pairs, profile, velocity
+from brownpipe.observables import (
+    displacement,
+    equilibrium,
+    orientation,
+    own,
+    pairs,
+    profile,
+    velocity,
+)
 from brownpipe.observables.equilibrium import is_stationary, why_not_stationary
 from brownpipe.observables.observable import Axis, Observable, Run, RunArray
 from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.scene import Scene
 
-AVERAGES = ("runs", "origins", "disks")  # over runs alone, and within each run over time origins or equal disks
+AVERAGES = (
+    "runs",
+    "origins",
+    "disks",
+)  # over runs alone, and within each run over time origins or equal disks
 OBSERVABLES: dict[str, Observable] = {
     "square_displacement": displacement.SQUARE_DISPLACEMENT,
     "velocity_autocorrelation": velocity.AUTOCORRELATION,
@@ -37,7 +51,9 @@ ARRAYS: dict[str, RunArray] = equilibrium.ARRAYS | {
     name: array for observable in OBSERVABLES.values() for name, array in observable.arrays.items()
 }
 AXES: dict[str, Axis] = {
-    "time": Axis("time", "time since the start of the run, or since a time origin", lambda scene: scene.times),
+    "time": Axis(
+        "time", "time since the start of the run, or since a time origin", lambda scene: scene.times
+    ),
     "species": Axis("1", "species of the disk", lambda scene: list(species_table(scene).name)),
     **equilibrium.AXES,
     **{name: axis for observable in OBSERVABLES.values() for name, axis in observable.axes.items()},
@@ -49,25 +65,35 @@ def record_of(name: str) -> Observable:
     return own.observable_of(name) if own.is_own(name) else OBSERVABLES[name]
 
 
-def observe(scene: Scene, run: Run, names: Iterable[str], average: str = "runs") -> dict[str, np.ndarray]:
-    """Return the arrays of the named observables of one run. The user's own are left to `own.measure`."""
+def observe(
+    scene: Scene, run: Run, names: Iterable[str], average: str = "runs"
+) -> dict[str, np.ndarray]:
+    """Return the arrays of the named observables of one run. The user's own are left to
+    `own.measure`.
+    """
     arrays, whole = dict[str, np.ndarray](), run.whole
     for observable in (OBSERVABLES[name] for name in names if not own.is_own(name)):
         if observable.of == "tracer":
             track = whole.of(equal_disks(scene)) if average == "disks" else run.tracer
         else:
-            track = whole.at_end() if observable.is_over_samples and not is_stationary(scene) else whole
+            track = (
+                whole.at_end() if observable.is_over_samples and not is_stationary(scene) else whole
+            )
         arrays |= observable.measure(scene, track, average)
     return arrays
 
 
 def needs_every_disk(names: Collection[str], average: str = "runs") -> bool:
-    """Return whether these observables need the tracks of all disks; otherwise the tracer's is enough."""
+    """Return whether these observables need the tracks of all disks; otherwise the tracer's is
+    enough.
+    """
     return bool(names) and (average == "disks" or len(of_tracer(names)[0]) < len(names))
 
 
 def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, ...], str]:
-    """Return which of these observables an engine of the tracer alone can measure, and with which average."""
+    """Return which of these observables an engine of the tracer alone can measure, and with which
+    average.
+    """
     names = tuple(name for name in names if record_of(name).of == "tracer")
     return names, average if names else "runs"
 
@@ -75,26 +101,36 @@ def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, .
 def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run at most, all arrays together."""
     arrays = (array for name in names for array in record_of(name).arrays.values())
-    return sum(math.prod(len(AXES[dim].coordinates(scene)) for dim in array.dims) for array in arrays)
+    return sum(
+        math.prod(len(AXES[dim].coordinates(scene)) for dim in array.dims) for array in arrays
+    )
 
 
-# -- refusals -------------------------------------------------------------------------------------------------------
+# -- refusals --------------------------------------------------------------------------------------
 
 
 def refuse_unfit(scene: Scene, names: Sequence[str], average: str = "runs") -> None:
-    """Raise RequestError if an observable is unknown, or observables or average make no sense in the scene."""
+    """Raise RequestError if an observable is unknown, or observables or average make no sense in
+    the scene.
+    """
     for key, why in problems(scene, names, average):
         raise RequestError(f"{scene.name}: {key}: {why}")
 
 
-def problems(scene: Scene, names: Sequence[str], average: str = "runs") -> Iterator[tuple[str, str]]:
+def problems(
+    scene: Scene, names: Sequence[str], average: str = "runs"
+) -> Iterator[tuple[str, str]]:
     """Yield which is wrong, "observables" or "average", and why; nothing if they fit the scene.
 
     Only the first need be reported: the others may have the same cause.
     """
     for name in names:
         if name not in OBSERVABLES and not own.is_own(name):
-            yield "observables", f"{name!r} is unknown; must be of {', '.join(OBSERVABLES)}, or my_module:my_function"
+            yield (
+                "observables",
+                f"{name!r} is unknown; must be of {', '.join(OBSERVABLES)}, or "
+                "my_module:my_function",
+            )
     if len(set(map(own.title_of, names))) < len(names):
         yield "observables", "must have names that differ"
     if names and scene.particles == 0:
@@ -107,7 +143,10 @@ def problems(scene: Scene, names: Sequence[str], average: str = "runs") -> Itera
     if average not in AVERAGES:
         yield "average", f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
     if not of_tracer(names)[0]:
-        yield "average", f"{average} needs {' or '.join(of_tracer(OBSERVABLES)[0])} among the observables"
+        yield (
+            "average",
+            f"{average} needs {' or '.join(of_tracer(OBSERVABLES)[0])} among the observables",
+        )
     if why := why_not_stationary(scene):
         yield "average", f"{average} needs runs that are stationary from t = 0, but {why}"
     if average == "disks" and len(equal_disks(scene)) < 2:

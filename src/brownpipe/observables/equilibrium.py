@@ -1,7 +1,7 @@
 """Which scenes are in equilibrium from t = 0, and what that allows.
 
-In a stationary run every sample is as good a time origin as t = 0. In a scene that claims to be in equilibrium the
-quarters of the runs are compared: they must not drift (`analysis.drift`).
+In a stationary run every sample is as good a time origin as t = 0. In a scene that claims to be in
+equilibrium the quarters of the runs are compared: they must not drift (`analysis.drift`).
 """
 
 from collections.abc import Iterator
@@ -13,23 +13,34 @@ from brownpipe.scene import Scene
 from brownpipe.scene.scene import SAME
 
 MOST_ORIGINS = 20_000  # which have 2e8 pairs
-AXES = {"quarter": Axis("1", "quarter of the run, between the samples next to its ends", lambda _: np.arange(1, 5))}
+AXES = {
+    "quarter": Axis(
+        "1", "quarter of the run, between the samples next to its ends", lambda _: np.arange(1, 5)
+    )
+}
 ARRAYS = {  # that engines of all disks report
-    "quarter_collisions": RunArray(("quarter",), "1", "collisions between disks in each quarter of the run"),
+    "quarter_collisions": RunArray(
+        ("quarter",), "1", "collisions between disks in each quarter of the run"
+    ),
     "quarter_virial": RunArray(("quarter",), "energy*time", "virial in each quarter of the run"),
-    "quarter_energy": RunArray(("quarter", "species"), "energy", "kinetic energy per disk, mean of a quarter's ends"),
+    "quarter_energy": RunArray(
+        ("quarter", "species"), "energy", "kinetic energy per disk, mean of a quarter's ends"
+    ),
 }
 
 
 def is_stationary(scene: Scene) -> bool:
-    """Return whether the runs of a scene are in equilibrium from t = 0, so that their statistics do not depend on t."""
+    """Return whether the runs of a scene are in equilibrium from t = 0, so that their statistics do
+    not depend on t.
+    """
     return why_not_stationary(scene) is None
 
 
 def why_not_stationary(scene: Scene) -> str | None:
     """Return why runs of the scene may not be stationary, None if they are.
 
-    They are if all disks are drawn at one temperature and equilibrate, the tracer included, before t = 0.
+    They are if all disks are drawn at one temperature and equilibrate, the tracer included, before
+    t = 0.
     """
     if scene.velocities is None:
         return "its disks are listed one by one"
@@ -43,26 +54,34 @@ def why_not_stationary(scene: Scene) -> str | None:
 
 
 def claims_equilibrium(scene: Scene) -> bool:
-    """Return whether a scene claims that its runs are in equilibrium from t = 0: whether it equilibrates.
+    """Return whether a scene claims that its runs are in equilibrium from t = 0: whether it
+    equilibrates.
 
-    A tracer that is pinned meanwhile may start hot, or from a place of its own between walls: with it the claim needs a
-    temperature and a periodic box. Between walls a total momentum set to zero at t = 0 is no equilibrium.
+    A tracer that is pinned meanwhile may start hot, or from a place of its own between walls: with
+    it the claim needs a temperature and a periodic box. Between walls a total momentum set to zero
+    at t = 0 is no equilibrium.
     """
     velocities, periodic = scene.velocities, scene.box.periodic
-    if velocities is None or scene.equilibrate.time == 0 or (velocities.zero_momentum and not periodic):
+    if (
+        velocities is None
+        or scene.equilibrate.time == 0
+        or (velocities.zero_momentum and not periodic)
+    ):
         return False
     return scene.equilibrate.tracer == "free" or (velocities.temperature is not None and periodic)
 
 
 def ends_of_quarters(times: np.ndarray) -> np.ndarray:
-    """Return the samples (5,) next to 0, 1/4, 1/2, 3/4 and 1 of a run sampled at `times` (T,); (0,) if two coincide."""
+    """Return the samples (5,) next to 0, 1/4, 1/2, 3/4 and 1 of a run sampled at `times` (T,); (0,)
+    if two coincide.
+    """
     if len(times) < 5:
         return np.zeros(0, np.int64)
     ends = np.searchsorted((times[1:] + times[:-1]) / 2, times[-1] * np.arange(5) / 4)
     return ends if (np.diff(ends) > 0).all() else ends[:0]
 
 
-# -- time origins -----------------------------------------------------------------------------------------------------
+# -- time origins ----------------------------------------------------------------------------------
 
 
 def no_origins(scene: Scene) -> str | None:
@@ -75,13 +94,19 @@ def no_origins(scene: Scene) -> str | None:
 
 
 def lags(scene: Scene) -> Iterator[tuple[slice, slice]]:
-    """For each sample time t yield the slices (earlier, later) of all pairs of samples that are t apart.
+    """For each sample time t yield the slices (earlier, later) of all pairs of samples that are t
+    apart.
 
-    Sample times are multiples of the sample interval; a duration that is not has t = 0 as its only time origin.
+    Sample times are multiples of the sample interval; a duration that is not has t = 0 as its only
+    time origin.
     """
     times = scene.times
     count = len(times)
-    equal = count if abs(times[-1] - (count - 1) * scene.sample_interval) <= SAME * scene.sample_interval else count - 1
+    equal = (
+        count
+        if abs(times[-1] - (count - 1) * scene.sample_interval) <= SAME * scene.sample_interval
+        else count - 1
+    )
     for lag in range(equal):
         yield slice(0, equal - lag), slice(lag, equal)
     if equal < count:

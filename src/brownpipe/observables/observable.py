@@ -1,4 +1,5 @@
-"""The records of an observable: the tracks that it is measured from, the arrays that it yields, its cost.
+"""The records of an observable: the tracks that it is measured from, the arrays that it yields, its
+cost.
 
 T sample times, N disks, of which the tracer is the first.
 """
@@ -17,7 +18,8 @@ class Track(NamedTuple):
 
     position: np.ndarray  # (T, M, 2) centres, inside the box [length]
     velocity: np.ndarray | None = None  # (T, M, 2) [length/time]
-    image: np.ndarray | None = None  # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
+    # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
+    image: np.ndarray | None = None
 
     def of(self, disks: np.ndarray | slice | int) -> "Track":
         """Return the tracks of some of the disks: indices or a mask (M,), a slice, or one index."""
@@ -43,7 +45,9 @@ class Run(NamedTuple):
     tracer: Track  # disk 0, M = 1
     whole: Track | None  # all disks, M = N; None if not recorded, see `needs_every_disk`
     events: Events | None = None  # if recorded
-    observables: Mapping[str, Any] = MappingProxyType({})  # what the engine itself reports, like numbers of collisions
+    observables: Mapping[str, Any] = MappingProxyType(
+        {}
+    )  # what the engine itself reports, like numbers of collisions
 
 
 class Axis(NamedTuple):
@@ -51,16 +55,21 @@ class Axis(NamedTuple):
 
     units: str
     long_name: str
-    coordinates: Callable[[Scene], np.ndarray | list[str]]  # along it in a scene: numbers, or names of species
+    coordinates: Callable[
+        [Scene], np.ndarray | list[str]
+    ]  # along it in a scene: numbers, or names of species
 
 
 class RunArray(NamedTuple):
     """Description of an array that is measured in every run."""
 
-    dims: tuple[str, ...]  # names in AXES, or the user's own; in files the dimension of the runs, `seed`, comes first
+    dims: tuple[
+        str, ...
+    ]  # names in AXES, or the user's own; in files the dimension of the runs, `seed`, comes first
     units: str
     long_name: str
-    averaged: bool = False  # whether its average over runs is of interest as it is, and a variable of datasets
+    # whether its average over runs is of interest as it is, and a variable of datasets
+    averaged: bool = False
     # Of an array that a user's own function measures (`own`); a file has it as JSON
     shape: tuple[int, ...] = ()
     observable: str = ""  # my_module:my_function
@@ -68,22 +77,35 @@ class RunArray(NamedTuple):
 
 
 class Observable(NamedTuple):
-    """An observable; forecasts (`engines.forecast`) add up its CPU seconds, good to a factor of 2."""
+    """An observable; forecasts (`engines.forecast`) add up its CPU seconds, good to a factor of
+    2.
+    """
 
-    measure: Callable[[Scene, Track, str], Mapping[str, np.ndarray]]  # (scene, track, average): values by array
+    measure: Callable[
+        [Scene, Track, str], Mapping[str, np.ndarray]
+    ]  # (scene, track, average): values by array
     arrays: dict[str, RunArray]  # by name; the first is measured in every scene
-    seconds_per_disk_sample: float  # CPU seconds for each disk in each sample, or each pair of samples of an average
-    # Whose tracks it needs: the tracer's alone (all AVERAGES apply), the bath's (which may be averaged over origins) or
-    # those of all disks; for the last two the track has all disks
+    seconds_per_disk_sample: (
+        float  # CPU seconds for each disk in each sample, or each pair of samples of an average
+    )
+    # Whose tracks it needs: the tracer's alone (all AVERAGES apply), the bath's (which may be
+    # averaged over origins) or those of all disks; for the last two the track has all disks
     of: Literal["tracer", "bath", "all"] = "all"
     axes: Mapping[str, Axis] = MappingProxyType({})  # the dimensions that are its own, by name
-    is_over_samples: bool = False  # its track has all samples of a stationary scene, otherwise the last one alone
-    times_as_long: Callable[[Scene], float] = lambda scene: 1.0  # in this scene, as those CPU seconds
-    unfit: Callable[[Scene], str | None] = lambda scene: None  # why the scene cannot have it, None if it can
+    # its track has all samples of a stationary scene, otherwise the last one alone
+    is_over_samples: bool = False
+    times_as_long: Callable[[Scene], float] = lambda scene: (
+        1.0
+    )  # in this scene, as those CPU seconds
+    unfit: Callable[[Scene], str | None] = lambda scene: (
+        None
+    )  # why the scene cannot have it, None if it can
 
 
 def counted_bins(end: float, width: float) -> tuple[int, float]:
-    """Return the number of whole bins of a width from 0 to an end, despite round-off, and the width; 0 if none fits."""
+    """Return the number of whole bins of a width from 0 to an end, despite round-off, and the
+    width; 0 if none fits.
+    """
     return max(0, int(end / width * (1 + 1e-12))), width
 
 

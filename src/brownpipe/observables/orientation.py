@@ -1,4 +1,5 @@
-"""Bond-orientational order of all disks in one run: psi_6 with Voronoi neighbours. N disks, Q pairs of neighbours.
+"""Bond-orientational order of all disks in one run: psi_6 with Voronoi neighbours. N disks, Q pairs
+of neighbours.
 
 See docs/theory.md, section 3.
 """
@@ -11,19 +12,27 @@ from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarte
 from brownpipe.observables.observable import Observable, RunArray, Track
 from brownpipe.scene import Scene
 
-MARGIN = 4.0  # width of the strip around the box whose images are triangulated at first, in mean distances sqrt(A/N)
+# width of the strip around the box whose images are triangulated at first, in mean distances
+# sqrt(A/N)
+MARGIN = 4.0
 
 
 def order(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
-    """Return abs(psi_6) and abs(psi_6)^2 of one run, means over the samples; if it is not stationary, of the last one.
+    """Return abs(psi_6) and abs(psi_6)^2 of one run, means over the samples; if it is not
+    stationary, of the last one.
 
-    For a stationary run also the mean of abs(psi_6) in each quarter (4,), over its samples except the first.
+    For a stationary run also the mean of abs(psi_6) in each quarter (4,), over its samples except
+    the first.
 
-    psi_6 is the mean over all disks j of the mean over the Voronoi neighbours k of j of exp(6 i theta_jk), theta_jk the
-    angle of the bond from j to k (D. R. Nelson and B. I. Halperin, Phys. Rev. B 19, 2457 (1979)).
+    psi_6 is the mean over all disks j of the mean over the Voronoi neighbours k of j of exp(6 i
+    theta_jk), theta_jk the angle of the bond from j to k (D. R. Nelson and B. I. Halperin, Phys.
+    Rev. B 19, 2457 (1979)).
     """
     squared = np.array([square_order(scene, sample) for sample in track.position])
-    values = {"orientational_order": np.sqrt(squared).mean(), "orientational_order_squared": squared.mean()}
+    values = {
+        "orientational_order": np.sqrt(squared).mean(),
+        "orientational_order_squared": squared.mean(),
+    }
     ends = ends_of_quarters(scene.times)
     if is_stationary(scene) and claims_equilibrium(scene) and len(ends):
         quarters = np.split(np.sqrt(squared), ends[:-1] + 1)[1:]
@@ -32,23 +41,30 @@ def order(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
 
 
 def square_order(scene: Scene, position: np.ndarray) -> float:
-    """Return abs(psi_6)^2 of one sample, position (N, 2); a disk without neighbours contributes 0 to psi_6."""
+    """Return abs(psi_6)^2 of one sample, position (N, 2); a disk without neighbours contributes 0
+    to psi_6.
+    """
     disk, bond = bonds(scene, position)
     dx, dy = bond.T
     square = dx * dx + dy * dy
     c, s = (dx * dx - dy * dy) / square, 2 * dx * dy / square  # cosine and sine of 2 theta
     number = np.maximum(np.bincount(disk, minlength=len(position)), 1)
-    of_disks = [np.bincount(disk, part, len(position)) / number for part in (c * (4 * c * c - 3), s * (3 - 4 * s * s))]
+    of_disks = [
+        np.bincount(disk, part, len(position)) / number
+        for part in (c * (4 * c * c - 3), s * (3 - 4 * s * s))
+    ]
     real, imaginary = (part.sum() / len(position) for part in of_disks)
     return real * real + imaginary * imaginary
 
 
 def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a disk (Q,) and the vector (Q, 2) to one of its Voronoi neighbours, for each neighbour of each disk.
+    """Return a disk (Q,) and the vector (Q, 2) to one of its Voronoi neighbours, for each neighbour
+    of each disk.
 
-    The lengths are in units of sqrt(A/N). Two disks are neighbours if their Voronoi cells share an edge, which is if
-    the Delaunay triangulation joins them. In a periodic box it is that of the disks and their periodic images; between
-    walls that of the disks and their mirror images, which cut the cells off at the walls; those are no neighbours.
+    The lengths are in units of sqrt(A/N). Two disks are neighbours if their Voronoi cells share an
+    edge, which is if the Delaunay triangulation joins them. In a periodic box it is that of the
+    disks and their periodic images; between walls that of the disks and their mirror images, which
+    cut the cells off at the walls; those are no neighbours.
     """
     from scipy.spatial import Delaunay
 
@@ -62,14 +78,19 @@ def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             break
         margin *= 2
     starts, neighbours = triangulation.vertex_neighbor_vertices
-    disk, other = np.repeat(np.arange(number), np.diff(starts[: number + 1])), neighbours[: starts[number]]
+    disk, other = (
+        np.repeat(np.arange(number), np.diff(starts[: number + 1])),
+        neighbours[: starts[number]],
+    )
     if not scene.box.periodic:
         disk, other = disk[other < number], other[other < number]
     return disk, points[other] - points[disk]
 
 
 def with_images(inside: np.ndarray, size: np.ndarray, periodic: bool, margin: float) -> np.ndarray:
-    """Return the disks (N, 2), relative to the corner of the box, then their images up to `margin` from the box."""
+    """Return the disks (N, 2), relative to the corner of the box, then their images up to `margin`
+    from the box.
+    """
     across, up = (range(-n, n + 1) for n in np.ceil(margin / size).astype(int).tolist())
     images = [inside]
     for tile in ((a, b) for a in across for b in up if (a, b) != (0, 0)):
@@ -82,7 +103,8 @@ def with_images(inside: np.ndarray, size: np.ndarray, periodic: bool, margin: fl
 def _reach(points: np.ndarray, triangles: np.ndarray, number: int, size: np.ndarray) -> float:
     """Return how far the circumcircles of all triangles at a disk reach beyond the box.
 
-    No disk lies inside such a circle: as long as they do not reach images that were left out, the triangles are right.
+    No disk lies inside such a circle: as long as they do not reach images that were left out, the
+    triangles are right.
     """
     a, b, c = (points[corner] for corner in triangles[(triangles < number).any(axis=1)].T)
     (bx, by), (cx, cy) = (b - a).T, (c - a).T
@@ -95,11 +117,17 @@ def _reach(points: np.ndarray, triangles: np.ndarray, number: int, size: np.ndar
 ORDER = Observable(
     order,
     {
-        "orientational_order": RunArray((), "1", "bond-orientational order abs(psi_6), mean over samples", True),
+        "orientational_order": RunArray(
+            (), "1", "bond-orientational order abs(psi_6), mean over samples", True
+        ),
         "orientational_order_squared": RunArray((), "1", "abs(psi_6)^2, mean over samples", True),
-        "quarter_order": RunArray(("quarter",), "1", "abs(psi_6), mean over the samples of each quarter of the run"),
+        "quarter_order": RunArray(
+            ("quarter",), "1", "abs(psi_6), mean over the samples of each quarter of the run"
+        ),
     },
     seconds_per_disk_sample=6e-6,
     is_over_samples=True,
-    times_as_long=lambda scene: 1 + 150 / max(scene.particles, 1),  # few disks have many images near them
+    times_as_long=lambda scene: (
+        1 + 150 / max(scene.particles, 1)
+    ),  # few disks have many images near them
 )

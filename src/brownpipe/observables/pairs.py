@@ -8,7 +8,14 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.observables.observable import Axis, Observable, RunArray, Track, centres, counted_bins
+from brownpipe.observables.observable import (
+    Axis,
+    Observable,
+    RunArray,
+    Track,
+    centres,
+    counted_bins,
+)
 from brownpipe.observables.species import SpeciesTable, species_table
 from brownpipe.scene import Scene
 
@@ -16,7 +23,8 @@ BINS_PER_CONTACT = 40  # bins per smallest contact distance
 FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
 MOST_COUNTS = 1_000_000  # bins of all histograms of a run
 DISKS_PER_SAMPLE, PAIRS_PER_DISK = 100, 17  # that take as long as a sample, and as a disk
-SAMPLES_AT_ONCE = 16  # samples whose rings are intersected with the box in one call, three times as fast as one by one
+# samples whose rings are intersected with the box in one call, three times as fast as one by one
+SAMPLES_AT_ONCE = 16
 
 
 def species_pairs(species: SpeciesTable) -> list[tuple[int, int]]:
@@ -25,17 +33,21 @@ def species_pairs(species: SpeciesTable) -> list[tuple[int, int]]:
 
 
 def bins(scene: Scene) -> tuple[int, float]:
-    """Return the number R of bins of distances and their width [length]; R = 0 if no pair can be in any.
+    """Return the number R of bins of distances and their width [length]; R = 0 if no pair can be in
+    any.
 
-    The smallest contact distance is 40 bins wide. The last bin ends at five times the largest contact distance, but not
-    beyond half the shorter side of a periodic box, where the distance of a pair is no longer unique, nor, between
-    walls, beyond the shorter side less the largest diameter.
+    The smallest contact distance is 40 bins wide. The last bin ends at five times the largest
+    contact distance, but not beyond half the shorter side of a periodic box, where the distance of
+    a pair is no longer unique, nor, between walls, beyond the shorter side less the largest
+    diameter.
     """
     if scene.particles < 2:
         return 0, 0.0
     box, radius = scene.box, np.sort(scene.radius)
     side, width = min(box.width, box.height), (radius[0] + radius[1]) / BINS_PER_CONTACT
-    reach = min(side / 2 if box.periodic else side - 2 * radius[-1], FARTHEST * (radius[-1] + radius[-2]))
+    reach = min(
+        side / 2 if box.periodic else side - 2 * radius[-1], FARTHEST * (radius[-1] + radius[-2])
+    )
     return counted_bins(reach, width)
 
 
@@ -62,10 +74,11 @@ def unfit(scene: Scene) -> str | None:
 
 
 def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
-    """Return the counts (P, R) of pairs by species and distance, and the number of samples they are summed over.
+    """Return the counts (P, R) of pairs by species and distance, and the number of samples they are
+    summed over.
 
-    All samples of a stationary run are counted, otherwise the last one. Between walls the counts that an ideal gas
-    would have around lone disks (`expected_pairs`) are returned, too.
+    All samples of a stationary run are counted, otherwise the last one. Between walls the counts
+    that an ideal gas would have around lone disks (`expected_pairs`) are returned, too.
     """
     species, (number, width) = species_table(scene), bins(scene)
     pairs = species_pairs(species)
@@ -79,36 +92,52 @@ def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
         inside = column < number
         a, b = species.label.take(disks.T)
         counts += np.bincount((row[a, b] * number + column)[inside], minlength=len(counts))
-    arrays = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": np.array(len(track.position))}
+    arrays = {
+        "pair_counts": counts.reshape(-1, number),
+        "pair_snapshots": np.array(len(track.position)),
+    }
     if not scene.box.periodic and len(pairs) > 1 and species.number.min() == 1:
         arrays["pair_expected"] = expected_pairs(scene, species, track.position)
     return arrays
 
 
 def expected_pairs(scene: Scene, species: SpeciesTable, position: np.ndarray) -> np.ndarray:
-    """Return the counts (P, R) that an ideal gas has around lone disks, summed over samples `position` (T, N, 2).
+    """Return the counts (P, R) that an ideal gas has around lone disks, summed over samples
+    `position` (T, N, 2).
 
-    N_k points, uniform in the rectangle accessible to the centres of species k, are expected in a ring in proportion
-    to the part of its area inside the rectangle. The ring is centred at the position of the lone disk in each sample,
-    so that nothing is assumed about the distribution of that disk. NaN for pairs of species of which none is a single
-    disk.
+    N_k points, uniform in the rectangle accessible to the centres of species k, are expected in a
+    ring in proportion to the part of its area inside the rectangle. The ring is centred at the
+    position of the lone disk in each sample, so that nothing is assumed about the distribution of
+    that disk. NaN for pairs of species of which none is a single disk.
     """
     size, (number, width) = np.array([scene.box.width, scene.box.height]), bins(scene)
-    edges, expected = np.arange(number + 1) * width, np.full((len(species_pairs(species)), number), np.nan)
+    edges, expected = (
+        np.arange(number + 1) * width,
+        np.full((len(species_pairs(species)), number), np.nan),
+    )
     for p, (a, b) in enumerate(species_pairs(species)):
         lone, other = (a, b) if species.number[a] == 1 else (b, a)
         if a == b or species.number[lone] > 1:
             continue
-        accessible, disk = scene.box.accessible(species.radius[other])[1], np.flatnonzero(species.label == lone)[0]
+        accessible, disk = (
+            scene.box.accessible(species.radius[other])[1],
+            np.flatnonzero(species.label == lone)[0],
+        )
         off_centre = position[:, disk, :, None] - (scene.box.origin + size / 2)[:, None]
-        parts = [off_centre[k : k + SAMPLES_AT_ONCE].swapaxes(0, 1) for k in range(0, len(position), SAMPLES_AT_ONCE)]
-        area = sum(theory.disk_area_in_rectangle(edges, *part, *accessible).sum(axis=0) for part in parts)
+        parts = [
+            off_centre[k : k + SAMPLES_AT_ONCE].swapaxes(0, 1)
+            for k in range(0, len(position), SAMPLES_AT_ONCE)
+        ]
+        area = sum(
+            theory.disk_area_in_rectangle(edges, *part, *accessible).sum(axis=0) for part in parts
+        )
         expected[p] = species.number[other] * np.diff(area) / np.prod(accessible)
     return expected
 
 
 def close_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return all pairs (Q, 2) of disks closer than `reach`, and their distances (Q,); a few may exceed it by round-off.
+    """Return all pairs (Q, 2) of disks closer than `reach`, and their distances (Q,); a few may
+    exceed it by round-off.
 
     position: (N, 2). In a periodic box the distance is that of the nearest images.
     """
@@ -122,7 +151,9 @@ def close_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.nd
     tree = cKDTree(inside, boxsize=size if scene.box.periodic else None)
     pair = tree.query_pairs(reach * (1 + 1e-9), output_type="ndarray")
     a, b = pair.T
-    dx, dy = (x.take(a) - x.take(b) for x in inside.T)  # (Q,) each; much faster than inside[a] - inside[b]
+    dx, dy = (
+        x.take(a) - x.take(b) for x in inside.T
+    )  # (Q,) each; much faster than inside[a] - inside[b]
     if scene.box.periodic:
         dx -= scene.box.width * np.rint(dx / scene.box.width)
         dy -= scene.box.height * np.rint(dy / scene.box.height)
@@ -132,16 +163,24 @@ def close_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.nd
 DISTRIBUTION = Observable(
     distribution,
     {
-        "pair_counts": RunArray(("species_pair", "distance"), "1", "histogram of the distances of pairs of disks"),
+        "pair_counts": RunArray(
+            ("species_pair", "distance"), "1", "histogram of the distances of pairs of disks"
+        ),
         "pair_snapshots": RunArray((), "1", "number of samples that pair_counts is summed over"),
-        "pair_expected": RunArray(("species_pair", "distance"), "1", "pair_counts of an ideal gas around a lone disk"),
+        "pair_expected": RunArray(
+            ("species_pair", "distance"), "1", "pair_counts of an ideal gas around a lone disk"
+        ),
     },
     axes={
         "species_pair": Axis("1", "species of the two disks", pair_names),
-        "distance": Axis("length", "distance between the centres", lambda scene: centres(*bins(scene))),
+        "distance": Axis(
+            "length", "distance between the centres", lambda scene: centres(*bins(scene))
+        ),
     },
     seconds_per_disk_sample=6e-7,
     is_over_samples=True,
-    times_as_long=lambda scene: 1 + DISKS_PER_SAMPLE / max(scene.particles, 1) + pairs_in_reach(scene) / PAIRS_PER_DISK,
+    times_as_long=lambda scene: (
+        1 + DISKS_PER_SAMPLE / max(scene.particles, 1) + pairs_in_reach(scene) / PAIRS_PER_DISK
+    ),
     unfit=unfit,
 )

@@ -1,11 +1,19 @@
-"""Density profile: how the density of the disks of one run changes with the distance from the walls.
+"""Density profile: how the density of the disks of one run changes with the distance from the
+walls.
 
 N disks, K species, B bins of distance.
 """
 
 import numpy as np
 
-from brownpipe.observables.observable import Axis, Observable, RunArray, Track, centres, counted_bins
+from brownpipe.observables.observable import (
+    Axis,
+    Observable,
+    RunArray,
+    Track,
+    centres,
+    counted_bins,
+)
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
@@ -15,10 +23,11 @@ SAMPLES_AT_ONCE = 64
 
 
 def bins(scene: Scene) -> tuple[int, float]:
-    """Return the number B of bins of distance and their width [length]; B = 0 if there is no room for one.
+    """Return the number B of bins of distance and their width [length]; B = 0 if there is no room
+    for one.
 
-    The smallest diameter is 40 bins wide. The last bin ends at five times the largest diameter, but not beyond half the
-    shorter side of the rectangle accessible to the largest disks.
+    The smallest diameter is 40 bins wide. The last bin ends at five times the largest diameter, but
+    not beyond half the shorter side of the rectangle accessible to the largest disks.
     """
     radius = species_table(scene).radius
     if not len(radius):
@@ -29,12 +38,14 @@ def bins(scene: Scene) -> tuple[int, float]:
 
 
 def density_profile(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
-    """Return the number density (K, B) [1/length^2] of centres of each species by distance from the walls.
+    """Return the number density (K, B) [1/length^2] of centres of each species by distance from the
+    walls.
 
-    The distance is that of the disk's edge from a wall; in a periodic box that of its centre from a side, on which
-    nothing depends. Mean over the four walls, all along them, and over all samples of a stationary run, otherwise the
-    last sample. Each disk counts twice: at the nearer of the walls left and right, and of those below and above. The
-    corners are part of both walls, as they are of the momentum that walls take up.
+    The distance is that of the disk's edge from a wall; in a periodic box that of its centre from a
+    side, on which nothing depends. Mean over the four walls, all along them, and over all samples
+    of a stationary run, otherwise the last sample. Each disk counts twice: at the nearer of the
+    walls left and right, and of those below and above. The corners are part of both walls, as they
+    are of the momentum that walls take up.
     """
     position, species, (number, width) = track.position, species_table(scene), bins(scene)
     profile = np.zeros((len(species.name), number))
@@ -43,7 +54,9 @@ def density_profile(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]
         counts = np.zeros(number, np.int64)
         for first in range(0, len(position), SAMPLES_AT_ONCE):
             from_low = position[first : first + SAMPLES_AT_ONCE, disks] - corner
-            distance = np.minimum(from_low, size - from_low).ravel()  # from the nearer of two opposite walls
+            distance = np.minimum(
+                from_low, size - from_low
+            ).ravel()  # from the nearer of two opposite walls
             column = (np.maximum(distance, 0.0) / width).astype(np.int64)  # by round-off below 0
             counts += np.bincount(column[column < number], minlength=number)
         profile[k] = counts / (len(position) * 2 * width * size.sum())
@@ -52,11 +65,21 @@ def density_profile(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]
 
 DENSITY_PROFILE = Observable(
     density_profile,
-    {"density_profile": RunArray(("species", "wall_distance"), "1/length^2", "number density of the centres", True)},
+    {
+        "density_profile": RunArray(
+            ("species", "wall_distance"), "1/length^2", "number density of the centres", True
+        )
+    },
     axes={
-        "wall_distance": Axis("length", "distance of the disk's edge from a wall", lambda scene: centres(*bins(scene)))
+        "wall_distance": Axis(
+            "length", "distance of the disk's edge from a wall", lambda scene: centres(*bins(scene))
+        )
     },
     seconds_per_disk_sample=8e-8,
     is_over_samples=True,
-    unfit=lambda scene: None if bins(scene)[0] > 3 else "needs walls farther apart by a fifth of the smallest diameter",
+    unfit=lambda scene: (
+        None
+        if bins(scene)[0] > 3
+        else "needs walls farther apart by a fifth of the smallest diameter"
+    ),
 )

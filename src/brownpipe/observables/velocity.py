@@ -1,4 +1,6 @@
-"""Velocities of one run: autocorrelation, kinetic energies, histograms. T sample times, N disks, K species."""
+"""Velocities of one run: autocorrelation, kinetic energies, histograms. T sample times, N disks, K
+species.
+"""
 
 import numpy as np
 
@@ -9,32 +11,47 @@ from brownpipe.observables.species import bath_disks, species_table
 from brownpipe.scene import Scene
 
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
-LARGEST_COMPONENT = 6.0  # velocity component, either sign, in these units; the outermost bins include all values beyond
-VELOCITIES, SPEEDS = (np.arange(120) - 59.5) * BIN, (np.arange(80) + 0.5) * BIN  # centres of the bins
-VALUES_AT_ONCE = 2**18  # velocity components that are scaled and counted at a time, so that temporary arrays stay small
+# velocity component, either sign, in these units; the outermost bins include all values beyond
+LARGEST_COMPONENT = 6.0
+VELOCITIES, SPEEDS = (
+    (np.arange(120) - 59.5) * BIN,
+    (np.arange(80) + 0.5) * BIN,
+)  # centres of the bins
+VALUES_AT_ONCE = (
+    2**18
+)  # velocity components that are scaled and counted at a time, so that temporary arrays stay small
 
 
 def autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
     """Return the velocity autocorrelation v(0).v(t) (T,) of the tracer, and its integral over time.
 
-    The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half its mean
-    (Green-Kubo). `average` as in `displacement.square_displacement`.
+    The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half
+    its mean (Green-Kubo). `average` as in `displacement.square_displacement`.
     """
     correlation = _correlation(scene, track.velocity, average)
-    (integral,) = averaged(scene, track, average, lambda r, earlier, _: (dot(r, track.velocity[earlier]),))
+    (integral,) = averaged(
+        scene, track, average, lambda r, earlier, _: (dot(r, track.velocity[earlier]),)
+    )
     return {"velocity_autocorrelation": correlation, "velocity_displacement": integral}
 
 
 def bath_autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
-    """Return v(0).v(t) (T,), a mean over the disks of the most numerous species except the tracer's.
+    """Return v(0).v(t) (T,), a mean over the disks of the most numerous species except the
+    tracer's.
 
     `average`: from t = 0, or for `origins` from every sample as time origin.
     """
-    return {"bath_velocity_autocorrelation": _correlation(scene, track.velocity[:, bath_disks(scene)], average)}
+    return {
+        "bath_velocity_autocorrelation": _correlation(
+            scene, track.velocity[:, bath_disks(scene)], average
+        )
+    }
 
 
 def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray:
-    """Return v(0).v(t) (T,), averaged over M disks and, for `origins`, over time origins; velocity: (T, M, 2)."""
+    """Return v(0).v(t) (T,), averaged over M disks and, for `origins`, over time origins; velocity:
+    (T, M, 2).
+    """
     disks, flat = velocity.shape[1], velocity.reshape(len(velocity), -1)
     if average != "origins":
         return np.einsum("tm,m->t", flat, flat[0]) / disks
@@ -43,25 +60,32 @@ def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray
 
 
 def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
-    """Return the kinetic energy per disk (T, K) of each species: kT in equilibrium for any mass (equipartition).
+    """Return the kinetic energy per disk (T, K) of each species: kT in equilibrium for any mass
+    (equipartition).
 
     Where the total momentum is zero it is kT (1 - m/M), with the mass m of a disk and M of all.
     """
     species, square = species_table(scene), np.sum(track.velocity**2, axis=-1)
-    energy = [mass / 2 * square[:, species.label == k].mean(axis=1) for k, mass in enumerate(species.mass)]
+    energy = [
+        mass / 2 * square[:, species.label == k].mean(axis=1) for k, mass in enumerate(species.mass)
+    ]
     return {"species_energy": np.stack(energy, axis=1)}
 
 
 def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
-    """Return histograms of velocity components (K, 120) and of speeds (K, 80), in units of sqrt(kT/m).
+    """Return histograms of velocity components (K, 120) and of speeds (K, 80), in units of
+    sqrt(kT/m).
 
-    All samples of a stationary run are counted, otherwise the last one. kT is the scene's temperature or, if none is
-    given, the mean kinetic energy per disk of the counted samples. In equilibrium the components are standard normal
-    and the speeds have the density u exp(-u^2/2) (Maxwell-Boltzmann). The outermost bins include all values beyond.
+    All samples of a stationary run are counted, otherwise the last one. kT is the scene's
+    temperature or, if none is given, the mean kinetic energy per disk of the counted samples. In
+    equilibrium the components are standard normal and the speeds have the density u exp(-u^2/2)
+    (Maxwell-Boltzmann). The outermost bins include all values beyond.
     """
     species, velocity = species_table(scene), track.velocity
     scale = np.sqrt(scene.mass / (_temperature(scene, velocity) or np.inf))[:, None]
-    components, speeds = (np.zeros((len(species.name), len(bins)), np.int64) for bins in (VELOCITIES, SPEEDS))
+    components, speeds = (
+        np.zeros((len(species.name), len(bins)), np.int64) for bins in (VELOCITIES, SPEEDS)
+    )
     step = max(1, VALUES_AT_ONCE // velocity[0].size)  # samples at a time
     for first in range(0, len(velocity), step):
         scaled = velocity[first : first + step] * scale
@@ -71,10 +95,14 @@ def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
 
 
 def _temperature(scene: Scene, velocity: np.ndarray) -> float:
-    """Return kT [energy]: the scene's, or the mean kinetic energy per disk of the samples (T, N, 2)."""
+    """Return kT [energy]: the scene's, or the mean kinetic energy per disk of the samples (T, N,
+    2).
+    """
     if scene.velocities is not None and scene.velocities.temperature is not None:
         return scene.velocities.temperature
-    return float(np.mean([(scene.mass / 2 * np.sum(sample**2, axis=-1)).mean() for sample in velocity]))
+    return float(
+        np.mean([(scene.mass / 2 * np.sum(sample**2, axis=-1)).mean() for sample in velocity])
+    )
 
 
 def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:
@@ -87,8 +115,12 @@ def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:
 AUTOCORRELATION = Observable(
     autocorrelation,
     {
-        "velocity_autocorrelation": RunArray(("time",), "length^2/time^2", "v(0).v(t) of the tracer (see `average`)"),
-        "velocity_displacement": RunArray(("time",), "length^2/time", "v(0).(r(t) - r(0)), the integral of v(0).v(s)"),
+        "velocity_autocorrelation": RunArray(
+            ("time",), "length^2/time^2", "v(0).v(t) of the tracer (see `average`)"
+        ),
+        "velocity_displacement": RunArray(
+            ("time",), "length^2/time", "v(0).(r(t) - r(0)), the integral of v(0).v(s)"
+        ),
     },
     of="tracer",
     seconds_per_disk_sample=4e-8,
@@ -96,12 +128,20 @@ AUTOCORRELATION = Observable(
 MEANING = "v(0).v(t), mean over the disks of the most numerous species except the tracer's"
 BATH_AUTOCORRELATION = Observable(
     bath_autocorrelation,
-    {"bath_velocity_autocorrelation": RunArray(("time",), "length^2/time^2", MEANING, averaged=True)},
+    {
+        "bath_velocity_autocorrelation": RunArray(
+            ("time",), "length^2/time^2", MEANING, averaged=True
+        )
+    },
     of="bath",
     seconds_per_disk_sample=2e-9,
-    unfit=lambda scene: None if len(bath_disks(scene)) else "needs disks of another species than the tracer's",
+    unfit=lambda scene: (
+        None if len(bath_disks(scene)) else "needs disks of another species than the tracer's"
+    ),
 )
-EQUIPARTITION = "kinetic energy per disk (kT in equilibrium; kT (1 - m/M) where the total momentum is zero)"
+EQUIPARTITION = (
+    "kinetic energy per disk (kT in equilibrium; kT (1 - m/M) where the total momentum is zero)"
+)
 ENERGY = Observable(
     species_energy,
     {"species_energy": RunArray(("time", "species"), "energy", EQUIPARTITION, averaged=True)},
@@ -111,11 +151,17 @@ BEYOND = "centre of its bin; the last bin includes all beyond"
 DISTRIBUTION = Observable(
     distribution,
     {
-        "velocity_counts": RunArray(("species", "velocity_bin"), "1", "histogram of the velocity components"),
+        "velocity_counts": RunArray(
+            ("species", "velocity_bin"), "1", "histogram of the velocity components"
+        ),
         "speed_counts": RunArray(("species", "speed_bin"), "1", "histogram of the speeds"),
     },
     axes={
-        "velocity_bin": Axis("sqrt(kT/mass)", f"velocity component, {BEYOND}, so does the first", lambda _: VELOCITIES),
+        "velocity_bin": Axis(
+            "sqrt(kT/mass)",
+            f"velocity component, {BEYOND}, so does the first",
+            lambda _: VELOCITIES,
+        ),
         "speed_bin": Axis("sqrt(kT/mass)", f"speed, {BEYOND}", lambda _: SPEEDS),
     },
     seconds_per_disk_sample=2.8e-8,

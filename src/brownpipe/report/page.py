@@ -1,4 +1,5 @@
-"""Web pages from templates (jinja2): one HTML file each, that needs neither network nor other files.
+"""Web pages from templates (jinja2): one HTML file each, that needs neither network nor other
+files.
 
 `page.html` shows all results of a dataset, `replay.html` (`replay.py`) one run.
 """
@@ -39,7 +40,9 @@ ENVIRONMENT.filters["base64"] = lambda contents: base64.b64encode(contents).deco
 
 
 def filled(template: str, **contents: Any) -> bytes:
-    """Return a page: the template of this name with its contents, which are escaped and shown as one line each."""
+    """Return a page: the template of this name with its contents, which are escaped and shown as
+    one line each.
+    """
     return ENVIRONMENT.get_template(template).render(contents).strip().encode() + b"\n"
 
 
@@ -66,7 +69,9 @@ def page_of_tradeoff(dataset: Dataset, drawings: Sequence[Drawing], record: Reco
         "page.html",
         title=title,
         lead=", ".join(scenes),
-        answers={scene: [*zip(*tradeoff.columns_of(dataset, scene), strict=True)] for scene in scenes},
+        answers={
+            scene: [*zip(*tradeoff.columns_of(dataset, scene), strict=True)] for scene in scenes
+        },
         legend=tradeoff.REMARK.splitlines(),
         figures=[(one, scene, paragraphs) for one, scene in zip(drawings, scenes, strict=True)],
         record=record,
@@ -74,7 +79,9 @@ def page_of_tradeoff(dataset: Dataset, drawings: Sequence[Drawing], record: Reco
 
 
 def caption_of(name: str) -> tuple[str, list[str]]:
-    """Return title and paragraphs of the caption of a figure, which lies beside its module (reStructuredText)."""
+    """Return title and paragraphs of the caption of a figure, which lies beside its module
+    (reStructuredText).
+    """
     contents = (PACKAGE / "figures" / f"{name}.rst").read_text(encoding="utf-8")
     title, _, rest = contents.removeprefix("**").partition("**")
     return title.strip().removesuffix("."), [" ".join(part.split()) for part in rest.split("\n\n")]

@@ -1,4 +1,6 @@
-"""Scenes: what is simulated. Their records, which are the format of their files, sample times, and seeds of runs."""
+"""Scenes: what is simulated. Their records, which are the format of their files, sample times, and
+seeds of runs.
+"""
 
 from brownpipe.scene.scene import Box, Disk, Scene, Species, Velocities, parse_scene, read_scene
 

@@ -13,7 +13,15 @@ from typing import Annotated, Any, NoReturn
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, GetPydanticSchema, TypeAdapter, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    GetPydanticSchema,
+    TypeAdapter,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError, ValidationError
 
 from brownpipe.errors import RequestError
@@ -22,52 +30,73 @@ from brownpipe.text import shell_path
 SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
-# -- YAML -----------------------------------------------------------------------------------------------------------
+# -- YAML ------------------------------------------------------------------------------------------
 
 NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-CONSTANTS = {"null": None, "~": None, "": None, "true": True, "false": False}  # .inf and .nan are no values
-LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader  # all scalars are texts; tags mean nothing
+CONSTANTS = {
+    "null": None,
+    "~": None,
+    "": None,
+    "true": True,
+    "false": False,
+}  # .inf and .nan are no values
+LOADER = (
+    yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader
+)  # all scalars are texts; tags mean nothing
 
 
 class Document(dict[str, Any]):
     """A mapping with the lines that it was read from."""
 
-    # Line (from 1) of each value's key or list item, by its path of keys and indices; 0: not in the file.
+    # Line (from 1) of each value's key or list item, by its path of keys and indices; 0: not in the
+    # file.
     lines: Mapping[tuple[str | int, ...], int] = {}
 
 
 def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: str = "") -> Document:
-    """Return a mapping with other values of some keys, which may be paths like disks.tracer.mass; None: not given.
+    """Return a mapping with other values of some keys, which may be paths like disks.tracer.mass;
+    None: not given.
 
-    Items of a list are found by their names: disks.species.bath.count. Raises RequestError for other paths, after the
-    name of the file, `where`.
+    Items of a list are found by their names: disks.species.bath.count. Raises RequestError for
+    other paths, after the name of the file, `where`.
     """
     document = Document(deepcopy(dict(mapping)))
     new = {(path.split(".")[0],): 0 for path in values}
-    document.lines = {at: line for at, line in getattr(mapping, "lines", {}).items() if at[:1] not in new} | new
+    document.lines = {
+        at: line for at, line in getattr(mapping, "lines", {}).items() if at[:1] not in new
+    } | new
     for path, value in values.items():
         *parents, last = path.split(".")
         try:
             whole = last == "count" and isinstance(value, float) and value.is_integer()
             part_of(document, parents)[last] = int(value) if whole else value
         except (LookupError, TypeError):
-            allowed = "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name of a species"
+            allowed = (
+                "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name "
+                "of a species"
+            )
             raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}") from None
     return document
 
 
 def part_of(whole: Any, words: Iterable[str]) -> Any:
-    """Return the part at a path of keys and names of list items; missing mappings are created, empty.
+    """Return the part at a path of keys and names of list items; missing mappings are created,
+    empty.
 
     Raises LookupError or TypeError for other paths.
     """
     for word in words:
-        whole = whole.setdefault(word, {}) if isinstance(whole, dict) else {one["name"]: one for one in whole}[word]
+        whole = (
+            whole.setdefault(word, {})
+            if isinstance(whole, dict)
+            else {one["name"]: one for one in whole}[word]
+        )
     return whole
 
 
 def read_yaml(path: str | Path) -> Document:
-    """Return the mapping in a YAML file, of dicts with str keys, lists, str, int, float, bool and None.
+    """Return the mapping in a YAML file, of dicts with str keys, lists, str, int, float, bool and
+    None.
 
     Raises RequestError if the file cannot be read or is not such YAML.
     """
@@ -80,13 +109,17 @@ def read_yaml(path: str | Path) -> Document:
     except OSError as error:
         raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise RequestError(f"{path}: not text; if it is an HDF5 file: brownpipe inspect {shell_path(path)}") from None
+        raise RequestError(
+            f"{path}: not text; if it is an HDF5 file: brownpipe inspect {shell_path(path)}"
+        ) from None
     except (ValueError, RecursionError) as error:
         raise RequestError(f"{path}: {error}") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", "a character that is not allowed").removeprefix("but ")
-        raise RequestError(f"{path}: {f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}") from None
+        raise RequestError(
+            f"{path}: {f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}"
+        ) from None
     document.lines = lines
     return document
 
@@ -116,21 +149,30 @@ def scalar(text: str) -> object:
 
 
 def value_in(text: str) -> Any:
-    """Return the value of a key in YAML, a list or mapping in brackets; what is not such YAML is a text."""
+    """Return the value of a key in YAML, a list or mapping in brackets; what is not such YAML is a
+    text.
+    """
     with suppress(ValueError, RecursionError, yaml.YAMLError):
-        return _value(yaml.compose(text, LOADER), (), {}) if text.startswith(("[", "{")) else scalar(text)
+        return (
+            _value(yaml.compose(text, LOADER), (), {})
+            if text.startswith(("[", "{"))
+            else scalar(text)
+        )
     return text
 
 
 def yaml_text(mapping: dict) -> str:
-    """Return the text of a YAML file with these keys in their order; innermost lists and mappings are in brackets.
+    """Return the text of a YAML file with these keys in their order; innermost lists and mappings
+    are in brackets.
 
     Texts that are numbers in YAML 1.2 alone, such as a name 089, are not put in quotes.
     """
-    return yaml.safe_dump(mapping, sort_keys=False, width=120, default_flow_style=None, allow_unicode=True)
+    return yaml.safe_dump(
+        mapping, sort_keys=False, width=120, default_flow_style=None, allow_unicode=True
+    )
 
 
-# -- types of values ------------------------------------------------------------------------------------------------
+# -- types of values -------------------------------------------------------------------------------
 
 NO_MINUS_ZERO = AfterValidator(lambda value: value + 0.0)
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), NO_MINUS_ZERO]
@@ -152,15 +194,23 @@ class Record(BaseModel):
     def _known_keys(cls, value: object) -> object:
         keys = tuple(field.alias or name for name, field in cls.model_fields.items())
         if not isinstance(value, Mapping):
-            raise PydanticCustomError("record_type", f"must be a mapping with the keys {', '.join(keys)}")
+            raise PydanticCustomError(
+                "record_type", f"must be a mapping with the keys {', '.join(keys)}"
+            )
         for key in value:
             if key not in keys:
-                hint = "a number has a decimal point; " if str(key).isdigit() else did_you_mean(str(key), keys)
+                hint = (
+                    "a number has a decimal point; "
+                    if str(key).isdigit()
+                    else did_you_mean(str(key), keys)
+                )
                 refuse(f"unknown key; {hint}allowed: {', '.join(keys)}", key)
         return {key: part for key, part in value.items() if part is not None}
 
     def _resolve(self, **values: object) -> None:
-        """Set fields that follow from others, and attributes that are no keys; none of them counts as given."""
+        """Set fields that follow from others, and attributes that are no keys; none of them counts
+        as given.
+        """
         self.__dict__.update(values)
 
 
@@ -170,8 +220,12 @@ def key(meaning: str, default: Any = ..., **more: Any) -> Any:
 
 
 def alone(name: str, schema: Any) -> BeforeValidator:
-    """Let the value of one key stand for a mapping with this key alone; `schema` is the type of both."""
-    return BeforeValidator(lambda one: one if isinstance(one, Mapping) else {name: one}, json_schema_input_type=schema)
+    """Let the value of one key stand for a mapping with this key alone; `schema` is the type of
+    both.
+    """
+    return BeforeValidator(
+        lambda one: one if isinstance(one, Mapping) else {name: one}, json_schema_input_type=schema
+    )
 
 
 def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
@@ -180,7 +234,8 @@ def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, 
 
 
 def plain(value: Any) -> Any:
-    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead of NumPy's.
+    """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead
+    of NumPy's.
 
     A record becomes the mapping of its given keys.
     """
@@ -190,17 +245,25 @@ def plain(value: Any) -> Any:
         value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, list | tuple | range | set | frozenset) else value
+    return (
+        [plain(item) for item in value]
+        if isinstance(value, list | tuple | range | set | frozenset)
+        else value
+    )
 
 
-# -- refusals -------------------------------------------------------------------------------------------------------
+# -- refusals --------------------------------------------------------------------------------------
 
-PROBLEMS = {  # by pydantic's names of errors, with the context that comes with them; others as pydantic words them
+# by pydantic's names of errors, with the context that comes with them; others as pydantic words
+# them
+PROBLEMS = {
     "missing": "missing; must be given",
     "union_tag_not_found": "must have the key {discriminator}",
     "union_tag_invalid": "must be {expected_tags}",
     "bool_type": "must be true or false",
-    "string_pattern_mismatch": "must be a name: letters, digits, '.', '_', '-', first a letter or digit, at most 64",
+    "string_pattern_mismatch": (
+        "must be a name: letters, digits, '.', '_', '-', first a letter or digit, at most 64"
+    ),
     "path_type": "must be the path of a file",
     "tuple_type": "must be a list",
     "too_short": "must be a list of at least {min_length}",
@@ -209,43 +272,63 @@ PROBLEMS = {  # by pydantic's names of errors, with the context that comes with 
 
 
 def refuse(problem: str, *path: str | int) -> NoReturn:
-    """Refuse, within a validator, the value at a path of keys and indices, relative to the validated value."""
+    """Refuse, within a validator, the value at a path of keys and indices, relative to the
+    validated value.
+    """
     raise PydanticCustomError("refused", "{problem}", {"problem": problem, "path": path})
 
 
 def validated(kind: Any, value: object, file: str = "", key: str = "", context: Any = None) -> Any:
-    """Return a value as `kind`, a type that pydantic knows. Raises RequestError, naming the file and the key.
+    """Return a value as `kind`, a type that pydantic knows. Raises RequestError, naming the file
+    and the key.
 
-    It names the line, too, if the value is from a `Document`; for a missing key that of the mapping that lacks it.
+    It names the line, too, if the value is from a `Document`; for a missing key that of the mapping
+    that lacks it.
     """
     try:
         return TypeAdapter(kind).validate_python(value, context=context)
     except ValidationError as error:
         path, problem = _place_and_problem(error, value)
-    lines, places = getattr(value, "lines", {}), [tuple(path[:length]) for length in range(len(path), -1, -1)]
+    lines, places = (
+        getattr(value, "lines", {}),
+        [tuple(path[:length]) for length in range(len(path), -1, -1)],
+    )
     line = next((lines[place] for place in places if place in lines), None)
     if file and line is not None:
         file += f": line {line}" if line else " (replaced)"
-    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in (key, *path) if part != "")
+    place = "".join(
+        f"[{part}]" if isinstance(part, int) else f".{part}" for part in (key, *path) if part != ""
+    )
     raise RequestError(": ".join(filter(None, (file, place.removeprefix("."), problem)))) from None
 
 
 def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str | int], str]:
-    """Return the path of a refused value, and what is wrong with it: the first of the most deeply nested errors.
+    """Return the path of a refused value, and what is wrong with it: the first of the most deeply
+    nested errors.
 
     A value that may be of several types has an error for each of them.
     """
     errors = [(_path(one, value), one) for one in error.errors(include_url=False)]
     path = max((path for path, _ in errors), key=len)
     here = [one for other, one in errors if other == path]
-    problems = [PROBLEMS.get(one["type"], "{msg}").format(msg=one["msg"], **one.get("ctx", {})) for one in here]
-    problem = re.sub(r"\w+ should", "must", " or ".join(dict.fromkeys(problems))).replace(" or must be ", " or ")
+    problems = [
+        PROBLEMS.get(one["type"], "{msg}").format(msg=one["msg"], **one.get("ctx", {}))
+        for one in here
+    ]
+    problem = re.sub(r"\w+ should", "must", " or ".join(dict.fromkeys(problems))).replace(
+        " or must be ", " or "
+    )
     found = here[0].get("ctx", {}).get("tag", here[0]["input"])
-    return path, problem if here[0]["type"] in ("refused", "missing") else f"{problem}, not {found!r:.80}"
+    return path, problem if here[0]["type"] in (
+        "refused",
+        "missing",
+    ) else f"{problem}, not {found!r:.80}"
 
 
 def _path(error: Any, value: Any) -> list[str | int]:
-    """Return where in a value an error is: its place without the names of types that pydantic puts in between."""
+    """Return where in a value an error is: its place without the names of types that pydantic puts
+    in between.
+    """
     path = list[str | int]()
     for part in error["loc"]:
         with suppress(LookupError, TypeError):

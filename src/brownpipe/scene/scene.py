@@ -1,7 +1,9 @@
-"""The scene: box, disks and times of a run, everything that decides its physics but the seed. Frozen and hashable.
+"""The scene: box, disks and times of a run, everything that decides its physics but the seed.
+Frozen and hashable.
 
-Its fields are the keys of scene files, with their bounds. A scene is valid by construction: listed disks lie inside the
-box and do not overlap, and species cover no more of it than hexagonal packing does.
+Its fields are the keys of scene files, with their bounds. A scene is valid by construction: listed
+disks lie inside the box and do not overlap, and species cover no more of it than hexagonal packing
+does.
 """
 
 import hashlib
@@ -17,16 +19,31 @@ from pydantic import Field, StrictBool, ValidationInfo, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
-from brownpipe.scene.reading import Count, Name, NotNegative, Pair, Positive, Record, alone, key, refuse
+from brownpipe.scene.reading import (
+    Count,
+    Name,
+    NotNegative,
+    Pair,
+    Positive,
+    Record,
+    alone,
+    key,
+    refuse,
+)
 from brownpipe.text import shell_path
 
 MOST_SAMPLES = 10_000_000
 ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
-LONGEST = 1e140  # side of a box; the shortest is 1/LONGEST: squared displacements of 1e-14 of it do not underflow
-LARGEST_MASS_RATIO = 1e200  # with it, products of masses and squared speeds neither overflow nor underflow
-SMALLEST_RADIUS = 1e-10  # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
-HEXAGONAL_PACKING = math.pi / math.sqrt(12)  # its packing fraction; no placement of species is denser
+# side of a box; the shortest is 1/LONGEST: squared displacements of 1e-14 of it do not underflow
+LONGEST = 1e140
+# with it, products of masses and squared speeds neither overflow nor underflow
+LARGEST_MASS_RATIO = 1e200
+# in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
+SMALLEST_RADIUS = 1e-10
+HEXAGONAL_PACKING = math.pi / math.sqrt(
+    12
+)  # its packing fraction; no placement of species is denser
 
 # The name of a scene with varied keys (`variation`) has their values: `fluid,tracer_mass=10`.
 SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,[\w-]+=[\w.-]{{1,64}})*$")]
@@ -37,7 +54,9 @@ class Box(Record):
 
     x: Pair = key("its sides, [low, high] [length]")
     y: Pair = key("its sides, [low, high] [length]")
-    boundary: Literal["reflecting", "periodic"] = key("hard walls, hit by a disk's edge, or periodic", "reflecting")
+    boundary: Literal["reflecting", "periodic"] = key(
+        "hard walls, hit by a disk's edge, or periodic", "reflecting"
+    )
     if TYPE_CHECKING:  # no keys: what follows from them
         width: float
         height: float
@@ -57,9 +76,11 @@ class Box(Record):
         return self
 
     def accessible(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return lower corner (2,) and size (2,) [length] of the rectangle accessible to the centre of a disk.
+        """Return lower corner (2,) and size (2,) [length] of the rectangle accessible to the centre
+        of a disk.
 
-        It is smaller than the box by the radius at each wall; a periodic box is accessible as it is.
+        It is smaller than the box by the radius at each wall; a periodic box is accessible as it
+        is.
         """
         margin = 0.0 if self.periodic else radius
         return np.array(self.origin) + margin, np.array((self.width, self.height)) - 2 * margin
@@ -80,7 +101,9 @@ class Tracer(Record):
 
     radius: Positive = key("[length]")
     mass: Positive = key("[mass]")
-    position: Pair | None = key("its initial centre [length]; by default it is placed like the others", None)
+    position: Pair | None = key(
+        "its initial centre [length]; by default it is placed like the others", None
+    )
     name: ClassVar = "tracer"
     count: ClassVar = 1
 
@@ -89,19 +112,24 @@ class Species(Record):
     """Equal disks, which `engines.initial_state.draw` places."""
 
     name: Name = key("differs from the others and from `tracer`")
-    count: Count | Literal["rest"] = key("a number; one species at most is the `rest` of `particles`")
+    count: Count | Literal["rest"] = key(
+        "a number; one species at most is the `rest` of `particles`"
+    )
     radius: Positive = key("of each disk [length]")
     mass: Positive = key("of each disk [mass]")
     position: ClassVar = None
 
 
 class Mixture(Record):
-    """Disks that are placed by the program. Without a tracer, disk 0 is the first disk of the first species."""
+    """Disks that are placed by the program. Without a tracer, disk 0 is the first disk of the first
+    species.
+    """
 
     tracer: Tracer | None = key("disk 0, whose motion is recorded and analysed", None)
     species: tuple[Species, ...] = key("all other disks", ())
     placement: Literal["auto", "random", "lattice"] = key(
-        "random insertion (`auto`: of smaller disks that grow, where it fails), or a lattice", "auto"
+        "random insertion (`auto`: of smaller disks that grow, where it fails), or a lattice",
+        "auto",
     )
 
 
@@ -109,25 +137,39 @@ class Velocities(Record):
     """Normal distribution of the initial velocity components: one of the two widths is given."""
 
     # Theory that reads `scene.velocities` relies on this distribution.
-    standard_deviation: NotNegative | None = key("of every velocity component of every disk [length/time]", None)
-    temperature: NotNegative | None = key("kT: velocity components have variance kT/m [energy]", None)
+    standard_deviation: NotNegative | None = key(
+        "of every velocity component of every disk [length/time]", None
+    )
+    temperature: NotNegative | None = key(
+        "kT: velocity components have variance kT/m [energy]", None
+    )
     zero_momentum: StrictBool | None = key(
-        "subtract the velocity of the centre of mass (default: in a periodic box with several disks)", None
+        "subtract the velocity of the centre of mass (default: in a periodic box with several "
+        "disks)",
+        None,
     )
 
 
 class Samples(Record):
-    """Logarithmic sample times: 0, first * 10^(k/per_decade) for k = 0, 1, ..., and the duration."""
+    """Logarithmic sample times: 0, first * 10^(k/per_decade) for k = 0, 1, ..., and the
+    duration.
+    """
 
-    per_decade: Annotated[reading.AtLeastOne, Field(le=10_000)] = key("sample times per factor of ten in time")
-    first: Positive | None = key("the first sample time after 0 [time] (default: 1e-4 of the duration)", None)
+    per_decade: Annotated[reading.AtLeastOne, Field(le=10_000)] = key(
+        "sample times per factor of ten in time"
+    )
+    first: Positive | None = key(
+        "the first sample time after 0 [time] (default: 1e-4 of the duration)", None
+    )
 
 
 class Equilibration(Record):
     """What is simulated before t = 0."""
 
     time: NotNegative = key("[time]")
-    tracer: Literal["pinned", "free"] | None = key("whether the tracer is held (default, if there is one)", None)
+    tracer: Literal["pinned", "free"] | None = key(
+        "whether the tracer is held (default, if there is one)", None
+    )
 
 
 Before = Annotated[Equilibration, alone("time", NotNegative | Equilibration)]
@@ -137,18 +179,28 @@ class Scene(Record):
     """The physics of one run. Disk 0 is the tracer."""
 
     box: Box = key("the rectangle, and what happens at its sides")
-    disks: Mixture | tuple[Disk, ...] = key("species, whose disks are placed by the program, or a list of disks")
+    disks: Mixture | tuple[Disk, ...] = key(
+        "species, whose disks are placed by the program, or a list of disks"
+    )
     duration: Positive = key("a run goes from t = 0 to t = duration [time]")
-    particles: Count | None = key("total number of disks, tracer included (default: sum of the counts)", None)
+    particles: Count | None = key(
+        "total number of disks, tracer included (default: sum of the counts)", None
+    )
     velocities: Velocities | None = key("initial velocities; must be given with species", None)
-    sample_interval: Positive | None = key("sample times: its multiples and the duration [time]", None)
+    sample_interval: Positive | None = key(
+        "sample times: its multiples and the duration [time]", None
+    )
     samples: Samples | None = key("logarithmic sample times, in place of `sample_interval`", None)
-    equilibrate: Before = key("simulated time before t = 0 [time], or a mapping with it", 0.0, validate_default=True)
+    equilibrate: Before = key(
+        "simulated time before t = 0 [time], or a mapping with it", 0.0, validate_default=True
+    )
     if TYPE_CHECKING:  # no keys: what follows from them
         given: dict[str, Any]  # the keys that were given, without what follows from them
         name: str  # in results; by default the stem of the file
         listed: tuple[Disk, ...]  # the disks of an explicit list; () for species
-        species: tuple[Any, ...]  # tracer, if any, and species, each with name, count, radius and mass; () for a list
+        species: tuple[
+            Any, ...
+        ]  # tracer, if any, and species, each with name, count, radius and mass; () for a list
         placement: str  # of species: "auto", "random" or "lattice"; "" for a list of disks
         radius: np.ndarray  # (N,) [length], read-only
         mass: np.ndarray  # (N,), read-only
@@ -158,7 +210,8 @@ class Scene(Record):
     def _check(self, info: ValidationInfo) -> "Scene":
         """Resolve what follows from the keys, and refuse what contradicts them.
 
-        A validation context says that the box is still to be scaled; then the disks need not fit into it.
+        A validation context says that the box is still to be scaled; then the disks need not fit
+        into it.
         """
         self._resolve(given=self.model_dump(exclude_unset=True))
         self._resolve_times()
@@ -174,26 +227,40 @@ class Scene(Record):
     def _resolve_times(self) -> None:
         interval = self.sample_interval or self.duration
         if not interval <= self.duration <= MOST_SAMPLES * interval:
-            refuse(f"must be {1 / MOST_SAMPLES:g} to 1 times the duration, not {interval!r}", "sample_interval")
+            refuse(
+                f"must be {1 / MOST_SAMPLES:g} to 1 times the duration, not {interval!r}",
+                "sample_interval",
+            )
         if self.samples is not None:
             if self.sample_interval is not None:
                 refuse("must not be given with sample_interval; give one of the two", "samples")
             first = self.samples.first or self.duration * 1e-4
             if first >= self.duration:
-                refuse(f"must be below the duration, {self.duration!r}, not {first!r}", "samples", "first")
+                refuse(
+                    f"must be below the duration, {self.duration!r}, not {first!r}",
+                    "samples",
+                    "first",
+                )
             self.samples._resolve(first=first)
         self._resolve(sample_interval=interval)
 
     def _resolve_disks(self) -> dict[tuple, Any]:
-        """Resolve the species, tracer included, or the listed disks. Return them by their paths of keys."""
+        """Resolve the species, tracer included, or the listed disks. Return them by their paths of
+        keys.
+        """
         if not isinstance(self.disks, Mixture):
             self._resolve(listed=self.disks, species=(), placement="")
             return {("disks", k): disk for k, disk in enumerate(self.disks)}
-        groups: dict[tuple, Any] = {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
+        groups: dict[tuple, Any] = (
+            {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
+        )
         groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
         if not groups:
             refuse("must have a tracer or species, or be a list of disks", "disks")
-        names, counts = [one.name for one in self.disks.species], [one.count for one in self.disks.species]
+        names, counts = (
+            [one.name for one in self.disks.species],
+            [one.count for one in self.disks.species],
+        )
         if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
             allowed = "names of their own, none tracer, and one rest at most"
             refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
@@ -201,7 +268,9 @@ class Scene(Record):
         return groups
 
     def _resolve_numbers(self, groups: Collection[Any]) -> None:
-        """Resolve the number of disks, their radii and masses; refuse masses too different for one run."""
+        """Resolve the number of disks, their radii and masses; refuse masses too different for one
+        run.
+        """
         rest = [group for group in groups if group.count == "rest"]
         known = sum(group.count for group in groups if group.count != "rest")
         if self.particles is None and rest:
@@ -209,68 +278,104 @@ class Scene(Record):
         total = known if self.particles is None else self.particles
         if total < known or (total > known and not rest):
             least = "at least " if rest else ""
-            refuse(f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles")
+            refuse(
+                f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles"
+            )
         for species in rest:
             species._resolve(count=total - known)
         alike = np.array([(group.radius, group.mass) for group in groups]).reshape(-1, 2)
         radius, mass = np.repeat(alike.T, np.array([group.count for group in groups], int), axis=1)
         radius.flags.writeable = mass.flags.writeable = False
-        packing_fraction = math.pi * float(np.sum((radius / self.box.width) * (radius / self.box.height)))
+        packing_fraction = math.pi * float(
+            np.sum((radius / self.box.width) * (radius / self.box.height))
+        )
         self._resolve(particles=total, radius=radius, mass=mass, packing_fraction=packing_fraction)
         light, heavy = mass.min(initial=math.inf), mass.max(initial=0.0)
         if heavy / LARGEST_MASS_RATIO > light:
-            refuse(f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and {heavy:g}", "disks")
+            refuse(
+                f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and "
+                f"{heavy:g}",
+                "disks",
+            )
 
     def _resolve_start(self) -> None:
         """Resolve the motion of the tracer before t = 0 and the total momentum."""
         start, velocities = self.equilibrate, self.velocities
         held = "pinned" if isinstance(self.disks, Mixture) and self.disks.tracer else "free"
         if bool(self.placement) == (velocities is None):
-            refuse("must be given with species, and not with an explicit list of disks", "velocities")
+            refuse(
+                "must be given with species, and not with an explicit list of disks", "velocities"
+            )
         if start.time > 0 and not self.placement:
             refuse("must not be given with an explicit list of disks", "equilibrate")
         if start.tracer is None or start.time == 0:
             start._resolve(tracer=held)
         elif start.tracer == "pinned" != held:
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
-        if velocities and (velocities.standard_deviation is None) == (velocities.temperature is None):
+        if velocities and (velocities.standard_deviation is None) == (
+            velocities.temperature is None
+        ):
             refuse("must have either standard_deviation or temperature", "velocities")
         if velocities and velocities.zero_momentum is None:
             # Periodic disks drift as a whole; a single one would stand still.
             velocities._resolve(zero_momentum=self.box.periodic and self.particles != 1)
 
     def _check_packing(self) -> None:
-        """Refuse listed disks that overlap and species that cannot fit; those accepted may still be hard to place."""
+        """Refuse listed disks that overlap and species that cannot fit; those accepted may still be
+        hard to place.
+        """
         box = (self.box.x, self.box.y) if self.box.periodic else None
         position = np.array([disk.position for disk in self.listed])
         if len(position) > 1 and (pair := overlap(position, self.radius, box)):
             at = " and ".join(f"disk {k} at {list(self.listed[k].position)}" for k in pair[:2])
-            refuse(f"{at} overlap: the gap between their edges is {pair[2]:.6g}; must be >= 0", "disks")
+            refuse(
+                f"{at} overlap: the gap between their edges is {pair[2]:.6g}; must be >= 0", "disks"
+            )
         if self.species and self.packing_fraction > HEXAGONAL_PACKING * (1 + 1e-9):
-            crowd = f"{self.particles} disks cover {self.packing_fraction:.4g} times the area of the box"
+            crowd = (
+                f"{self.particles} disks cover {self.packing_fraction:.4g} times the area of the "
+                "box"
+            )
             refuse(f"{crowd}; must be at most {HEXAGONAL_PACKING:.4g} (hexagonal packing)", "disks")
 
     def _check_disk(self, disk: Any, *path: str | int) -> None:
-        """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box or in a wall.
+        """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box
+        or in a wall.
 
         In a periodic box of less than four radii a disk could touch two images of one neighbour.
         """
         box, radius = self.box, disk.radius
         sides, part = (box.width, box.height), 4 if box.periodic else 2
         if not SMALLEST_RADIUS * max(sides) <= radius <= min(sides) / part:
-            allowed = f"{SMALLEST_RADIUS * max(sides):g} to {min(sides) / part!r} in this {box.boundary} box"
+            allowed = (
+                f"{SMALLEST_RADIUS * max(sides):g} to {min(sides) / part!r} in this "
+                f"{box.boundary} box"
+            )
             refuse(f"must be {allowed}, not {radius!r}", *path, "radius")
         margin = 0.0 if box.periodic else radius
-        for axis, value, (low, high) in zip("xy", disk.position or (), (box.x, box.y), strict=False):
+        for axis, value, (low, high) in zip(
+            "xy", disk.position or (), (box.x, box.y), strict=False
+        ):
             slack = ROUND_OFF * margin + 2 * math.ulp(max(-low, high)) if margin else 0.0
-            if not low - slack <= value - margin <= value + margin <= high + slack or (not margin and value == high):
-                inside = f"{low + margin:.10g} <= {axis} {'<=' if margin else '<'} {high - margin:.10g}"
-                refuse(f"must have the disk inside the box, {inside}, not {list(disk.position)}", *path, "position")
+            if not low - slack <= value - margin <= value + margin <= high + slack or (
+                not margin and value == high
+            ):
+                inside = (
+                    f"{low + margin:.10g} <= {axis} {'<=' if margin else '<'} {high - margin:.10g}"
+                )
+                refuse(
+                    f"must have the disk inside the box, {inside}, not {list(disk.position)}",
+                    *path,
+                    "position",
+                )
 
     def __repr__(self) -> str:
         box = f"{self.box.boundary} box {self.box.width:g} x {self.box.height:g}"
         packing = f"packing fraction {self.packing_fraction:.4g}"
-        return f"<Scene {self.name}: {self.particles} disks in a {box}, {packing}, duration {self.duration:g}>"
+        return (
+            f"<Scene {self.name}: {self.particles} disks in a {box}, {packing}, duration "
+            f"{self.duration:g}>"
+        )
 
     __str__ = __repr__
 
@@ -287,8 +392,9 @@ class Scene(Record):
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Sample times (T,) [time] from 0 to the duration, both exactly, read-only: multiples of the interval, or
-        logarithmic, 0, first * 10**(k / per_decade) for k = 0, 1, ..., and the duration.
+        """Sample times (T,) [time] from 0 to the duration, both exactly, read-only: multiples of
+        the interval, or logarithmic, 0, first * 10**(k / per_decade) for k = 0, 1, ..., and the
+        duration.
 
         Powers are computed by Python: NumPy's may differ in the last bit between processors.
         """
@@ -298,31 +404,44 @@ class Scene(Record):
         else:
             decades = math.log10(duration) - math.log10(samples.first)
             steps = range(math.ceil(samples.per_decade * decades - SAME))
-            times = np.array([0.0, *(samples.first * 10 ** (k / samples.per_decade) for k in steps)])
+            times = np.array(
+                [0.0, *(samples.first * 10 ** (k / samples.per_decade) for k in steps)]
+            )
         times = np.append(times, duration)
         times.flags.writeable = False
         return times
 
     def replace(self, name: str | None = None, **keys: object) -> "Scene":
-        """Return a scene with other values of some keys, which may be paths like disks.tracer.mass, or another name."""
-        return parse_scene(reading.with_values(self.given, reading.plain(keys)), "", name=name or self.name)
+        """Return a scene with other values of some keys, which may be paths like disks.tracer.mass,
+        or another name.
+        """
+        return parse_scene(
+            reading.with_values(self.given, reading.plain(keys)), "", name=name or self.name
+        )
 
     def as_mapping(self) -> dict:
-        """Return the scene as a mapping like that of a scene file, with every default written out."""
+        """Return the scene as a mapping like that of a scene file, with every default written
+        out.
+        """
         left_out = set() if self.placement else {"particles", "velocities", "equilibrate"}
-        return self.model_dump(exclude={*left_out, "samples" if self.samples is None else "sample_interval"})
+        return self.model_dump(
+            exclude={*left_out, "samples" if self.samples is None else "sample_interval"}
+        )
 
     @cached_property
     def text(self) -> str:
-        """The physics as canonical JSON: `parse_scene(json.loads(scene.text), ...)` gives an equal scene."""
+        """The physics as canonical JSON: `parse_scene(json.loads(scene.text), ...)` gives an equal
+        scene.
+        """
         return json.dumps(self.as_mapping(), sort_keys=True, allow_nan=False)
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the text, whatever the name of the scene.
 
-        It covers the canonical scene as it is stored, names of species included, as they are in the results, and
-        species of which there are no disks. Another way to write the same (defaults, `rest`) has the same digest.
+        It covers the canonical scene as it is stored, names of species included, as they are in the
+        results, and species of which there are no disks. Another way to write the same (defaults,
+        `rest`) has the same digest.
         """
         return hashlib.sha256(self.text.encode()).hexdigest()
 
@@ -335,42 +454,64 @@ def read_scene(path: str | Path, particles: int | None = None) -> Scene:
     return parse_scene(reading.read_yaml(path), str(path), particles)
 
 
-def parse_scene(mapping: Any, where: str, particles: int | None = None, name: str | None = None) -> Scene:
+def parse_scene(
+    mapping: Any, where: str, particles: int | None = None, name: str | None = None
+) -> Scene:
     """Return the scene of a mapping as read from a scene file.
 
     where: the file that messages name; its stem is the name of the scene, unless `name` is given.
-    particles: total number of disks instead of the file's; for an explicit list it must be the length of the list.
+    particles: total number of disks instead of the file's; for an explicit list it must be the
+    length of the list.
 
     Raises RequestError for anything wrong.
     """
     if "scenes" in mapping:
-        raise RequestError(f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}")
+        raise RequestError(
+            f"{where}: is a study, not a scene; run it with brownpipe run {shell_path(where)}"
+        )
     if particles is not None:
         mapping = reading.with_values(mapping, {"particles": particles})
-    scene, stem = reading.validated(Scene, mapping, where), Path(where).stem if name is None else name
+    scene, stem = (
+        reading.validated(Scene, mapping, where),
+        Path(where).stem if name is None else name,
+    )
     scene._resolve(name=reading.validated(SceneName, stem, where, "name"))
     return scene
 
 
-def overlap(position: np.ndarray, radius: np.ndarray, box: tuple | None = None) -> tuple[int, int, float] | None:
-    """Return the two disks that overlap most and the (negative) gap between their edges, None if no two overlap.
+def overlap(
+    position: np.ndarray, radius: np.ndarray, box: tuple | None = None
+) -> tuple[int, int, float] | None:
+    """Return the two disks that overlap most and the (negative) gap between their edges, None if no
+    two overlap.
 
-    position: (N, 2), radius: (N,) [length], N > 0. box: (low, high) of x and of y if it is periodic, at least twice the
-    largest diameter, else None. Overlaps within round-off do not count.
+    position: (N, 2), radius: (N,) [length], N > 0. box: (low, high) of x and of y if it is
+    periodic, at least twice the largest diameter, else None. Overlaps within round-off do not
+    count.
 
     Two overlapping disks, the larger one of radius R, are closer than 2 R: a k-d tree finds them.
     """
     from scipy.spatial import KDTree  # takes 0.2 s
 
     margin = 2 * radius.max()  # of a box around all disks: in it none is near an image of another
-    low, high = np.array(box, float).T if box else (position.min(axis=0) - margin, position.max(axis=0) + margin)
+    low, high = (
+        np.array(box, float).T
+        if box
+        else (position.min(axis=0) - margin, position.max(axis=0) + margin)
+    )
     sides = high - low
     tree = KDTree((position - low) % sides, boxsize=sides)
     near = tree.query_ball_point(tree.data, 2 * radius)
-    a, b = np.repeat(np.arange(len(radius)), [len(disks) for disks in near]), np.concatenate(near).astype(int)
+    a, b = (
+        np.repeat(np.arange(len(radius)), [len(disks) for disks in near]),
+        np.concatenate(near).astype(int),
+    )
     apart = position[a] - position[b]
     apart -= sides * np.rint(apart / sides)
-    sigma, spacing = radius[a] + radius[b], 2 * np.spacing(np.abs(position).max())  # round-off of the positions
+    sigma, spacing = (
+        radius[a] + radius[b],
+        2 * np.spacing(np.abs(position).max()),
+    )  # round-off of the positions
     gap = np.hypot(*apart.T) - sigma
     gap[(a == b) | (gap >= -(ROUND_OFF * sigma + spacing))] = 0.0
     k = int(np.argmin(gap))

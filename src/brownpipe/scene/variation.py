@@ -1,7 +1,8 @@
-"""Scenes of which some keys take several values: `vary` of a study, `brownpipe simulate --value`, `brownpipe.scan`.
+"""Scenes of which some keys take several values: `vary` of a study, `brownpipe simulate --value`,
+`brownpipe.scan`.
 
-A key is a path such as `disks.tracer.mass`, `disks.species.bath.count` (a species by its name) or `duration`;
-`packing_fraction` scales the box, with the place of the tracer in it.
+A key is a path such as `disks.tracer.mass`, `disks.species.bath.count` (a species by its name) or
+`duration`; `packing_fraction` scales the box, with the place of the tracer in it.
 """
 
 import math
@@ -15,12 +16,23 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from brownpipe.errors import RequestError
-from brownpipe.scene.reading import As, Number, Positive, Record, key, part_of, refuse, validated, with_values
+from brownpipe.scene.reading import (
+    As,
+    Number,
+    Positive,
+    Record,
+    key,
+    part_of,
+    refuse,
+    validated,
+    with_values,
+)
 from brownpipe.scene.scene import Scene, parse_scene
 
 PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
-DIGITS = 12  # of a value in names and coordinates: 0.3 is 0.3, although the box is calculated from it
+# of a value in names and coordinates: 0.3 is 0.3, although the box is calculated from it
+DIGITS = 12
 
 
 class Span(Record):
@@ -33,18 +45,26 @@ class Span(Record):
 
 
 def _spanned(span: Span, path: str) -> tuple[float, ...]:
-    """Return the values of a span to DIGITS digits, as the last bits of NumPy's powers differ between processors.
+    """Return the values of a span to DIGITS digits, as the last bits of NumPy's powers differ
+    between processors.
 
     Numbers of disks are whole.
     """
     if span.spacing == "log" and not span.first * span.last > 0:
         refuse("must be different from 0 and of one sign for spacing: log", path, "from")
-    values = (np.geomspace if span.spacing == "log" else np.linspace)(span.first, span.last, span.count)
-    return tuple(round(value) if path.endswith(".count") else float(f"{value:.{DIGITS}g}") for value in values)
+    values = (np.geomspace if span.spacing == "log" else np.linspace)(
+        span.first, span.last, span.count
+    )
+    return tuple(
+        round(value) if path.endswith(".count") else float(f"{value:.{DIGITS}g}")
+        for value in values
+    )
 
 
 def _all_spanned(vary: dict[str, Any]) -> dict[str, tuple[Any, ...]]:
-    return {path: _spanned(one, path) if isinstance(one, Span) else one for path, one in vary.items()}
+    return {
+        path: _spanned(one, path) if isinstance(one, Span) else one for path, one in vary.items()
+    }
 
 
 Values: Any = Span | Annotated[tuple[Any, ...], Field(min_length=1)]
@@ -52,25 +72,35 @@ Vary = Annotated[dict[str, Annotated[tuple[Any, ...], As(Values)]], AfterValidat
 
 
 def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
-    """Return the values by key of each variant: all combinations or, `together`, first values, second ones, ...
+    """Return the values by key of each variant: all combinations or, `together`, first values,
+    second ones, ...
 
-    Raises RequestError for the key `particles`, for values of equal names, and for lists of different lengths
-    where values belong together.
+    Raises RequestError for the key `particles`, for values of equal names, and for lists of
+    different lengths where values belong together.
     """
     if "particles" in vary:
-        raise RequestError("vary: particles must be varied by the key `particles` of a study, or by --particles")
+        raise RequestError(
+            "vary: particles must be varied by the key `particles` of a study, or by --particles"
+        )
     if any(len({*map(_word, values)}) < len(values) for values in vary.values()):
         raise RequestError("vary: must be values that differ")
     if together and len({len(values) for values in vary.values()}) > 1:
-        raise RequestError("vary: must be lists of the same length, as their values belong together")
+        raise RequestError(
+            "vary: must be lists of the same length, as their values belong together"
+        )
     rows = zip(*vary.values(), strict=True) if together and vary else product(*vary.values())
     return [dict(zip(vary, row, strict=True)) for row in rows]
 
 
 def scene_with(
-    mapping: Any, where: str, values: Mapping[str, Any], particles: int | None = None, name: str | None = None
+    mapping: Any,
+    where: str,
+    values: Mapping[str, Any],
+    particles: int | None = None,
+    name: str | None = None,
 ) -> Scene:
-    """Return the scene of a mapping, as `parse_scene` does, with these values by key, which are added to its name.
+    """Return the scene of a mapping, as `parse_scene` does, with these values by key, which are
+    added to its name.
 
     Raises RequestError for anything wrong.
     """
@@ -79,29 +109,42 @@ def scene_with(
     keys = dict(values) if particles is None else {**values, "particles": particles}
     phi = keys.pop(PACKING_FRACTION, None)
     # A number stands for a mapping.
-    if is_number(mapping.get("equilibrate")) and any(path.startswith("equilibrate.") for path in keys):
+    if is_number(mapping.get("equilibrate")) and any(
+        path.startswith("equilibrate.") for path in keys
+    ):
         keys = {"equilibrate": {"time": mapping["equilibrate"]}, **keys}
     mapping = with_values(mapping, keys, where)
     if PACKING_FRACTION in values:
         wanted = validated(Annotated[Positive, Field(le=1)], phi, where, PACKING_FRACTION)
         scene = validated(Scene, mapping, where, context="box to be scaled")
         if scene.listed or scene.packing_fraction == 0:
-            raise RequestError(f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none")
+            raise RequestError(
+                f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none"
+            )
         factor = math.sqrt(scene.packing_fraction / wanted)
-        lengths = {"box.x": scene.box.x, "box.y": scene.box.y, "disks.tracer.position": scene.species[0].position}
+        lengths = {
+            "box.x": scene.box.x,
+            "box.y": scene.box.y,
+            "disks.tracer.position": scene.species[0].position,
+        }
         scaled = {path: [factor * end for end in ends] for path, ends in lengths.items() if ends}
         mapping = with_values(mapping, scaled, where)
     return parse_scene(mapping, where, name=name)
 
 
 def short_name(path: str) -> str:
-    """Return the name of a varied key in datasets and folders: `tracer_mass` of `disks.tracer.mass`."""
+    """Return the name of a varied key in datasets and folders: `tracer_mass` of
+    `disks.tracer.mass`.
+    """
     return "_".join(word for word in path.split(".") if word not in GROUPS)
 
 
 def value_of(scene: Scene, path: str) -> Any:
     """Return the value of a varied key in a scene: a number, or a text."""
-    words = [*path.split("."), *(["time"] if path == "equilibrate" else [])]  # a number stands for {time: number}
+    words = [
+        *path.split("."),
+        *(["time"] if path == "equilibrate" else []),
+    ]  # a number stands for {time: number}
     found = part_of(scene.as_mapping() | {PACKING_FRACTION: scene.packing_fraction}, words)
     return type(found)(float(_word(found))) if is_number(found) else _word(found)
 
@@ -109,7 +152,11 @@ def value_of(scene: Scene, path: str) -> Any:
 def unit_of(path: str) -> str:
     """Return the unit of a varied key, which the meaning of the key has in brackets."""
     schema = Scene.model_json_schema()
-    keys = {name: key for part in (schema, *schema["$defs"].values()) for name, key in part["properties"].items()}
+    keys = {
+        name: key
+        for part in (schema, *schema["$defs"].values())
+        for name, key in part["properties"].items()
+    }
     meaning = keys.get(path.split(".")[-1], {}).get("description", "")
     return next(iter(re.findall(r"\[([\w/]+)\]", meaning)), "1")
 

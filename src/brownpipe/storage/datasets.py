@@ -1,8 +1,9 @@
-"""Datasets: the results of an analysis, one netCDF4 (HDF5) file per study, in memory as xarray.Dataset.
+"""Datasets: the results of an analysis, one netCDF4 (HDF5) file per study, in memory as
+xarray.Dataset.
 
-A dataset says in its attributes what it was made from. `made_from` (JSON) has an entry for each scene, number of disks
-and engine, with all that is needed to make its runs again. Nothing in it depends on batches, folders, machines or
-users.
+A dataset says in its attributes what it was made from. `made_from` (JSON) has an entry for each
+scene, number of disks and engine, with all that is needed to make its runs again. Nothing in it
+depends on batches, folders, machines or users.
 """
 
 import json
@@ -31,7 +32,9 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
     Raises StorageError if the file cannot be written.
     """
     large = [name for name, variable in dataset.variables.items() if variable.nbytes > SMALL]
-    encoding = {name: {"zlib": True, "shuffle": True} for name in large if dataset[name].dtype.kind in "iuf"}
+    encoding = {
+        name: {"zlib": True, "shuffle": True} for name in large if dataset[name].dtype.kind in "iuf"
+    }
     with writing(path, LookedUpOnce, track_order=True) as file:  # netCDF4 wants the order
         dataset.drop_encoding().to_netcdf(file, engine="h5netcdf", encoding=encoding)
 
@@ -39,7 +42,8 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
 def read_dataset(path: str | Path) -> "xarray.Dataset":
     """Return the dataset of a file, loaded into memory after its seal is verified.
 
-    Raises StorageError, which says how to make the file again; WrongFileError if it does not exist or is no dataset.
+    Raises StorageError, which says how to make the file again; WrongFileError if it does not exist
+    or is no dataset.
     """
     with reading(path, DATASET) as file:
         return _dataset_in(file)
@@ -52,9 +56,11 @@ def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
 
 
 class LookedUpOnce(h5py.File):
-    """An HDF5 file without groups: h5netcdf looks up each array some fifty times, half of the CPU time.
+    """An HDF5 file without groups: h5netcdf looks up each array some fifty times, half of the CPU
+    time.
 
-    While it is written it is its own root group, and so knows of arrays that h5netcdf deletes, to write others there.
+    While it is written it is its own root group, and so knows of arrays that h5netcdf deletes, to
+    write others there.
     """
 
     def __getitem__(self, name: str) -> h5py.Group | h5py.Dataset:
@@ -74,17 +80,22 @@ def _dataset_in(file: h5py.File) -> "xarray.Dataset":
     return xarray.load_dataset(LookedUpOnce(file.id), engine="h5netcdf").drop_encoding()
 
 
-# -- what a dataset was made from -----------------------------------------------------------------------------------
+# -- what a dataset was made from ------------------------------------------------------------------
 
 
-def origin_attributes(step: str, runs: Iterable[tuple[Trajectories, np.ndarray]], options: dict) -> dict[str, str]:
+def origin_attributes(
+    step: str, runs: Iterable[tuple[Trajectories, np.ndarray]], options: dict
+) -> dict[str, str]:
     """Return the attributes of a dataset that say how a step of the pipeline makes it again.
 
-    runs: of each scene, number of disks and engine the contents of one of its files, and all its seeds (S,).
+    runs: of each scene, number of disks and engine the contents of one of its files, and all its
+    seeds (S,).
     """
     records = [runs_record(contents, seeds) for contents, seeds in runs]
     told = {"options": options, "made_from": records}
-    return made_by(step) | {name: json.dumps(one, sort_keys=True, allow_nan=False) for name, one in told.items()}
+    return made_by(step) | {
+        name: json.dumps(one, sort_keys=True, allow_nan=False) for name, one in told.items()
+    }
 
 
 @cache
@@ -94,12 +105,20 @@ def made_by(step: str) -> dict[str, str]:
 
 
 def commit_of(package: Path) -> str:
-    """Return the commit of the checkout that a package lies in; empty if it is installed, or if git does not answer.
+    """Return the commit of the checkout that a package lies in; empty if it is installed, or if git
+    does not answer.
 
     That of a checkout with modified files ends with `, modified`.
     """
     folder = package.parents[1]
-    command = ["git", f"--git-dir={folder}/.git", f"--work-tree={folder}", "describe", "--always", "--abbrev=40"]
+    command = [
+        "git",
+        f"--git-dir={folder}/.git",
+        f"--work-tree={folder}",
+        "describe",
+        "--always",
+        "--abbrev=40",
+    ]
     command += ["--exclude=*", "--dirty=, modified"]
     with suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()

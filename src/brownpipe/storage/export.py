@@ -1,14 +1,16 @@
-"""`brownpipe export`: trajectories in formats that other programs read. One sample at a time is converted.
+"""`brownpipe export`: trajectories in formats that other programs read. One sample at a time is
+converted.
 
     gsd   one whole run, for HOOMD-blue, freud, MDAnalysis and OVITO, in single precision
     xyz   one whole run, extended XYZ for ASE, OVITO and VMD, every digit
     csv   a table of all whole runs or, if there are none, of the tracers of all runs, every digit
 
-Positions are those of the trajectory file, inside the box. In a periodic box all three formats have the images, too:
-unwrapped position = position + image * (width, height).
+Positions are those of the trajectory file, inside the box. In a periodic box all three formats have
+the images, too: unwrapped position = position + image * (width, height).
 
-What the run was made from is in `log/origin` of the first frame of a GSD (JSON, one byte a letter), and in the comment
-of the first frame of an XYZ. A CSV has nothing but its table, so that every program reads it.
+What the run was made from is in `log/origin` of the first frame of a GSD (JSON, one byte a letter),
+and in the comment of the first frame of an XYZ. A CSV has nothing but its table, so that every
+program reads it.
 """
 
 import json
@@ -24,21 +26,29 @@ from brownpipe.scene import Scene
 from brownpipe.storage.files import replacing
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, runs_record
 
-GSD_SCHEMA = (1, 4)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
-TITLES = {"position": ("x", "y"), "velocity": ("velocity_x", "velocity_y"), "image": ("image_x", "image_y")}  # in a CSV
+GSD_SCHEMA = (
+    1,
+    4,
+)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
+TITLES = {
+    "position": ("x", "y"),
+    "velocity": ("velocity_x", "velocity_y"),
+    "image": ("image_x", "image_y"),
+}  # in a CSV
 
 
 def export(
     trajectories: Trajectories, path: str, output: str, form: str, seed: int | None = None
 ) -> tuple[dict[int, Track], list[str]]:
-    """Write the run of a seed to the file `output` as `form`: gsd, xyz or csv; completely or not at all.
+    """Write the run of a seed to the file `output` as `form`: gsd, xyz or csv; completely or not at
+    all.
 
-    path: the file of the trajectories, for messages. seed: by default the smallest of the whole runs; for csv, all. A
-    table has the tracers of all runs if none is whole.
+    path: the file of the trajectories, for messages. seed: by default the smallest of the whole
+    runs; for csv, all. A table has the tracers of all runs if none is whole.
 
-    Returns the tracks in the file by their seeds, and what a reader of the file must know. Raises RequestError for a
-    file without such runs, numbers beyond single precision (GSD), or if the package gsd cannot be imported;
-    StorageError if the file cannot be written.
+    Returns the tracks in the file by their seeds, and what a reader of the file must know. Raises
+    RequestError for a file without such runs, numbers beyond single precision (GSD), or if the
+    package gsd cannot be imported; StorageError if the file cannot be written.
     """
     scene, ensemble, tracks = trajectories.scene, trajectories.ensemble, trajectories.ensemble.whole
     if form == "csv" and not tracks and ensemble.tracer is not None:
@@ -51,7 +61,10 @@ def export(
         FORMATS[form](part, scene, ensemble.times, tracks, record)
     remarks = [failures(ensemble)] if len(ensemble.failed_seeds) else []
     if form == "gsd" and not scene.box.periodic:
-        remarks.append("GSD has no walls, so programs take the box for periodic: switch that off, or enlarge the box")
+        remarks.append(
+            "GSD has no walls, so programs take the box for periodic: switch that off, or enlarge "
+            "the box"
+        )
     return tracks, remarks
 
 
@@ -68,34 +81,48 @@ def _rows(scene: Scene, *columns: np.ndarray) -> Iterator[list[str]]:
         yield [table.name[label], *(repr(number) for part in row for number in part)]
 
 
-# -- formats --------------------------------------------------------------------------------------------------------
+# -- formats ---------------------------------------------------------------------------------------
 
 
-def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], record: dict) -> None:
+def _gsd(
+    path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], record: dict
+) -> None:
     """Write one run as GSD, schema hoomd, by the package gsd.
 
-    The box is two-dimensional as HOOMD-blue defines it, Lz = 0, and centred at the origin: positions are shifted by
-    its centre. Types are the species; `configuration.step` is the index of the sample, `log/time` its time. Rounding to
-    single precision moves a disk by at most 3e-8 of the box in x and in y.
+    The box is two-dimensional as HOOMD-blue defines it, Lz = 0, and centred at the origin:
+    positions are shifted by its centre. Types are the species; `configuration.step` is the index of
+    the sample, `log/time` its time. Rounding to single precision moves a disk by at most 3e-8 of
+    the box in x and in y.
 
-    GSD cannot say that a box has walls. Between walls the box is the rectangle inside them, there are no images, and
-    `log/periodic` is 0 instead of 1. Programs take it for periodic: switch that off (OVITO), or enlarge the box by the
-    longest distance that matters, so that no pair is closer through a wall than inside (freud, MDAnalysis).
+    GSD cannot say that a box has walls. Between walls the box is the rectangle inside them, there
+    are no images, and `log/periodic` is 0 instead of 1. Programs take it for periodic: switch that
+    off (OVITO), or enlarge the box by the longest distance that matters, so that no pair is closer
+    through a wall than inside (freud, MDAnalysis).
     """
     try:
         import gsd.fl
         import gsd.hoomd
     except ImportError as error:
-        raise RequestError(f"--to gsd: needs the package gsd ({error}): pip install gsd; or xyz or csv") from error
+        raise RequestError(
+            f"--to gsd: needs the package gsd ({error}): pip install gsd; or xyz or csv"
+        ) from error
 
     ((position, velocity, image),), box, species = tracks.values(), scene.box, species_table(scene)
     assert velocity is not None  # whole runs have velocities
     edges = np.array([box.width, box.height])
     sizes, single = np.concatenate([edges, scene.radius, scene.mass]), np.finfo(np.float32)
-    if sizes.min() < single.tiny or max(2 * sizes.max(), velocity.max(), -velocity.min()) > single.max:
-        raise RequestError(f"--to gsd: holds numbers from {single.tiny:.1e} to {single.max:.1e} only; use xyz or csv")
+    if (
+        sizes.min() < single.tiny
+        or max(2 * sizes.max(), velocity.max(), -velocity.min()) > single.max
+    ):
+        raise RequestError(
+            f"--to gsd: holds numbers from {single.tiny:.1e} to {single.max:.1e} only; use xyz or "
+            "csv"
+        )
     path.touch()  # gsd would let others not read a file that it creates
-    file = gsd.fl.open(path, "w", application="brownpipe", schema="hoomd", schema_version=GSD_SCHEMA)
+    file = gsd.fl.open(
+        path, "w", application="brownpipe", schema="hoomd", schema_version=GSD_SCHEMA
+    )
     with gsd.hoomd.HOOMDTrajectory(file) as trajectory:
         for k, time in enumerate(times):
             frame = gsd.hoomd.Frame()
@@ -103,30 +130,43 @@ def _gsd(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
             frame.configuration.box = np.array([*edges, 0, 0, 0, 0], np.float32)
             frame.particles.N, frame.particles.types = scene.particles, list(species.name)
             frame.particles.typeid = species.label
-            frame.particles.diameter, frame.particles.mass = np.float32(2 * scene.radius), np.float32(scene.mass)
+            frame.particles.diameter, frame.particles.mass = (
+                np.float32(2 * scene.radius),
+                np.float32(scene.mass),
+            )
             frame.particles.position = _in_space(position[k] - box.origin - edges / 2, np.float32)
             frame.particles.velocity = _in_space(velocity[k], np.float32)
             if image is not None:
                 frame.particles.image = _in_space(image[k], np.int32)
             frame.log = {"time": np.array([time]), "periodic": np.array([box.periodic], np.uint8)}
             if k == 0:
-                frame.log["origin"] = np.frombuffer(json.dumps(record, sort_keys=True).encode(), np.uint8)
+                frame.log["origin"] = np.frombuffer(
+                    json.dumps(record, sort_keys=True).encode(), np.uint8
+                )
             trajectory.append(frame)
 
 
-def _xyz(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], record: dict) -> None:
+def _xyz(
+    path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], record: dict
+) -> None:
     """Write one run as extended XYZ, with z = 0 and the box from its `Origin` on.
 
-    The third edge of the box has length 1, because programs refuse boxes without a volume, and is not periodic. Masses
-    and velocities stand there twice: `mass` and `velo` for OVITO, `masses` and `momenta` for ASE, which otherwise takes
-    1 and 0. The species is a `type`, as ASE takes `species` for chemical elements.
+    The third edge of the box has length 1, because programs refuse boxes without a volume, and is
+    not periodic. Masses and velocities stand there twice: `mass` and `velo` for OVITO, `masses` and
+    `momenta` for ASE, which otherwise takes 1 and 0. The species is a `type`, as ASE takes
+    `species` for chemical elements.
     """
     ((position, velocity, image),), box, mass = tracks.values(), scene.box, scene.mass[:, None]
     assert velocity is not None  # whole runs have velocities
     head = f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1" Origin="{box.x[0]} {box.y[0]} -0.5"'
-    head += f' pbc="{"T T" if box.periodic else "F F"} F" Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1'
+    head += (
+        f' pbc="{"T T" if box.periodic else "F F"} F" '
+        "Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1"
+    )
     head += f":velo:R:3:momenta:R:3{':image:I:3' if box.periodic else ''}"
-    made = "".join(f" {key}={json.dumps(record[key])}" for key in ("command", "scene_digest", "source_digest"))
+    made = "".join(
+        f" {key}={json.dumps(record[key])}" for key in ("command", "scene_digest", "source_digest")
+    )
     with open(path, "w", encoding="ascii") as file:
         for k, time in enumerate(times.tolist()):
             moving = _in_space(velocity[k]), _in_space(mass * velocity[k])
@@ -140,11 +180,18 @@ def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
     """Write a table with a heading: a row for each seed, time and disk."""
     recorded = [name for name in TITLES if getattr(next(iter(tracks.values())), name) is not None]
     with open(path, "w", encoding="ascii") as file:
-        file.write(",".join(["seed,time,disk,species", *(title for name in recorded for title in TITLES[name])]) + "\n")
+        file.write(
+            ",".join(
+                ["seed,time,disk,species", *(title for name in recorded for title in TITLES[name])]
+            )
+            + "\n"
+        )
         for seed, track in tracks.items():
             for k, time in enumerate(times.tolist()):
                 rows = _rows(scene, *(getattr(track, name)[k] for name in recorded))
-                file.writelines(f"{seed},{time},{disk},{','.join(row)}\n" for disk, row in enumerate(rows))
+                file.writelines(
+                    f"{seed},{time},{disk},{','.join(row)}\n" for disk, row in enumerate(rows)
+                )
 
 
 FORMATS = {"gsd": _gsd, "xyz": _xyz, "csv": _csv}

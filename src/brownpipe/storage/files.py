@@ -1,9 +1,11 @@
-"""Files that are written completely or not at all, and their seal: the SHA-256 at the end, verified when one is read.
+"""Files that are written completely or not at all, and their seal: the SHA-256 at the end, verified
+when one is read.
 
-A checkpoint is such a file: the stored state of a batch of runs, kept beside the output file until that is complete.
+A checkpoint is such a file: the stored state of a batch of runs, kept beside the output file until
+that is complete.
 
-The seal is a last line of text, `# brownpipe-sha256:` and the digest of all bytes before it. Programs that read HDF5
-or YAML do not notice it.
+The seal is a last line of text, `# brownpipe-sha256:` and the digest of all bytes before it.
+Programs that read HDF5 or YAML do not notice it.
 """
 
 import hashlib
@@ -24,16 +26,28 @@ SEAL = b"# brownpipe-sha256:"
 TRAJECTORIES, CHECKPOINT, DATASET = "runs_digest", "checkpoint", "dataset"
 KINDS = {  # of HDF5 files, by the attribute that marks them; datasets have none
     TRAJECTORIES: "a trajectory file (of `brownpipe simulate`)",
-    CHECKPOINT: "the checkpoint of unfinished runs (repeat the command that wrote it, and they continue)",
+    CHECKPOINT: (
+        "the checkpoint of unfinished runs (repeat the command that wrote it, and they continue)"
+    ),
     DATASET: "a dataset (of `brownpipe aggregate`)",
 }
-MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, StorageError, TypeError, ValueError)
+MALFORMED = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RuntimeError,
+    StorageError,
+    TypeError,
+    ValueError,
+)
 
 
 def write_file(path: str | Path, contents: bytes) -> None:
-    """Write a file such that any reader sees the old file or the complete new one, never a part of it.
+    """Write a file such that any reader sees the old file or the complete new one, never a part of
+    it.
 
-    The bytes go to a temporary file beside it, the part, and are flushed to the disk; then it is renamed (`replacing`).
+    The bytes go to a temporary file beside it, the part, and are flushed to the disk; then it is
+    renamed (`replacing`).
 
     Raises StorageError if the disk is full or the folder cannot be written to; the part is removed.
     """
@@ -41,7 +55,9 @@ def write_file(path: str | Path, contents: bytes) -> None:
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:
-    """Write files that belong together, as `write_file`; none is replaced before all of them are written."""
+    """Write files that belong together, as `write_file`; none is replaced before all of them are
+    written.
+    """
     with ExitStack() as parts:
         for path, contents in files.items():
             parts.enter_context(replacing(path)).write_bytes(contents)
@@ -49,10 +65,11 @@ def write_files(files: Mapping[Path, bytes]) -> None:
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a part to write to, NAME.brownpipe.part, which then becomes the file at `path`; on an error it is removed.
+    """Yield a part to write to, NAME.brownpipe.part, which then becomes the file at `path`; on an
+    error it is removed.
 
-    The folder is created if missing. A part that a killed process has left is overwritten by the next writer of the
-    file. Raises StorageError as `write_file` does.
+    The folder is created if missing. A part that a killed process has left is overwritten by the
+    next writer of the file. Raises StorageError as `write_file` does.
     """
     path = Path(path)
     part = path.with_name(f"{path.name}.brownpipe.part")
@@ -65,7 +82,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
         wrong = f"not written: {error.strerror or error}; free some space, or choose another place"
         raise StorageError(f"{path}: {wrong}") from error
     finally:
-        with suppress(OSError):  # there may be no such folder, and some file systems cannot wait for one
+        with suppress(
+            OSError
+        ):  # there may be no such folder, and some file systems cannot wait for one
             part.unlink(missing_ok=True)
             sync(path.parent)
 
@@ -86,21 +105,33 @@ def write_sealed(path: str | Path, contents: bytes | memoryview) -> None:
 
 
 def seal_of(path: str | Path) -> str:
-    """Return the SHA-256 that the seal of a file states, without verifying it; nothing if it does not end with one."""
-    return np.memmap(path, mode="r")[-len(SEAL) - 65 :].tobytes().partition(SEAL)[2][:-1].decode("ascii", "replace")
+    """Return the SHA-256 that the seal of a file states, without verifying it; nothing if it does
+    not end with one.
+    """
+    return (
+        np.memmap(path, mode="r")[-len(SEAL) - 65 :]
+        .tobytes()
+        .partition(SEAL)[2][:-1]
+        .decode("ascii", "replace")
+    )
 
 
 def refuse_foreign(path: str | Path) -> None:
-    """Raise RequestError for a file that may not be replaced by a sealed one: it has contents, and no seal."""
+    """Raise RequestError for a file that may not be replaced by a sealed one: it has contents, and
+    no seal.
+    """
     if os.path.isfile(path) and os.path.getsize(path) and not seal_of(path):
-        raise RequestError(f"{path}: is no file of brownpipe, or damaged; choose another name for the output")
+        raise RequestError(
+            f"{path}: is no file of brownpipe, or damaged; choose another name for the output"
+        )
 
 
 def verified(path: str | Path) -> str | Path:
-    """Return the path of a file after its seal is verified, with some of its bytes at a time in memory.
+    """Return the path of a file after its seal is verified, with some of its bytes at a time in
+    memory.
 
-    Raises OSError if it cannot be read and, without the name of the file, StorageError if it is damaged, WrongFileError
-    if it has neither a seal nor the first bytes of HDF5.
+    Raises OSError if it cannot be read and, without the name of the file, StorageError if it is
+    damaged, WrongFileError if it has neither a seal nor the first bytes of HDF5.
     """
     with Path(path).open("rb") as file:
         start, end = file.read(len(HDF5)), os.fstat(file.fileno()).st_size - len(SEAL) - 65
@@ -110,7 +141,9 @@ def verified(path: str | Path) -> str | Path:
         seal = file.read()
     if seal != SEAL + f"{digest.hexdigest()}\n".encode():
         is_ours = seal.startswith(SEAL) or HDF5.startswith(start)
-        raise (StorageError if is_ours else WrongFileError)("is damaged, cut short or edited, or no file of brownpipe")
+        raise (StorageError if is_ours else WrongFileError)(
+            "is damaged, cut short or edited, or no file of brownpipe"
+        )
     return path
 
 
@@ -118,23 +151,32 @@ def verified(path: str | Path) -> str | Path:
 def naming(path: str | Path, verb: str) -> Iterator[None]:
     """Put the file's name before errors of reading it and, if it is damaged, append what to do.
 
-    verb: the verb of brownpipe that makes such files. An intact file that cannot be understood is of another version.
+    verb: the verb of brownpipe that makes such files. An intact file that cannot be understood is
+    of another version.
     """
     try:
         yield
     except (WrongFileError, OSError) as error:
-        raise WrongFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise WrongFileError(
+            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from error
     except MALFORMED as error:
-        again = f"if a version of brownpipe wrote it, delete it and run the study, or brownpipe {verb}, again"
+        again = (
+            "if a version of brownpipe wrote it, delete it and run the study, or brownpipe "
+            f"{verb}, again"
+        )
         raise StorageError(f"{path}: {error}; {again}") from error
 
 
-# -- HDF5 --------------------------------------------------------------------------------------------------------------
+# -- HDF5 ------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def writing(path: str | Path, kind: type[h5py.File] = h5py.File, **options: bool) -> Iterator[h5py.File]:
-    """Yield an HDF5 file in memory, which is then written with its seal; raises StorageError as `write_file` does.
+def writing(
+    path: str | Path, kind: type[h5py.File] = h5py.File, **options: bool
+) -> Iterator[h5py.File]:
+    """Yield an HDF5 file in memory, which is then written with its seal; raises StorageError as
+    `write_file` does.
 
     The same groups, datasets and attributes give the same bytes.
     """
@@ -147,18 +189,20 @@ def writing(path: str | Path, kind: type[h5py.File] = h5py.File, **options: bool
 def reading(path: str | Path, *kinds: str) -> Iterator[h5py.File]:
     """Yield a file of these KINDS, after its seal is verified.
 
-    Raises StorageError, which names the file and says how to make it again, if it is damaged or of another version;
-    WrongFileError if it does not exist or is of another kind.
+    Raises StorageError, which names the file and says how to make it again, if it is damaged or of
+    another version; WrongFileError if it does not exist or is of another kind.
     """
     verb = "aggregate" if Path(path).suffix == ".nc" else "simulate"
     with naming(path, verb), h5py.File(verified(path), locking=False) as file:
         kind = next((kind for kind in KINDS if kind in file.attrs), DATASET)
         if kind not in kinds:
-            raise WrongFileError(f"is {KINDS[kind]}, not {' or '.join(KINDS[one] for one in kinds)}")
+            raise WrongFileError(
+                f"is {KINDS[kind]}, not {' or '.join(KINDS[one] for one in kinds)}"
+            )
         yield file
 
 
-# -- checkpoints -------------------------------------------------------------------------------------------------------
+# -- checkpoints -----------------------------------------------------------------------------------
 
 
 def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarray]) -> None:
@@ -175,17 +219,23 @@ def write_checkpoint(path: str | Path, made_by: dict, arrays: dict[str, np.ndarr
 def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | None:
     """Return the named arrays of a checkpoint file; None if there is no file.
 
-    Raises StorageError if it is damaged, WrongFileError if it is none, RequestError, which names the first difference,
-    if its `made_by` differs.
+    Raises StorageError if it is damaged, WrongFileError if it is none, RequestError, which names
+    the first difference, if its `made_by` differs.
     """
     if not Path(path).exists():
         return None
     with reading(path, CHECKPOINT) as file:
-        stored, arrays = json.loads(file.attrs[CHECKPOINT]), {name: item[()] for name, item in file.items()}
+        stored, arrays = (
+            json.loads(file.attrs[CHECKPOINT]),
+            {name: item[()] for name, item in file.items()},
+        )
     for name, value in made_by.items():
         if stored.get(name) != value:
             cure = "repeat that command, delete this file to begin anew, or choose another --output"
-            raise RequestError(f"{path}: is of a run with {name} {stored.get(name)!s:.40}, not {value!s:.40}; {cure}")
+            raise RequestError(
+                f"{path}: is of a run with {name} {stored.get(name)!s:.40}, not {value!s:.40}; "
+                f"{cure}"
+            )
     return arrays
 
 

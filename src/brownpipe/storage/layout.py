@@ -1,4 +1,6 @@
-"""The groups, names, dimensions, units and meanings of runs, in files and in memory; `storage` has an overview."""
+"""The groups, names, dimensions, units and meanings of runs, in files and in memory; `storage` has
+an overview.
+"""
 
 import numpy as np
 
@@ -10,7 +12,9 @@ from brownpipe.scene import Scene
 
 AXES = {
     **observables.AXES,
-    "disk": Axis("1", "index of the disk; 0 is the tracer", lambda scene: np.arange(scene.particles)),
+    "disk": Axis(
+        "1", "index of the disk; 0 is the tracer", lambda scene: np.arange(scene.particles)
+    ),
     "component": Axis("1", "Cartesian component", lambda _: ["x", "y"]),
 }
 SAMPLED = ("time", "seed", "component")
@@ -19,8 +23,16 @@ VARIABLES: dict[str, tuple[str, ...]] = {
     "seed": ("1", "seed of the run"),
     "position": ("length", "position of the disk's centre", *SAMPLED),
     "velocity": ("length/time", "velocity", *SAMPLED),
-    "image": ("1", "periodic images crossed; unwrapped = position + image * (width, height) of the box", *SAMPLED),
-    "unwrapped": ("length", "position of the disk's centre, as if not brought back into a periodic box", *SAMPLED),
+    "image": (
+        "1",
+        "periodic images crossed; unwrapped = position + image * (width, height) of the box",
+        *SAMPLED,
+    ),
+    "unwrapped": (
+        "length",
+        "position of the disk's centre, as if not brought back into a periodic box",
+        *SAMPLED,
+    ),
     "box_size": ("length", "width and height of the box", "component"),
     "radius": ("length", "radius", "disk"),
     "mass": ("mass", "mass", "disk"),
@@ -35,16 +47,34 @@ VARIABLES: dict[str, tuple[str, ...]] = {
     "energy_drift": ("1", "relative change of the kinetic energy over the run"),
     "worst_overlap": ("1", "deepest overlap of two disks, in contact distances"),
     "momentum_residual": ("1", "relative residual of the momentum balance of disks and walls"),
-    "kinetic_energy": ("energy", "total kinetic energy at t = 0, conserved; NaN if not representable in these units"),
-    "virial": ("energy*time", "sum of abs(momentum transfer) * contact distance over the pair collisions of the run"),
-    "wall_impulse": ("mass*length/time", "sum of abs(momentum transfer) over the wall collisions of the run"),
-    "missed_collisions": ("1", "collisions missed because the pair met and separated within one time step"),
+    "kinetic_energy": (
+        "energy",
+        "total kinetic energy at t = 0, conserved; NaN if not representable in these units",
+    ),
+    "virial": (
+        "energy*time",
+        "sum of abs(momentum transfer) * contact distance over the pair collisions of the run",
+    ),
+    "wall_impulse": (
+        "mass*length/time",
+        "sum of abs(momentum transfer) over the wall collisions of the run",
+    ),
+    "missed_collisions": (
+        "1",
+        "collisions missed because the pair met and separated within one time step",
+    ),
     "friction_rate": ("1/time", "friction rate gamma of the tracer, dv/dt = -gamma v + noise"),
     "initial_square_speed": ("length^2/time^2", "squared speed of the tracer at t = 0"),
-    "failed": ("1", "1 if beyond a bound of the health check, not finite, or stopped: exclude from averages"),
+    "failed": (
+        "1",
+        "1 if beyond a bound of the health check, not finite, or stopped: exclude from averages",
+    ),
     "stopped": ("1", "why the run could not go on; empty for a run that came to its end"),
 }
-VARIABLES |= {name: (array.units, array.long_name, "seed", *array.dims) for name, array in observables.ARRAYS.items()}
+VARIABLES |= {
+    name: (array.units, array.long_name, "seed", *array.dims)
+    for name, array in observables.ARRAYS.items()
+}
 VARIABLES |= {dim: (axis.units, axis.long_name, dim) for dim, axis in AXES.items()}
 SCALES = {"seed", *AXES}  # coordinates: each along the dimension of its name
 LOG = ("event_time", "a", "b", "impulse")  # the fields of Events
@@ -64,19 +94,31 @@ def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
 
 
 def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
-    """Return the units and the meaning of a variable, and if it is the user's own the function that measured it."""
+    """Return the units and the meaning of a variable, and if it is the user's own the function that
+    measured it.
+    """
     if name in own:
         return {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
     return dict(zip(("units", "long_name"), VARIABLES[name][:2], strict=True))
 
 
 def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
-    """Return runs as the variables of each group; tracks of several whole runs, and collisions, are copied."""
+    """Return runs as the variables of each group; tracks of several whole runs, and collisions, are
+    copied.
+    """
     dims = {dim for name in ensemble.observables for dim in dims_of("/", name, ensemble.own)}
-    root = {dim: np.asarray(AXES[dim].coordinates(scene)) for dim in AXES if dim in {*dims, "component"}}
-    root |= {"time": ensemble.times, "seed": ensemble.seeds} | _recorded(ensemble.tracer) | ensemble.observables
+    root = {
+        dim: np.asarray(AXES[dim].coordinates(scene)) for dim in AXES if dim in {*dims, "component"}
+    }
+    root |= (
+        {"time": ensemble.times, "seed": ensemble.seeds}
+        | _recorded(ensemble.tracer)
+        | ensemble.observables
+    )
     if ensemble.stopped:
-        root["stopped"] = np.array([ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()])
+        root["stopped"] = np.array(
+            [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
+        )
     groups = {"/": root}
     if ensemble.whole:
         sizes = {"disk": np.arange(scene.particles), "radius": scene.radius, "mass": scene.mass}
@@ -84,21 +126,32 @@ def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     if ensemble.events:
         logs = zip(*ensemble.events.values(), strict=True)
         seeds = np.repeat([*ensemble.events], [len(log.time) for log in ensemble.events.values()])
-        groups["/events"] = {"event_seed": seeds, **dict(zip(LOG, map(np.concatenate, logs), strict=True))}
+        groups["/events"] = {
+            "event_seed": seeds,
+            **dict(zip(LOG, map(np.concatenate, logs), strict=True)),
+        }
     return groups
 
 
 def _recorded(track: Track | None) -> dict[str, np.ndarray]:
     """Return position, velocity and image, as far as they are recorded."""
-    return {} if track is None else {name: values for name, values in track._asdict().items() if values is not None}
+    return (
+        {}
+        if track is None
+        else {name: values for name, values in track._asdict().items() if values is not None}
+    )
 
 
 def _side_by_side(ensemble: Ensemble) -> Track:
-    """Return the tracks of all disks of all runs (T, S, N, 2); without values for runs that could not go on."""
+    """Return the tracks of all disks of all runs (T, S, N, 2); without values for runs that could
+    not go on.
+    """
     seeds, first = ensemble.seeds.tolist(), next(iter(ensemble.whole.values()))
     if len(seeds) == 1:  # not copied
         return Track(*(None if values is None else values[:, None] for values in first))
-    absent = Track(*(None if values is None else blank(values.shape, values.dtype) for values in first))
+    absent = Track(
+        *(None if values is None else blank(values.shape, values.dtype) for values in first)
+    )
     tracks = zip(*(ensemble.whole.get(seed, absent) for seed in seeds), strict=True)
     return Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
 
@@ -107,18 +160,36 @@ def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
     """Return the runs of such variables."""
     root = groups["/"]
     seeds = root["seed"].tolist()
-    stopped = {seed: str(reason) for seed, reason in zip(seeds, root.get("stopped", ()), strict=False) if reason}
+    stopped = {
+        seed: str(reason)
+        for seed, reason in zip(seeds, root.get("stopped", ()), strict=False)
+        if reason
+    }
     disks = Track(*map(groups["/disks"].get, Track._fields)) if "/disks" in groups else None
     tracer = Track(*map(root.get, Track._fields)) if "position" in root else None
     observables = {name: values for name, values in root.items() if name not in PLACES["/"]}
-    whole = {seed: disks.of(column) for column, seed in enumerate(seeds) if seed not in stopped} if disks else {}
-    events = _events(groups["/events"], [seed for seed in seeds if seed not in stopped]) if "/events" in groups else {}
-    return Ensemble(root["seed"], root["time"], tracer, observables, whole, events, stopped, dict(own), average)
+    whole = (
+        {seed: disks.of(column) for column, seed in enumerate(seeds) if seed not in stopped}
+        if disks
+        else {}
+    )
+    events = (
+        _events(groups["/events"], [seed for seed in seeds if seed not in stopped])
+        if "/events" in groups
+        else {}
+    )
+    return Ensemble(
+        root["seed"], root["time"], tracer, observables, whole, events, stopped, dict(own), average
+    )
 
 
 def _events(variables: dict[str, np.ndarray], seeds: list[int]) -> dict[int, Events]:
     """Return the collisions of each run, in the order in which they are listed."""
     order = np.argsort(variables["event_seed"], kind="stable")
-    ends = (np.searchsorted(variables["event_seed"][order], seeds, side) for side in ("left", "right"))
+    ends = (
+        np.searchsorted(variables["event_seed"][order], seeds, side) for side in ("left", "right")
+    )
     rows = {seed: order[first:end] for seed, first, end in zip(seeds, *ends, strict=True)}
-    return {seed: Events(*(variables[name][of_run] for name in LOG)) for seed, of_run in rows.items()}
+    return {
+        seed: Events(*(variables[name][of_run] for name in LOG)) for seed, of_run in rows.items()
+    }

@@ -2,9 +2,10 @@
 
     results/runs/harrison2020/N150/exact-1a2b3c4d/0-2399.h5
 
-The last digits are those of a SHA-256 over the scene, the engine with its settings, what is recorded and measured, and
-the source of brownpipe that runs it. A file holds the seeds of its name. So studies share equal runs, and never find
-other runs in their place, whatever was edited, copied or lost. Jobs of studies write them; Python reads them, too.
+The last digits are those of a SHA-256 over the scene, the engine with its settings, what is
+recorded and measured, and the source of brownpipe that runs it. A file holds the seeds of its name.
+So studies share equal runs, and never find other runs in their place, whatever was edited, copied
+or lost. Jobs of studies write them; Python reads them, too.
 """
 
 import re
@@ -35,10 +36,16 @@ class StoredFile(NamedTuple):
     seeds: Sequence[int]  # the wanted ones, also those in other files
 
 
-def runs_digest(scene: Scene, engine: Engine, record: Set[str], observables: Iterable[str], average: str) -> str:
-    """Return the digest of all that determines runs besides their seeds, and of the scene's name, which they carry."""
+def runs_digest(
+    scene: Scene, engine: Engine, record: Set[str], observables: Iterable[str], average: str
+) -> str:
+    """Return the digest of all that determines runs besides their seeds, and of the scene's name,
+    which they carry.
+    """
     source, names = source_digest("simulate", engine.name), sorted(map(identity, observables))
-    return digest_of(scene.name, scene.digest, engine.options, sorted(record), names, average, source)
+    return digest_of(
+        scene.name, scene.digest, engine.options, sorted(record), names, average, source
+    )
 
 
 def folder_of_runs(scene: Scene, engine: Engine, digest: str) -> Path:
@@ -54,12 +61,15 @@ def read_stored(path: Path, outline: bool = False) -> Trajectories:
     runs, (first, last) = read_trajectories(path, outline), map(int, path.stem.split("-"))
     is_of_folder = path.parent.name.endswith(f"-{runs.header['runs_digest'][:DIGITS]}")
     if not is_of_folder or not np.array_equal(runs.ensemble.seeds, range(first, last + 1)):
-        raise StorageError(f"{path}: holds other runs than its name says; delete it and run the study again")
+        raise StorageError(
+            f"{path}: holds other runs than its name says; delete it and run the study again"
+        )
     return runs
 
 
 def stored_runs(scene: Scene, engine: Engine, digest: str, seeds: np.ndarray) -> list[Ensemble]:
-    """Return the files of the store in the current folder that hold some of these runs; `seeds` (S,) ascend.
+    """Return the files of the store in the current folder that hold some of these runs; `seeds`
+    (S,) ascend.
 
     Raises StorageError as `read_stored`.
     """
@@ -69,9 +79,14 @@ def stored_runs(scene: Scene, engine: Engine, digest: str, seeds: np.ndarray) ->
 
 
 def stored_batches(folder: str | Path, seeds: np.ndarray) -> list[tuple[int, int]]:
-    """Return first and last seed of the files in a folder that hold some of `seeds` (ascending), no seed twice."""
+    """Return first and last seed of the files in a folder that hold some of `seeds` (ascending), no
+    seed twice.
+    """
     found = [FILE.fullmatch(path.name) for path in Path(folder).glob("*.h5")]
-    batches = sorted(((int(match[1]), int(match[2])) for match in found if match), key=lambda pair: (pair[0], -pair[1]))
+    batches = sorted(
+        ((int(match[1]), int(match[2])) for match in found if match),
+        key=lambda pair: (pair[0], -pair[1]),
+    )
     chosen: list[tuple[int, int]] = []
     for first, last in batches:
         is_wanted = np.searchsorted(seeds, last, "right") > np.searchsorted(seeds, first)

@@ -1,4 +1,5 @@
-"""Studies: many runs of many scenes, their workload, and the number of runs and the engine that a tolerance needs.
+"""Studies: many runs of many scenes, their workload, and the number of runs and the engine that a
+tolerance needs.
 
 `check` describes a study; `plan` turns a tolerance into a number of runs, and chooses an engine.
 """

@@ -1,4 +1,5 @@
-"""`brownpipe check`: what a scene or study will simulate, and its expected cost, before anything is run.
+"""`brownpipe check`: what a scene or study will simulate, and its expected cost, before anything is
+run.
 
 Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simulated or timed here.
 """
@@ -16,9 +17,13 @@ from brownpipe.text import in_bytes, in_lines, in_time
 
 
 def describe_scene_or_study(path: str, particles: int | None = None) -> str:
-    """Return a description of the scene or study in a file. Raises RequestError for any mistake in it."""
+    """Return a description of the scene or study in a file. Raises RequestError for any mistake in
+    it.
+    """
     mapping = read_yaml(path)
-    if "box" not in mapping and mapping.keys() & (Study.model_fields.keys() - Scene.model_fields.keys()):
+    if "box" not in mapping and mapping.keys() & (
+        Study.model_fields.keys() - Scene.model_fields.keys()
+    ):
         replaced = {} if particles is None else {"particles": particles}
         return in_lines([f"{path}: a valid study", *_study(read_study(path, replaced))])
     return in_lines([f"{path}: a valid scene", *_scene(parse_scene(mapping, path, particles))])
@@ -28,16 +33,24 @@ def _scene(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
     cost, start = forecast.of_run(scene), diffusive_from(scene)
     theory = "Enskog" if scene.packing_fraction <= friction.DENSEST else "free volume of a crystal"
-    species = [f"{s.count} {s.name} (radius {s.radius:g}, mass {s.mass:g})" for s in scene.species if s.count]
+    species = [
+        f"{s.count} {s.name} (radius {s.radius:g}, mass {s.mass:g})"
+        for s in scene.species
+        if s.count
+    ]
     said = {
         "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
-        "disks": f"{scene.particles}: {', '.join(species) or 'listed'}; packing fraction {scene.packing_fraction:.4g}",
+        "disks": f"{scene.particles}: {', '.join(species) or 'listed'}; packing fraction "
+        f"{scene.packing_fraction:.4g}",
         "start": _start(scene),
         "settle": forecast.settling_in_words(scene),
         "momentum": _momentum(scene),
         "run": f"from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
-        "diffusion": f"from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)" if start > 0 else None,
-        "collisions": f"{cost.pair_collisions:,.0f} between disks, {cost.wall_collisions:,.0f} with walls per run"
+        "diffusion": f"from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"
+        if start > 0
+        else None,
+        "collisions": f"{cost.pair_collisions:,.0f} between disks, "
+        f"{cost.wall_collisions:,.0f} with walls per run"
         f"{' and its equilibration' if scene.equilibrate.time else ''} ({theory}, in equilibrium)",
         "cost": f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.recorded)} of file per run"
         f" of the exact engine; {in_bytes(forecast.memory(cost, 1))} of memory",
@@ -56,23 +69,36 @@ def _start(scene: Scene) -> str:
     if not scene.equilibrate.time:
         return placed
     unsettled = "" if claims_equilibrium(scene) else ", which is not equilibrium"
-    return f"{placed}; equilibrated for {scene.equilibrate.time:g}, tracer {scene.equilibrate.tracer}{unsettled}"
+    return (
+        f"{placed}; equilibrated for {scene.equilibrate.time:g}, tracer "
+        f"{scene.equilibrate.tracer}{unsettled}"
+    )
 
 
 def _momentum(scene: Scene) -> str | None:
-    """Return what the total momentum of disks in a periodic box does to the tracer's D; None where there is nothing."""
+    """Return what the total momentum of disks in a periodic box does to the tracer's D; None where
+    there is nothing.
+    """
     if not scene.box.periodic or scene.listed or scene.particles < 2:
         return None
     if scene.velocities.zero_momentum:
-        return f"zero in total: D is (1 - m/M)^2 = {friction.bath_share(scene) ** 2:.3g} times that without recoil"
+        return (
+            f"zero in total: D is (1 - m/M)^2 = {friction.bath_share(scene) ** 2:.3g} times that "
+            "without recoil"
+        )
     growth = friction.drift_diffusion(scene)
     mass, temperature = friction.followed(scene).mass, friction.bath_of(scene).temperature
     expected = temperature / mass * diffusive_from(scene) / DECAY_TIMES
-    return f"not zero: the centre of mass drifts, which adds {growth:.2g} to a D of {expected:.2g} by the end of a run"
+    return (
+        f"not zero: the centre of mass drifts, which adds {growth:.2g} to a D of {expected:.2g} "
+        "by the end of a run"
+    )
 
 
 def _study(study: Study) -> list[str]:
-    """Return the lines of the report on a study: a table of its runs, its engines and the whole workload."""
+    """Return the lines of the report on a study: a table of its runs, its engines and the whole
+    workload.
+    """
     sets = run_sets(study)
     columns = {
         "scene": [runs.case.name for runs in sets],
@@ -80,22 +106,32 @@ def _study(study: Study) -> list[str]:
         "phi": [f"{runs.case.packing_fraction:.4f}" for runs in sets],
         "engine": [runs.engine.label for runs in sets],
         "runs": [f"{len(runs.seeds):,}" for runs in sets],
-        "collisions": [f"{runs.cost.pair_collisions + runs.cost.wall_collisions:,.0f}" for runs in sets],
+        "collisions": [
+            f"{runs.cost.pair_collisions + runs.cost.wall_collisions:,.0f}" for runs in sets
+        ],
         "CPU": [in_time(runs.cost.seconds) for runs in sets],
     }
     lines = aligned([(heading, *cells) for heading, cells in columns.items()])
     for engine in study.engines:
         cases = [runs.case for runs in sets if runs.engine == engine]
         lines.append(f"engine    {engine.label}: {engine.model(cases)}")
-    cautions: list[str | None] = [line for runs in sets for line in runs.engine.cautions(runs.case, study.observables)]
+    cautions: list[str | None] = [
+        line for runs in sets for line in runs.engine.cautions(runs.case, study.observables)
+    ]
     cautions += [forecast.settling_caution(case) for case in study.cases]
     starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
     cautions += [friction.window_caution(window, starts) for window in study.fit_windows or ()]
     lines += _cautions(cautions)
     if study.tolerance is not None:
         goal = f"{study.target} to {100 * study.tolerance:g} %"
-        lines.append(f"seeds     as many as {goal} needs, by pilot runs; here assumed {len(study.seeds):,}")
-    return [*lines, f"total     {describe_workload(study)}", f"figures   {', '.join(study.figures)}"]
+        lines.append(
+            f"seeds     as many as {goal} needs, by pilot runs; here assumed {len(study.seeds):,}"
+        )
+    return [
+        *lines,
+        f"total     {describe_workload(study)}",
+        f"figures   {', '.join(study.figures)}",
+    ]
 
 
 def _cautions(cautions: list[str | None]) -> list[str]:

@@ -1,8 +1,10 @@
-"""The runs that a study asks for: where they are stored, which are there, the jobs that make the others, their cost.
+"""The runs that a study asks for: where they are stored, which are there, the jobs that make the
+others, their cost.
 
-What a step is made from stands as a digest in the name of a file beside its results: a step whose file is missing is
-due, whatever times of modification say. The forecast of costs is good to a factor of 2. Snakemake passes requests on to
-the queue of a cluster, which ends jobs that exceed them; on one machine they have no effect.
+What a step is made from stands as a digest in the name of a file beside its results: a step whose
+file is missing is due, whatever times of modification say. The forecast of costs is good to a
+factor of 2. Snakemake passes requests on to the queue of a cluster, which ends jobs that exceed
+them; on one machine they have no effect.
 """
 
 import json
@@ -20,18 +22,28 @@ from brownpipe.provenance import digest_of, source_digest
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import ranges, seed_text
 from brownpipe.scene.variation import short_name
-from brownpipe.storage.store import DIGITS, StoredFile, folder_of_runs, runs_digest, stored_batches, without
+from brownpipe.storage.store import (
+    DIGITS,
+    StoredFile,
+    folder_of_runs,
+    runs_digest,
+    stored_batches,
+    without,
+)
 from brownpipe.study.study import REFERENCE, Study
 from brownpipe.text import counted, in_bytes, in_time, shell_path
 
 SECONDS = 30.0  # CPU time of a job of `batch: auto`: starting one takes 2 % of it
 OFTEN = 20.0  # plus this many times the CPU time of what a job computes only once
 LARGEST = 3e8  # bytes of memory of such a job
-EQUAL_JOBS = 256  # of a case; then their length doubles whenever the number of runs before has doubled
+# of a case; then their length doubles whenever the number of runs before has doubled
+EQUAL_JOBS = 256
 
 MARGIN = 2.0  # requested over forecast memory and time
-AROUND = 300e6  # further bytes, for the two processes of Snakemake that wait on the node for the job
-DELAY = 300.0  # further seconds: to compile kernels, to start an analysis, to wait for a network file system
+# further bytes, for the two processes of Snakemake that wait on the node for the job
+AROUND = 300e6
+# further seconds: to compile kernels, to start an analysis, to wait for a network file system
+DELAY = 300.0
 ANALYSIS = 300e6  # bytes of a process that analyses or draws, besides data
 REPLICATES = 10_000  # memory of the bootstrap's sums, in units of one run's data
 COPIES = 5  # in memory, of a file while it is read
@@ -61,11 +73,15 @@ class RunSet(NamedTuple):
         return [last - first + 1 for first, last in batches(self.seeds, self.cost, self.batch)]
 
 
-def batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int | None = None) -> list[tuple[int, int]]:
-    """Return first and last seed of each batch of ascending seeds; `length` None: batches of SECONDS or more.
+def batches(
+    seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int | None = None
+) -> list[tuple[int, int]]:
+    """Return first and last seed of each batch of ascending seeds; `length` None: batches of
+    SECONDS or more.
 
-    Neither the number of cores nor that of seeds enters: a study has the same jobs on every machine, and complete
-    batches stay valid when seeds are added. Every range of consecutive seeds is cut from its first seed on.
+    Neither the number of cores nor that of seeds enters: a study has the same jobs on every
+    machine, and complete batches stay valid when seeds are added. Every range of consecutive seeds
+    is cut from its first seed on.
     """
     most = length or max(1, forecast.most_runs(cost, LARGEST))
     size = length or min(most, _power_of_two((SECONDS + OFTEN * cost.once) / cost.seconds))
@@ -73,7 +89,9 @@ def batches(seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int 
     for first, last in ranges(seeds):
         start = first
         while start <= last:
-            following = start + min(most, size * _power_of_two((start - first) / (EQUAL_JOBS * size)))
+            following = start + min(
+                most, size * _power_of_two((start - first) / (EQUAL_JOBS * size))
+            )
             found.append((start, min(following - 1, last)))
             start = following
     return found
@@ -90,33 +108,45 @@ def run_sets(study: Study) -> list[RunSet]:
 
 
 def run_set(study: Study, case: Scene, engine: Engine, seeds: Sequence[int]) -> RunSet:
-    """Return the runs of these seeds of one engine in one case, recorded and measured as the study says."""
-    cost, digest = engine.forecast(case, *study.recording), runs_digest(case, engine, *study.recording)
+    """Return the runs of these seeds of one engine in one case, recorded and measured as the study
+    says.
+    """
+    cost, digest = (
+        engine.forecast(case, *study.recording),
+        runs_digest(case, engine, *study.recording),
+    )
     batch = None if study.batch == "auto" else study.batch
     return RunSet(engine, case, seeds, batch, cost, digest, folder_of_runs(case, engine, digest))
 
 
 def files_of(study: Study) -> list[StoredFile]:
-    """Return the files with the runs of a study, relative to the working directory: those that are there, and those to
-    be made of the seeds that are not."""
+    """Return the files with the runs of a study, relative to the working directory: those that are
+    there, and those to be made of the seeds that are not."""
     files = []
     for runs in run_sets(study):
         seeds = np.asarray(runs.seeds, np.int64)
         stored = stored_batches(runs.folder, seeds)
-        for first, last in sorted([*stored, *batches(without(seeds, stored), runs.cost, runs.batch)]):
+        for first, last in sorted(
+            [*stored, *batches(without(seeds, stored), runs.cost, runs.batch)]
+        ):
             files.append(StoredFile(runs.folder / f"{first}-{last}.h5", runs.seeds))
     return files
 
 
 def commands(study: Study) -> dict[str, str]:
-    """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of its folder."""
+    """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of
+    its folder.
+    """
     scenes = {name: shell_path(os.path.relpath(path)) for name, (path, _) in study.varied.items()}
     for name, (_, values) in study.varied.items():
-        scenes[name] += "".join(f" --value {shlex.quote(f'{key}={json.dumps(one)}')}" for key, one in values.items())
+        scenes[name] += "".join(
+            f" --value {shlex.quote(f'{key}={json.dumps(one)}')}" for key, one in values.items()
+        )
     names = shell_path(",".join(study.observables))
     measured = f" --observables {names} --average {study.average}" if study.observables else ""
     return {
-        runs.key: f"{scenes[runs.case.name]} --particles {runs.case.particles} --engine {runs.engine.options}"
+        runs.key: f"{scenes[runs.case.name]} --particles {runs.case.particles} --engine "
+        f"{runs.engine.options}"
         f" --record {study.record}{measured} --planned {runs.digest}"
         for runs in run_sets(study)
     }
@@ -132,7 +162,9 @@ def figure_options(study: Study) -> list[str]:
     options = {
         "--figures": ",".join(study.figures if "figures" in study.model_fields_set else ()),
         "--particles": study.shown_particles,
-        "--panel": ",".join(short_name(name) if name in study.vary else name for name in study.panel),
+        "--panel": ",".join(
+            short_name(name) if name in study.vary else name for name in study.panel
+        ),
         "--title": study.title,
         "--note": study.note,
     }
@@ -140,23 +172,36 @@ def figure_options(study: Study) -> list[str]:
 
 
 def digests(study: Study) -> dict[str, str]:
-    """Return the first digits of a SHA-256 over all that each step of the workflow after `simulate` is made from."""
+    """Return the first digits of a SHA-256 over all that each step of the workflow after `simulate`
+    is made from.
+    """
     unknown = {"seeds": ()} if study.tolerance else {}
-    runs = [*listed_runs(study.model_copy(update=unknown)), study.tolerance, study.target, study.fit_windows[0]]
-    keys = study.model_dump(include={"fit_windows", "displacement_times", "rings", "vary", "vary_together"})
+    runs = [
+        *listed_runs(study.model_copy(update=unknown)),
+        study.tolerance,
+        study.target,
+        study.fit_windows[0],
+    ]
+    keys = study.model_dump(
+        include={"fit_windows", "displacement_times", "rings", "vary", "vary_together"}
+    )
     # The dataset says if windows were asked for.
-    aggregate = digest_of(runs, (keys, "fit_windows" in study.model_fields_set), source_digest("aggregate"))
+    aggregate = digest_of(
+        runs, (keys, "fit_windows" in study.model_fields_set), source_digest("aggregate")
+    )
     tradeoff = digest_of(runs, study.instead_of, source_digest("tradeoff"))
     return {
         "plan": digest_of(runs, source_digest("tradeoff")),
         "aggregate": aggregate,
-        "figures": digest_of(aggregate, study.figures, figure_options(study), source_digest("figures")),
+        "figures": digest_of(
+            aggregate, study.figures, figure_options(study), source_digest("figures")
+        ),
         "tradeoff": tradeoff,
         "tradeoff_figures": digest_of(tradeoff, source_digest("figures")),
     }
 
 
-# -- cost -----------------------------------------------------------------------------------------------------------
+# -- cost ------------------------------------------------------------------------------------------
 
 
 def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
@@ -175,26 +220,39 @@ def describe_workload(study: Study) -> str:
 
 
 def requests(study: Study) -> dict[str, dict[str, object]]:
-    """Return the `resources` of each rule: functions of wildcards and attempt, each twice as large."""
+    """Return the `resources` of each rule: functions of wildcards and attempt, each twice as
+    large.
+    """
     sets = run_sets(study)
     costs = {runs.key: runs.cost for runs in sets}
-    memory = ANALYSIS + max((REPLICATES + COPIES * max(runs.jobs)) * runs.cost.kept for runs in sets)
+    memory = ANALYSIS + max(
+        (REPLICATES + COPIES * max(runs.jobs)) * runs.cost.kept for runs in sets
+    )
     exact = [REFERENCE.forecast(case, *study.recording) for case in study.cases]
     trials = ANALYSIS_TIME + sum(RUNS_TRIED * cost.seconds for cost in (*costs.values(), *exact))
 
     def of_simulate(wildcards: Mapping[str, str]) -> tuple[float, float]:
-        cost, runs = costs[wildcards["digest"]], int(wildcards["last"]) - int(wildcards["first"]) + 1
+        cost, runs = (
+            costs[wildcards["digest"]],
+            int(wildcards["last"]) - int(wildcards["first"]) + 1,
+        )
         return forecast.memory(cost, runs), seconds_of_jobs(cost, runs)
 
-    analysis = dict.fromkeys(("aggregate", "figures", "tradeoff_drawings"), _asked(lambda _: (memory, ANALYSIS_TIME)))
+    analysis = dict.fromkeys(
+        ("aggregate", "figures", "tradeoff_drawings"), _asked(lambda _: (memory, ANALYSIS_TIME))
+    )
     tried = dict.fromkeys(("plan", "tradeoff"), _asked(lambda _: (memory, trials)))
     return {"simulate": _asked(of_simulate), **analysis, **tried}
 
 
 def _asked(need: Callable[[Mapping[str, str]], tuple[float, float]]) -> dict[str, object]:
-    """Return the resources of a rule, memory [MB] and wall time [min]; `need`: bytes and CPU seconds of a job."""
+    """Return the resources of a rule, memory [MB] and wall time [min]; `need`: bytes and CPU
+    seconds of a job.
+    """
 
     def request(part: int, more: float, unit: float) -> Callable[..., int]:
-        return lambda wildcards, attempt: 2 ** (attempt - 1) * math.ceil((MARGIN * need(wildcards)[part] + more) / unit)
+        return lambda wildcards, attempt: (
+            2 ** (attempt - 1) * math.ceil((MARGIN * need(wildcards)[part] + more) / unit)
+        )
 
     return {"mem_mb": request(0, AROUND, 1e6), "runtime": request(1, DELAY, 60), "cpus_per_task": 1}

@@ -1,4 +1,5 @@
-"""The study: scenes x particle counts x engines x seeds, and how their results are analysed and shown.
+"""The study: scenes x particle counts x engines x seeds, and how their results are analysed and
+shown.
 
 Its fields are the keys of study files, with their bounds.
 """
@@ -11,7 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, StrictBool, ValidationInfo, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    StrictBool,
+    ValidationInfo,
+    create_model,
+    model_validator,
+)
 
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
@@ -19,17 +28,37 @@ from brownpipe.engines.exact import EXACT
 from brownpipe.engines.friction import are_inside, default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
-from brownpipe.figures.catalogue import COLLISIONS, ENDS, FIGURES, FOLLOWED, OWN, SCAN, SPREADING, WALLS
+from brownpipe.figures.catalogue import (
+    COLLISIONS,
+    ENDS,
+    FIGURES,
+    FOLLOWED,
+    OWN,
+    SCAN,
+    SPREADING,
+    WALLS,
+)
 from brownpipe.observables.own import beside, is_own
 from brownpipe.provenance import digest_of
 from brownpipe.scene import Scene, reading
-from brownpipe.scene.reading import As, AtLeastOne, Count, Name, NotNegative, Positive, Record, key, refuse
+from brownpipe.scene.reading import (
+    As,
+    AtLeastOne,
+    Count,
+    Name,
+    NotNegative,
+    Positive,
+    Record,
+    key,
+    refuse,
+)
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.variation import Vary, combinations, is_number, scene_with
 from brownpipe.text import shell_path
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
-MOST_JOBS = 10_000  # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
+# Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
+MOST_JOBS = 10_000
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
 
@@ -43,7 +72,9 @@ def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: st
 def one_or_more(kind: Any, least: int = 1) -> Any:
     """Return the type of a list of values that differ; a single value stands for a list of one."""
     schema = kind | Annotated[list[kind], Field(min_length=least)]
-    listed = BeforeValidator(lambda one: one if isinstance(one, list | tuple) else [one], json_schema_input_type=schema)
+    listed = BeforeValidator(
+        lambda one: one if isinstance(one, list | tuple) else [one], json_schema_input_type=schema
+    )
     return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_differing), listed]
 
 
@@ -53,11 +84,17 @@ def _differing(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def _share(value: Any) -> Any:
     """Return the number that a text like "2%" stands for; other values as they are."""
-    return float(value[:-1]) / 100 if isinstance(value, str) and PERCENTAGE.fullmatch(value) else value
+    return (
+        float(value[:-1]) / 100 if isinstance(value, str) and PERCENTAGE.fullmatch(value) else value
+    )
 
 
 def _ascending(window: tuple[float, float]) -> tuple[float, float]:
-    return window if window[0] < window[1] else refuse(f"must be [t0, t1] with t0 < t1, not {list(window)}")
+    return (
+        window
+        if window[0] < window[1]
+        else refuse(f"must be [t0, t1] with t0 < t1, not {list(window)}")
+    )
 
 
 def _own_name(name: str) -> str:
@@ -66,12 +103,16 @@ def _own_name(name: str) -> str:
 
 Text = Annotated[str, Field(min_length=1)]
 SHARE = BeforeValidator(_share, json_schema_input_type=float | str)
-Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE]  # a relative error
+Tolerance = Annotated[
+    float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE
+]  # a relative error
 Target = Literal["msd", "d", "displacement_distribution"]
 OF_USE: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
 EngineRecords = [create_model(name, __base__=settings_of(name), **OF_USE) for name in DEFINITIONS]
 EngineRecord: Any = Annotated[Union[tuple(EngineRecords)], Field(discriminator="name")]  # noqa: UP007  # as many as there are
-EngineKey: Any = Annotated[EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])]
+EngineKey: Any = Annotated[
+    EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])
+]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
 Engines = Annotated[tuple[Any, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
@@ -105,37 +146,72 @@ class Study(Record):
     """What is simulated, with which seeds, and how it is analysed. Read by `read_study`."""
 
     scenes: Texts = key("scene files, relative to the folder of the study file")
-    particles: Counts | None = key("numbers of disks; every scene is run with each (default: its own)", None)
-    vary: Vary = key("keys of the scenes, such as disks.tracer.mass, and their values: a list, or from, to, count", {})
-    vary_together: StrictBool = key("first values of all keys, then second ones, ...; not all combinations", False)
-    shown_particles: Count | None = key("the number of disks in figures of a single one (default: the largest)", None)
+    particles: Counts | None = key(
+        "numbers of disks; every scene is run with each (default: its own)", None
+    )
+    vary: Vary = key(
+        "keys of the scenes, such as disks.tracer.mass, and their values: a list, or from, to, "
+        "count",
+        {},
+    )
+    vary_together: StrictBool = key(
+        "first values of all keys, then second ones, ...; not all combinations", False
+    )
+    shown_particles: Count | None = key(
+        "the number of disks in figures of a single one (default: the largest)", None
+    )
     engines: Engines = key("engines, with their settings if any", ("exact",))
-    seeds: Seeds | None = key("a count (2400: seeds 0 to 2399), a range (100-199), or a list of both", None)
-    tolerance: Tolerance | None = key("in place of seeds: relative standard error of the target", None)
+    seeds: Seeds | None = key(
+        "a count (2400: seeds 0 to 2399), a range (100-199), or a list of both", None
+    )
+    tolerance: Tolerance | None = key(
+        "in place of seeds: relative standard error of the target", None
+    )
     target: Target = key("the quantity that the tolerance refers to", "msd")
-    batch: AtLeastOne | Literal["auto"] = key("seeds per job; auto: from the forecast; results are the same", "auto")
-    record: Literal["tracer", "none"] = key("the trajectory of the tracer, or only the observables", "tracer")
+    batch: AtLeastOne | Literal["auto"] = key(
+        "seeds per job; auto: from the forecast; results are the same", "auto"
+    )
+    record: Literal["tracer", "none"] = key(
+        "the trajectory of the tracer, or only the observables", "tracer"
+    )
     observables: Observables = key("quantities measured in each run, from all of its disks", ())
-    average: Average = key("average over runs alone, or also over time origins or equal disks", "runs")
+    average: Average = key(
+        "average over runs alone, or also over time origins or equal disks", "runs"
+    )
     title: Text | None = key("of the study, above its answer and its page", None)
     note: Text | None = key("what the study is about, at the top of its page", None)
-    figures: Figures | None = key("figures to draw (default: all that the study has data for)", None)
-    panel: Texts = key("scene, particles, engine, varied keys: what differs in them is drawn in panels of its own", ())
-    displacement_times: Times = key("times of the displacement distribution (default: the end of each run)", ())
+    figures: Figures | None = key(
+        "figures to draw (default: all that the study has data for)", None
+    )
+    panel: Texts = key(
+        "scene, particles, engine, varied keys: what differs in them is drawn in panels of its own",
+        (),
+    )
+    displacement_times: Times = key(
+        "times of the displacement distribution (default: the end of each run)", ()
+    )
     fit_windows: Windows | None = key("[t0, t1] in which lines are fitted to the MSD [time]", None)
     rings: Rings | None = key("of the displacement distribution (default: from the data)", None)
-    instead_of: Substitutes = key("scenes that may be run in place of others, for brownpipe tradeoff", {})
+    instead_of: Substitutes = key(
+        "scenes that may be run in place of others, for brownpipe tradeoff", {}
+    )
     allow_failed: Count = key("runs of the study that may fail", 0)
     if TYPE_CHECKING:  # no keys: what is read with them
         name: str  # the stem of the study file
-        cases: tuple[Scene, ...]  # each scene with each combination of varied keys and each particle count
-        varied: dict[str, tuple[Path, dict[str, Any]]]  # scene file and values of varied keys, by the scene's name
+        cases: tuple[
+            Scene, ...
+        ]  # each scene with each combination of varied keys and each particle count
+        varied: dict[
+            str, tuple[Path, dict[str, Any]]
+        ]  # scene file and values of varied keys, by the scene's name
         uses: tuple[EngineUse, ...]  # the engines, case by case
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
         name, folder = info.context
-        self._resolve(name=name, observables=tuple(beside(folder, name) for name in self.observables))
+        self._resolve(
+            name=name, observables=tuple(beside(folder, name) for name in self.observables)
+        )
         self._read_scenes(folder)
         self._read_engines()
         self._check_seeds()
@@ -145,24 +221,39 @@ class Study(Record):
         return self
 
     def _read_scenes(self, folder: Path) -> None:
-        """Read every scene with all values of varied keys and every particle count, or with its own."""
-        paths, cases, varied = dict[str, Path](), list[Scene](), dict[str, tuple[Path, dict[str, Any]]]()
+        """Read every scene with all values of varied keys and every particle count, or with its
+        own.
+        """
+        paths, cases, varied = (
+            dict[str, Path](),
+            list[Scene](),
+            dict[str, tuple[Path, dict[str, Any]]](),
+        )
         for k, text in enumerate(self.scenes):
             if Path(text).stem in paths:
-                refuse(f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k)
+                refuse(
+                    f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k
+                )
             path = paths[Path(text).stem] = folder / text
             try:
                 mapping = reading.read_yaml(path)
                 for values in combinations(self.vary, self.vary_together):
-                    of_counts = [scene_with(mapping, str(path), values, count) for count in self.particles or (None,)]
+                    of_counts = [
+                        scene_with(mapping, str(path), values, count)
+                        for count in self.particles or (None,)
+                    ]
                     cases += of_counts
                     varied[of_counts[0].name] = path, values
             except RequestError as error:
-                refuse(str(error).removeprefix("vary: "), *(("vary",) if self.vary else ("scenes", k)))
+                refuse(
+                    str(error).removeprefix("vary: "), *(("vary",) if self.vary else ("scenes", k))
+                )
         self._resolve(scenes=tuple(paths.values()), cases=tuple(cases), varied=varied)
 
     def _read_engines(self) -> None:
-        """Read the engines, each fit for its scenes; none with the same settings runs a case twice."""
+        """Read the engines, each fit for its scenes; none with the same settings runs a case
+        twice.
+        """
         uses: list[EngineUse] = []
         for k, entry in enumerate(self.engines):
             keys = dict(entry)
@@ -183,7 +274,8 @@ class Study(Record):
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many.
 
-        Until that is known, their number is that for a standard deviation equal to the mean, as r^2 has it.
+        Until that is known, their number is that for a standard deviation equal to the mean, as r^2
+        has it.
         """
         if (self.tolerance is None) == (self.seeds is None):
             refuse("must be given, or a tolerance in their place; not both", "seeds")
@@ -196,89 +288,145 @@ class Study(Record):
                 refuse(_repetition(use.case.name, size), "seeds")
         jobs = 0 if self.batch == "auto" else sum(-(-size // self.batch) for size in sizes)
         if jobs > MOST_JOBS:
-            refuse(f"must be large enough for at most {MOST_JOBS} jobs ({jobs} with this one)", "batch")
+            refuse(
+                f"must be large enough for at most {MOST_JOBS} jobs ({jobs} with this one)", "batch"
+            )
 
     def _check_figures(self) -> None:
-        """Refuse figures and settings without data; by default there are all figures whose needs are met."""
+        """Refuse figures and settings without data; by default there are all figures whose needs
+        are met.
+        """
         moves_all = any(engine.definition.moves_all_disks for engine in self.engines)
         measured = self.observables if moves_all else measures.of_tracer(self.observables)[0]
         counts = sorted({case.particles for case in self.cases})
-        of_numbers = [len(values) > 1 and all(map(is_number, values)) for values in self.vary.values()]
-        conditions = {f"the observable {name}": name in measured for name in measures.OBSERVABLES} | {
+        of_numbers = [
+            len(values) > 1 and all(map(is_number, values)) for values in self.vary.values()
+        ]
+        conditions = {
+            f"the observable {name}": name in measured for name in measures.OBSERVABLES
+        } | {
             OWN: any(map(is_own, measured)),
             FOLLOWED: max(counts) > 0,
-            COLLISIONS: any(use.case.particles and use.engine.definition.moves_all_disks for use in self.uses),
+            COLLISIONS: any(
+                use.case.particles and use.engine.definition.moves_all_disks for use in self.uses
+            ),
             SCAN: len({*counts} - {0}) > 1 or any(of_numbers[: 1 if self.vary_together else None]),
-            ENDS: self.record == "tracer" or ("square_displacement" in measured and self.average == "runs"),
-            WALLS: "density_profile" in measured and any(not case.box.periodic for case in self.cases),
+            ENDS: self.record == "tracer"
+            or ("square_displacement" in measured and self.average == "runs"),
+            WALLS: "density_profile" in measured
+            and any(not case.box.periodic for case in self.cases),
             SPREADING: self.record == "tracer" or "square_displacement" in measured,
         }
-        for name, need in (("fit_windows", SPREADING), ("rings", ENDS), ("displacement_times", ENDS)):
+        for name, need in (
+            ("fit_windows", SPREADING),
+            ("rings", ENDS),
+            ("displacement_times", ENDS),
+        ):
             if name in self.model_fields_set and not conditions[need]:
                 refuse(f"must go with {need}", name)
-        unmet = {name: [need for need in figure.needs if not conditions[need]] for name, figure in FIGURES.items()}
-        if lacking := [f"{name} needs {unmet[name][0]}" for name in self.figures or () if unmet[name]]:
+        unmet = {
+            name: [need for need in figure.needs if not conditions[need]]
+            for name, figure in FIGURES.items()
+        }
+        if lacking := [
+            f"{name} needs {unmet[name][0]}" for name in self.figures or () if unmet[name]
+        ]:
             refuse(lacking[0], "figures")
         self._resolve(figures=self.figures or tuple(name for name in FIGURES if not unmet[name]))
         refuse_others(self.panel, ("scene", "particles", "engine", *self.vary), "panel")
         refuse_others({self.shown_particles} - {None}, counts, "shown_particles")
 
     def _check_analysis(self) -> None:
-        """Refuse what cannot be measured, windows with fewer than three samples, and times that are no sample times."""
+        """Refuse what cannot be measured, windows with fewer than three samples, and times that are
+        no sample times.
+        """
         for case in self.cases:
             for wrong, why in measures.problems(case, self.observables, self.average):
                 refuse(f"{case.name}, N = {case.particles}: {why}", wrong)
             for k, (t0, t1) in enumerate(self.fit_windows or ()):
                 if t1 > case.duration or np.count_nonzero(are_inside(case.times, (t0, t1))) < 3:
-                    allowed = f"t0 < t1 <= {case.duration!r} and three samples or more of {case.name}"
+                    allowed = (
+                        f"t0 < t1 <= {case.duration!r} and three samples or more of {case.name}"
+                    )
                     refuse(f"must be [t0, t1] with {allowed}, not {[t0, t1]}", "fit_windows", k)
         self._resolve(fit_windows=self.fit_windows or default_windows(self.cases))
         for k, time in enumerate(self.displacement_times):
-            if not any(np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in self.cases):
-                refuse(f"must be a sample time of some scene, not {time!r}", "displacement_times", k)
+            if not any(
+                np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in self.cases
+            ):
+                refuse(
+                    f"must be a sample time of some scene, not {time!r}", "displacement_times", k
+                )
 
     def _check_substitutes(self) -> None:
         """Refuse scenes in place of others that do not have their sample times."""
         by_name = {case.name: case for case in self.cases}
         for scene, names in self.instead_of.items():
             refuse_others((scene, *names), by_name, "instead_of", scene)
-            if any(name == scene or not np.array_equal(by_name[name].times, by_name[scene].times) for name in names):
-                refuse(f"must be other scenes with the sample times of {scene}", "instead_of", scene)
+            if any(
+                name == scene or not np.array_equal(by_name[name].times, by_name[scene].times)
+                for name in names
+            ):
+                refuse(
+                    f"must be other scenes with the sample times of {scene}", "instead_of", scene
+                )
 
     @property
     def recording(self) -> tuple[set[str], tuple[str, ...], str]:
-        """What each run records, what it measures, and the average: the last arguments of `Engine.forecast`."""
+        """What each run records, what it measures, and the average: the last arguments of
+        `Engine.forecast`.
+        """
         return {self.record}, self.observables, self.average
 
     @property
     def tradeoff_cases(self) -> list[str]:
-        """The cases with exact runs and others to compare with them, by their names in the trade-off."""
+        """The cases with exact runs and others to compare with them, by their names in the
+        trade-off.
+        """
         exact = [use.case for use in self.uses if use.engine == REFERENCE]
-        compared = [use.case for use in self.uses if use.engine != REFERENCE or use.case.name in self.instead_of]
+        compared = [
+            use.case
+            for use in self.uses
+            if use.engine != REFERENCE or use.case.name in self.instead_of
+        ]
         return [case.label for case in exact if case in compared]
 
     def refuse_tradeoff(self) -> None:
         """Raise RequestError for a study whose runs cannot be compared with exact ones."""
         exact = [use.case for use in self.uses if use.engine == REFERENCE]
         fewest = min(len(use.seeds or self.seeds) for use in self.uses)
-        if self.record == "none" or fewest < 2 or len(exact) < len(self.cases) or not self.tradeoff_cases:
-            needed = "record: tracer, two seeds or more, the engine exact in every case, and another one"
+        if (
+            self.record == "none"
+            or fewest < 2
+            or len(exact) < len(self.cases)
+            or not self.tradeoff_cases
+        ):
+            needed = (
+                "record: tracer, two seeds or more, the engine exact in every case, and another one"
+            )
             raise RequestError(f"the study {self.name}: has no trade-off; must have {needed}")
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
-    """Return why a relative error is undefined in one of the scenes; None if it is defined in all."""
+    """Return why a relative error is undefined in one of the scenes; None if it is defined in
+    all.
+    """
     certain = (scene.name for scene in scenes if scene.listed or rms_speed(scene) == 0.0)
     return next((f"{name} leaves nothing to chance" for name in certain), None)
 
 
 def forecast_of_runs(
-    engine: Engine, scene: Scene, seeds: Sequence[int], record: Collection[str], names: tuple[str, ...], average: str
+    engine: Engine,
+    scene: Scene,
+    seeds: Sequence[int],
+    record: Collection[str],
+    names: tuple[str, ...],
+    average: str,
 ) -> forecast.Cost:
     """Return the forecast of one of these runs, before any is made.
 
-    Raises RequestError for runs that would be identical, an engine, record, observable or average that does not fit the
-    scene, and for more runs than this machine can hold.
+    Raises RequestError for runs that would be identical, an engine, record, observable or average
+    that does not fit the scene, and for more runs than this machine can hold.
     """
     if scene.listed and len(seeds) > 1:
         raise RequestError(f"seeds: {_repetition(scene.name, len(seeds))}")
@@ -290,27 +438,35 @@ def forecast_of_runs(
 
 
 def _repetition(name: str, runs: int) -> str:
-    return f"must be one seed, as the disks of {name} are listed one by one and leave nothing to chance; found {runs}"
+    return (
+        f"must be one seed, as the disks of {name} are listed one by one and leave nothing to "
+        f"chance; found {runs}"
+    )
 
 
 def read_keys(path: str | Path, overrides: Mapping[str, Any]) -> reading.Document:
     """Return the keys given in a study file, as far as `overrides` does not replace them.
 
-    Seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError if it is no study.
+    Seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError if it is no
+    study.
     """
     mapping = reading.read_yaml(path)
     if "scenes" not in mapping and "box" in mapping:
         cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
         raise RequestError(f"{path}: is a scene, not a study; {cure}")
-    runs = dict.fromkeys(("seeds", "tolerance")) if overrides.get("seeds") or overrides.get("tolerance") else {}
+    runs = (
+        dict.fromkeys(("seeds", "tolerance"))
+        if overrides.get("seeds") or overrides.get("tolerance")
+        else {}
+    )
     return reading.with_values(mapping, {**runs, **overrides})
 
 
 def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
     """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
 
-    `overrides` as in `read_keys`. Raises RequestError, one line, for any mistake in the study, or in any of its
-    scenes with any of its particle counts.
+    `overrides` as in `read_keys`. Raises RequestError, one line, for any mistake in the study, or
+    in any of its scenes with any of its particle counts.
     """
     overrides = overrides or {}
     mapping = read_keys(path, overrides)

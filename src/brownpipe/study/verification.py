@@ -16,12 +16,14 @@ from brownpipe.storage.store import read_stored, stored_batches, without
 
 
 def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]:
-    """Verify the seals of a study's datasets, its figures and every file of its runs, and look for what is missing.
+    """Verify the seals of a study's datasets, its figures and every file of its runs, and look for
+    what is missing.
 
-    Files beside the results, of one or more studies, list what must exist: the runs in `made_from_*.txt`, dataset and
-    figures with their SHA-256 in `drawn_from_*.txt`. Returns the paths of intact, damaged and missing files; of missing
-    runs their folder and seeds. A file that holds other runs than its name says is damaged. Raises WrongFileError if
-    there is no such folder, or nothing in it that can be verified. Nothing is written.
+    Files beside the results, of one or more studies, list what must exist: the runs in
+    `made_from_*.txt`, dataset and figures with their SHA-256 in `drawn_from_*.txt`. Returns the
+    paths of intact, damaged and missing files; of missing runs their folder and seeds. A file that
+    holds other runs than its name says is damaged. Raises WrongFileError if there is no such
+    folder, or nothing in it that can be verified. Nothing is written.
     """
     paths = sorted(Path(abspath(folder)).rglob("*"))
     runs, drawn, damaged = set[tuple[Path, Sequence[int]]](), set[tuple[Path, str]](), set[Path]()
@@ -29,7 +31,9 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
         try:
             if record.match("made_from_*.txt"):
                 lines = (line.rsplit(" ", 1) for line in record.read_text().splitlines() or [""])
-                runs |= {(record.parents[3] / where, validated(Seeds, text)) for where, text in lines}
+                runs |= {
+                    (record.parents[3] / where, validated(Seeds, text)) for where, text in lines
+                }
             elif record.match("drawn_from_*.txt"):
                 lines = (line.split("  ", 1) for line in record.read_text().splitlines() or [""])
                 drawn |= {(record.parents[3] / name, digest) for digest, name in lines}
@@ -37,7 +41,9 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
             damaged.add(record)
     files, stored = {path for path in paths if path.suffix in (".h5", ".nc")}, set[Path]()
     if not (files or runs or damaged):
-        raise WrongFileError(f"{folder}: has no dataset and no list of runs; must be results, results/STUDY or files")
+        raise WrongFileError(
+            f"{folder}: has no dataset and no list of runs; must be results, results/STUDY or files"
+        )
     there = files | {path for path, _ in drawn if path.is_file()}
     missing = [relpath(path) for path in sorted({path for path, _ in drawn} - there)]
     for place, asked in sorted(runs, key=str):
@@ -50,5 +56,13 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
             (read_stored if file in stored else verified)(file)
         except (OSError, StorageError):
             damaged.add(file)
-    damaged |= {path for path, digest in drawn if path in there and sha256(path.read_bytes()).hexdigest() != digest}
-    return [*map(relpath, sorted((there | stored) - damaged))], [*map(relpath, sorted(damaged))], missing
+    damaged |= {
+        path
+        for path, digest in drawn
+        if path in there and sha256(path.read_bytes()).hexdigest() != digest
+    }
+    return (
+        [*map(relpath, sorted((there | stored) - damaged))],
+        [*map(relpath, sorted(damaged))],
+        missing,
+    )

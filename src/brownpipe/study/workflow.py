@@ -1,6 +1,7 @@
 """The workflow of a study, run by Snakemake in the current folder: simulate, aggregate, figures.
 
-An installed brownpipe has the workflow in its folder `pipeline`; a checkout has the same files at its top.
+An installed brownpipe has the workflow in its folder `pipeline`; a checkout has the same files at
+its top.
 """
 
 import fcntl
@@ -34,12 +35,14 @@ def pipeline_folder() -> Path:
     return installed if installed.is_dir() else PACKAGE.parents[1]
 
 
-# -- for the Snakefile ----------------------------------------------------------------------------------------------
+# -- for the Snakefile -----------------------------------------------------------------------------
 
 
 @contextmanager
 def ended_by_mistakes() -> Iterator[None]:
-    """End the process with one line, not with a traceback of Snakemake, for a mistake or a file that is damaged."""
+    """End the process with one line, not with a traceback of Snakemake, for a mistake or a file
+    that is damaged.
+    """
     try:
         yield
     except BrownpipeError as error:
@@ -48,8 +51,11 @@ def ended_by_mistakes() -> Iterator[None]:
 
 
 @ended_by_mistakes()
-def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object]) -> tuple[Study, str]:
-    """Return the study of --configfile and --config, and the words that name it in commands of brownpipe.
+def read_workflow_study(
+    files: Sequence[str | Path], config: Mapping[str, object]
+) -> tuple[Study, str]:
+    """Return the study of --configfile and --config, and the words that name it in commands of
+    brownpipe.
 
     Keys of later files replace those of the first, as Snakemake has it.
     """
@@ -62,7 +68,8 @@ def read_workflow_study(files: Sequence[str | Path], config: Mapping[str, object
 
 
 def from_command_line(value: Any) -> Any:
-    """Return a value of `snakemake --config KEY=VALUE`, or all of them, with the types that they have in a study file.
+    """Return a value of `snakemake --config KEY=VALUE`, or all of them, with the types that they
+    have in a study file.
 
     Snakemake reads numbers inside lists and mappings, null, true and false as text.
     """
@@ -74,7 +81,8 @@ def from_command_line(value: Any) -> Any:
 
 
 def remove_stale_locks() -> None:
-    """Remove Snakemake's locks of this folder if no Snakemake is alive in it: one was killed, or the machine went down.
+    """Remove Snakemake's locks of this folder if no Snakemake is alive in it: one was killed, or
+    the machine went down.
 
     Every Snakemake keeps a file locked until its process ends, however it ends.
     """
@@ -85,7 +93,9 @@ def remove_stale_locks() -> None:
             fcntl.flock(_held[-1], fcntl.LOCK_EX | fcntl.LOCK_NB)
             for lock in LOCKS.iterdir():
                 lock.unlink(missing_ok=True)
-        fcntl.flock(_held[-1], fcntl.LOCK_SH)  # with others: a dry run does not keep a study from having one
+        fcntl.flock(
+            _held[-1], fcntl.LOCK_SH
+        )  # with others: a dry run does not keep a study from having one
 
 
 def forecast(study: Study, files: Sequence[str], logger: Logger) -> None:
@@ -93,47 +103,91 @@ def forecast(study: Study, files: Sequence[str], logger: Logger) -> None:
 
     The logger plugin derives the time left from it.
     """
-    costs, runs, seconds = {runs.key: runs.cost for runs in run_sets(study)}, dict[str, int](), dict[str, float]()
+    costs, runs, seconds = (
+        {runs.key: runs.cost for runs in run_sets(study)},
+        dict[str, int](),
+        dict[str, float](),
+    )
     for file in files:
         first, last = map(int, Path(file).stem.split("-"))
         runs[file] = last - first + 1
         seconds[file] = seconds_of_jobs(costs[Path(file).parent.name[-DIGITS:]], runs[file])
-    text = f"{counted(sum(runs.values()), 'run')} in {counted(len(runs), 'job')}, some {in_time(sum(seconds.values()))}"
-    logger.info(f"brownpipe: the study {study.name}: {text} of CPU", extra={"runs": runs, "seconds": seconds})
+    text = (
+        f"{counted(sum(runs.values()), 'run')} in {counted(len(runs), 'job')}, some "
+        f"{in_time(sum(seconds.values()))}"
+    )
+    logger.info(
+        f"brownpipe: the study {study.name}: {text} of CPU",
+        extra={"runs": runs, "seconds": seconds},
+    )
 
 
-# -- brownpipe run --------------------------------------------------------------------------------------------------
+# -- brownpipe run ---------------------------------------------------------------------------------
 
 
-def run_study(study_file: str, cores: int | None, profile: str | None, further: Sequence[str]) -> NoReturn:
-    """Become the Snakemake that runs the workflow of a study, with results in `results` of the current folder.
+def run_study(
+    study_file: str, cores: int | None, profile: str | None, further: Sequence[str]
+) -> NoReturn:
+    """Become the Snakemake that runs the workflow of a study, with results in `results` of the
+    current folder.
 
-    cores: jobs at the same time (None: all cores, or as many as the profile says). profile: where the jobs run
-    (`profile_folder`); None: on this machine. further: other arguments of Snakemake, such as targets.
-    Raises RequestError for a file that is no YAML, a second study and a profile that cannot be used, PermissionError if
-    the folder cannot be written to. The Snakefile refuses all other mistakes.
+    cores: jobs at the same time (None: all cores, or as many as the profile says). profile: where
+    the jobs run (`profile_folder`); None: on this machine. further: other arguments of Snakemake,
+    such as targets.
+    Raises RequestError for a file that is no YAML, a second study and a profile that cannot be
+    used, PermissionError if the folder cannot be written to. The Snakefile refuses all other
+    mistakes.
     """
     read_yaml(study_file)
     is_second = bool(further) and further[0].endswith(".yaml") and "=" not in further[0]
     if is_second or any(word.startswith("--configfile") for word in further):
-        raise RequestError(f"{study_file}: must be the only study; --config KEY=VALUE replaces its keys")
+        raise RequestError(
+            f"{study_file}: must be the only study; --config KEY=VALUE replaces its keys"
+        )
     if not os.access(".", os.W_OK):
-        raise PermissionError(f"{Path.cwd()}: cannot be written to; run the study from another folder")
+        raise PermissionError(
+            f"{Path.cwd()}: cannot be written to; run the study from another folder"
+        )
     place = ["--cores", str(cores or "all")]
     if profile is not None:
-        place = ["--profile", str(profile_folder(profile)), *(["--jobs", str(cores)] if cores else [])]
+        place = [
+            "--profile",
+            str(profile_folder(profile)),
+            *(["--jobs", str(cores)] if cores else []),
+        ]
     path = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", os.defpath)])
-    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(pipeline_folder() / "Snakefile")]
-    os.execve(command[0], [*command, "--configfile", study_file, *place, *further], os.environ | {"PATH": path})
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "snakemake",
+        "--snakefile",
+        str(pipeline_folder() / "Snakefile"),
+    ]
+    os.execve(
+        command[0],
+        [*command, "--configfile", study_file, *place, *further],
+        os.environ | {"PATH": path},
+    )
 
 
 def profile_folder(profile: str) -> Path:
-    """Return the folder of a profile of Snakemake, which says where jobs run: `profile` itself, or one of brownpipe's.
+    """Return the folder of a profile of Snakemake, which says where jobs run: `profile` itself, or
+    one of brownpipe's.
 
-    Raises RequestError if it has no config.yaml, or if Snakemake's plugin for its executor is not installed.
+    Raises RequestError if it has no config.yaml, or if Snakemake's plugin for its executor is not
+    installed.
     """
-    folder = Path(profile).absolute() if Path(profile).is_dir() else pipeline_folder() / "profiles" / profile
+    folder = (
+        Path(profile).absolute()
+        if Path(profile).is_dir()
+        else pipeline_folder() / "profiles" / profile
+    )
     executor = str(dict(read_yaml(folder / "config.yaml")).get("executor", "local"))
-    if executor != "local" and not find_spec(f"snakemake_executor_plugin_{executor.replace('-', '_')}"):
-        raise RequestError(f"--profile {profile}: needs snakemake-executor-plugin-{executor}; install it by pip")
+    if executor != "local" and not find_spec(
+        f"snakemake_executor_plugin_{executor.replace('-', '_')}"
+    ):
+        raise RequestError(
+            f"--profile {profile}: needs snakemake-executor-plugin-{executor}; install it by pip"
+        )
     return folder

@@ -1,7 +1,8 @@
-"""The cost-accuracy trade-off: the bias of every engine and setting relative to exact runs, and the cost of a run.
+"""The cost-accuracy trade-off: the bias of every engine and setting relative to exact runs, and the
+cost of a run.
 
-`compare` reads trajectory files and finds the biases of one setting with the estimators in `bias`, `timing` measures
-CPU times, `front` finds the Pareto front, and `dataset` joins all results.
+`compare` reads trajectory files and finds the biases of one setting with the estimators in `bias`,
+`timing` measures CPU times, `front` finds the Pareto front, and `dataset` joins all results.
 """
 
 from brownpipe.tradeoff.compare import EngineRuns, compare, runs_of

@@ -1,11 +1,12 @@
 """Bias of an approximate engine: difference from the exact result, with its uncertainty.
 
-Every quantity is a mean over runs. Runs of two engines that start from the same state are correlated until the initial
-state is forgotten, and the exact engine often has more runs than the other. Double sampling with regression uses both
-(W. G. Cochran, Sampling Techniques, 3rd ed., Wiley 1977, chapter 12): the approximate mean is corrected by
-slope * (mean of all exact runs - mean of the exact runs with the same seeds). Without common seeds the slope is 0, and
-the bias is the difference of two independent means; with all seeds in common and slope 1 it is the mean of the paired
-differences.
+Every quantity is a mean over runs. Runs of two engines that start from the same state are
+correlated until the initial state is forgotten, and the exact engine often has more runs than the
+other. Double sampling with regression uses both (W. G. Cochran, Sampling Techniques, 3rd ed., Wiley
+1977, chapter 12): the approximate mean is corrected by slope * (mean of all exact runs - mean of
+the exact runs with the same seeds). Without common seeds the slope is 0, and the bias is the
+difference of two independent means; with all seeds in common and slope 1 it is the mean of the
+paired differences.
 """
 
 from itertools import pairwise
@@ -15,10 +16,15 @@ import numpy as np
 
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate, replicates, resample
 
-SHELLS, NEAR_CONTACT = 5, 1.25  # shells of equal width, from contact to NEAR_CONTACT contact distances, for g(r)
+SHELLS, NEAR_CONTACT = (
+    5,
+    1.25,
+)  # shells of equal width, from contact to NEAR_CONTACT contact distances, for g(r)
 RINGS = 10  # rings of equal probability, for displacement distributions
 CERTAIN = 0.95
-RARE = 4.6  # standard errors from one event to the upper end of Poisson's 95 % interval; from two 3.7, from three 3.3
+# standard errors from one event to the upper end of Poisson's 95 % interval; from two 3.7, from
+# three 3.3
+RARE = 4.6
 Pairs = tuple[np.ndarray, np.ndarray]  # (n,), (n,) rows of the runs of equal seeds in two samples
 
 
@@ -33,22 +39,30 @@ def is_resolved(bias: Estimate) -> np.ndarray:
 
 
 def careful_square(bias: Estimate) -> np.ndarray:
-    """Return the `square` of a resolved bias; of an unresolved one that of its upper bound, with 95 % confidence."""
+    """Return the `square` of a resolved bias; of an unresolved one that of its upper bound, with 95
+    % confidence.
+    """
     bound = np.maximum(np.abs(bias.low), np.abs(bias.high))
     return np.where(is_resolved(bias), square(bias), bound**2)
 
 
 def same_seeds(approximate: np.ndarray, exact: np.ndarray) -> Pairs:
     """Return the rows of the seeds that both engines ran, in ascending order of the seeds."""
-    _, rows, exact_rows = np.intersect1d(approximate, exact, assume_unique=True, return_indices=True)
+    _, rows, exact_rows = np.intersect1d(
+        approximate, exact, assume_unique=True, return_indices=True
+    )
     return rows, exact_rows
 
 
-def relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Estimate:
-    """Return the bias of the mean of `approximate` (S_a, ...) relative to that of `exact` (S_e, ...).
+def relative_bias(
+    approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None
+) -> Estimate:
+    """Return the bias of the mean of `approximate` (S_a, ...) relative to that of `exact` (S_e,
+    ...).
 
-    NaN where the exact mean is not positive. `pairs` are the runs of equal seeds, `same_seeds`. Approximate runs
-    without an exact partner are left out, unless the unpaired bias of all runs has a smaller standard error.
+    NaN where the exact mean is not positive. `pairs` are the runs of equal seeds, `same_seeds`.
+    Approximate runs without an exact partner are left out, unless the unpaired bias of all runs has
+    a smaller standard error.
     """
     found = _relative_bias(approximate, exact, pairs)
     if pairs is None or len(pairs[0]) == len(approximate):
@@ -59,13 +73,16 @@ def relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | Non
 
 
 def _relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None) -> Estimate:
-    """Return the relative bias from pairs alone, or without pairs from the difference of two independent means.
+    """Return the relative bias from pairs alone, or without pairs from the difference of two
+    independent means.
 
-    The interval combines those of the two independent terms (G. Y. Zou, A. Donner, Statist. Med. 27, 1693 (2008),
-    eq. 7), each a bootstrap-t over runs.
+    The interval combines those of the two independent terms (G. Y. Zou, A. Donner, Statist. Med.
+    27, 1693 (2008), eq. 7), each a bootstrap-t over runs.
     """
     shape = np.shape(exact)[1:]
-    approximate, exact = (np.reshape(np.asarray(runs, float), (len(runs), -1)) for runs in (approximate, exact))
+    approximate, exact = (
+        np.reshape(np.asarray(runs, float), (len(runs), -1)) for runs in (approximate, exact)
+    )
     mean = exact.mean(axis=0)
     defined = mean > 0.0
     scale = np.where(defined, mean, 1.0)
@@ -75,11 +92,15 @@ def _relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | No
     low = value - np.hypot(own.mean - own.low, other.high - other.mean)
     high = value + np.hypot(own.high - own.mean, other.mean - other.low)
     error = np.hypot(own.standard_error, other.standard_error)
-    return Estimate(*(np.where(defined, values, np.nan).reshape(shape) for values in (value, error, low, high)))
+    return Estimate(
+        *(np.where(defined, values, np.nan).reshape(shape) for values in (value, error, low, high))
+    )
 
 
 def _resampled(runs: np.ndarray) -> Estimate:
-    """Return `resample`; where it gives no interval, as at most three runs differ from the others, +-RARE errors."""
+    """Return `resample`; where it gives no interval, as at most three runs differ from the others,
+    +-RARE errors.
+    """
     found = resample(runs)
     reach = RARE * found.standard_error if len(runs) >= FEWEST_FOR_INTERVAL else np.nan
     low = np.where(np.isnan(found.low), found.mean - reach, found.low)
@@ -90,28 +111,35 @@ def _resampled(runs: np.ndarray) -> Estimate:
 def _corrected(
     approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None, axis: int | None = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (n, Q) of the regression of approximate runs on exact runs of the same seeds, and its slope.
+    """Residuals (n, Q) of the regression of approximate runs on exact runs of the same seeds, and
+    its slope.
 
-    The slope is that of each quantity, (Q,), or with `axis` None one for all. It is exactly 1 for runs that are their
-    own partners, and 0 without pairs.
+    The slope is that of each quantity, (Q,), or with `axis` None one for all. It is exactly 1 for
+    runs that are their own partners, and 0 without pairs.
     """
     if pairs is None:
         return approximate, np.zeros(())
     paired, partner = approximate[pairs[0]], exact[pairs[1]]
     centred, reference = (runs - runs.mean(axis=0) for runs in (paired, partner))
     square = (reference**2).sum(axis=axis)
-    slope = np.divide((reference * centred).sum(axis=axis), square, out=np.zeros_like(square), where=square > 0.0)
+    slope = np.divide(
+        (reference * centred).sum(axis=axis), square, out=np.zeros_like(square), where=square > 0.0
+    )
     return paired - slope * partner, slope
 
 
-def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Estimate:
-    """Return the total variation distance of displacements (S_a,) and (S_e,): half the sum of abs(p_a - p_e).
+def total_variation(
+    approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None
+) -> Estimate:
+    """Return the total variation distance of displacements (S_a,) and (S_e,): half the sum of
+    abs(p_a - p_e).
 
-    p are the shares of the runs in rings, which hold equal shares of the exact runs; differences inside a ring are not
-    detected. Noise alone gives a positive distance. Its size is estimated from the distances between resampled and
-    measured shares: the square of their mean is subtracted from the square of the distance, and their 95 % quantile q
-    is the half-width of the interval, as the true distance is within q of the measured one (triangle inequality). The
-    coverage is above 95 %. The mean of these distances, the noise, stands in place of the standard error.
+    p are the shares of the runs in rings, which hold equal shares of the exact runs; differences
+    inside a ring are not detected. Noise alone gives a positive distance. Its size is estimated
+    from the distances between resampled and measured shares: the square of their mean is subtracted
+    from the square of the distance, and their 95 % quantile q is the half-width of the interval, as
+    the true distance is within q of the measured one (triangle inequality). The coverage is above
+    95 %. The mean of these distances, the noise, stands in place of the standard error.
     """
     edges = np.quantile(exact, np.linspace(0.0, 1.0, RINGS + 1))
     edges[0], edges[-1] = 0.0, np.inf
@@ -119,28 +147,37 @@ def total_variation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | N
     # One slope for all rings, so that the differences of shares still sum to 0.
     residual, slope = _corrected(_indicators(approximate, edges), reference, pairs, axis=None)
     distance = _half_sum(residual.mean(axis=0) - (1.0 - slope) * reference.mean(axis=0))
-    noise = np.sort(_half_sum(replicates(residual) - (1.0 - slope) * replicates(reference, other=True)))
+    noise = np.sort(
+        _half_sum(replicates(residual) - (1.0 - slope) * replicates(reference, other=True))
+    )
     quantile = noise[int(np.ceil(CERTAIN * len(noise))) - 1]
     value = np.sqrt(np.maximum(distance**2 - noise.mean() ** 2, 0.0))
     return Estimate(value, noise.mean(), np.maximum(distance - quantile, 0.0), distance + quantile)
 
 
-def contact_deviation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None) -> Estimate | None:
-    """Return the most significant deviation of g(r) near contact, from pair counts (S_a, P, R), (S_e, P, R) of a scene.
+def contact_deviation(
+    approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None = None
+) -> Estimate | None:
+    """Return the most significant deviation of g(r) near contact, from pair counts (S_a, P, R),
+    (S_e, P, R) of a scene.
 
-    Counts are pooled in shells between the contact distance and NEAR_CONTACT times that, for each of P pairs of
-    species; the shell with the largest deviation in units of its standard error is chosen, and its interval widened for
-    this choice (Bonferroni). None if the exact runs have no pair near contact.
+    Counts are pooled in shells between the contact distance and NEAR_CONTACT times that, for each
+    of P pairs of species; the shell with the largest deviation in units of its standard error is
+    chosen, and its interval widened for this choice (Bonferroni). None if the exact runs have no
+    pair near contact.
     """
     shells = _shells(np.asarray(exact).sum(axis=0))
     if not shells:
         return None
     pooled, reference = (
-        np.stack([runs[:, p, k:m].sum(axis=1) for p, k, m in shells], axis=1) for runs in (approximate, exact)
+        np.stack([runs[:, p, k:m].sum(axis=1) for p, k, m in shells], axis=1)
+        for runs in (approximate, exact)
     )
     biases = relative_bias(pooled, reference, pairs)
     size = np.abs(biases.mean)
-    significance = np.divide(size, biases.standard_error, out=np.zeros_like(size), where=biases.standard_error > 0.0)
+    significance = np.divide(
+        size, biases.standard_error, out=np.zeros_like(size), where=biases.standard_error > 0.0
+    )
     value, error, low, high = (part[int(np.nanargmax(significance))] for part in biases)
     tail = (1.0 - CERTAIN) / 2
     wider = NormalDist().inv_cdf(1.0 - tail / len(shells)) / NormalDist().inv_cdf(1.0 - tail)
@@ -148,22 +185,27 @@ def contact_deviation(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs |
 
 
 def _shells(counts: np.ndarray) -> list[tuple[int, int, int]]:
-    """(pair, first bin, end) of every shell of counts (P, R); contact is the first bin with a count."""
+    """(pair, first bin, end) of every shell of counts (P, R); contact is the first bin with a
+    count.
+    """
     shells = []
     for pair, row in enumerate(counts):
         contact = int(np.argmax(row > 0))
         edges = np.unique(
-            np.rint(np.linspace(contact, min(NEAR_CONTACT * (contact + 0.5), len(row)), SHELLS + 1)).astype(int)
+            np.rint(
+                np.linspace(contact, min(NEAR_CONTACT * (contact + 0.5), len(row)), SHELLS + 1)
+            ).astype(int)
         )
         shells += [(pair, k, m) for k, m in pairwise(edges) if row[k:m].sum() > 0]
     return shells
 
 
 def spread_of_shares() -> float:
-    """Return s such that the shares of n runs are on average at a distance s/sqrt(n) from the distribution.
+    """Return s such that the shares of n runs are on average at a distance s/sqrt(n) from the
+    distribution.
 
-    For rings of equal probability p each share has the standard deviation sqrt(p (1 - p)/n), and its mean absolute
-    deviation is sqrt(2/pi) times that (normal approximation).
+    For rings of equal probability p each share has the standard deviation sqrt(p (1 - p)/n), and
+    its mean absolute deviation is sqrt(2/pi) times that (normal approximation).
     """
     share = 1.0 / RINGS
     return float(RINGS / 2 * np.sqrt(2 / np.pi * share * (1 - share)))

@@ -1,4 +1,6 @@
-"""All biases of one engine and setting, relative to the exact runs of a scene, with their uncertainties."""
+"""All biases of one engine and setting, relative to the exact runs of a scene, with their
+uncertainties.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -24,7 +26,9 @@ APART = 1e-3  # of the tracer's radius: two trajectories further apart than this
 
 
 class EngineRuns(NamedTuple):
-    """All runs of one scene, number of disks and engine, in the order of their seeds; failed ones left out."""
+    """All runs of one scene, number of disks and engine, in the order of their seeds; failed ones
+    left out.
+    """
 
     scene: Scene
     engine: Engine
@@ -35,7 +39,9 @@ class EngineRuns(NamedTuple):
     worst_overlap: np.ndarray  # (S,) in contact distances; NaN where an engine does not report it
     pair_counts: np.ndarray | None  # (S, P, R) pairs of species by distance, if recorded
     failed: int  # number of runs left out
-    quarters: Mapping[str, np.ndarray]  # (S, 4) what may drift within the runs, if they are counted in quarters
+    quarters: Mapping[
+        str, np.ndarray
+    ]  # (S, 4) what may drift within the runs, if they are counted in quarters
 
     @property
     def share_sound(self) -> float:
@@ -56,15 +62,20 @@ def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
     return found
 
 
-def runs_of(scene: Scene, engine: Engine, every: Ensemble, squares: str | None = None) -> EngineRuns:
+def runs_of(
+    scene: Scene, engine: Engine, every: Ensemble, squares: str | None = None
+) -> EngineRuns:
     """Return the runs of an ensemble with ascending seeds.
 
-    squares: an observable that stands for the tracer's squared displacement. Without its track displacements are NaN.
+    squares: an observable that stands for the tracer's squared displacement. Without its track
+    displacements are NaN.
     """
     runs = select(every, reported(every, "failed") == 0)
     moved = np.full((len(runs.seeds), len(every.times), 2), np.nan)
     if runs.tracer is not None:
-        moved = displacement(runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height))
+        moved = displacement(
+            runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height)
+        )
         moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
     return EngineRuns(
         scene=scene,
@@ -84,12 +95,17 @@ def runs_of(scene: Scene, engine: Engine, every: Ensemble, squares: str | None =
 
 
 def compare(
-    runs: EngineRuns, exact: EngineRuns, window: tuple[float, float], seconds: float, paired: bool = True
+    runs: EngineRuns,
+    exact: EngineRuns,
+    window: tuple[float, float],
+    seconds: float,
+    paired: bool = True,
 ) -> dict[str, Any]:
-    """Return every variable of one setting: name -> value. `seconds` is the CPU time of a run; `window` that of D.
+    """Return every variable of one setting: name -> value. `seconds` is the CPU time of a run;
+    `window` that of D.
 
-    `paired`: runs of equal seeds start from the same state. Raises AnalysisError for fewer than two runs, and if the
-    tracer of the exact runs does not move.
+    `paired`: runs of equal seeds start from the same state. Raises AnalysisError for fewer than two
+    runs, and if the tracer of the exact runs does not move.
     """
     refuse_unfit(exact, runs)
     pairs = bias.same_seeds(runs.seeds, exact.seeds) if paired else None
@@ -103,7 +119,9 @@ def compare(
         "worst_overlap": runs.worst_overlap.max(),
         "departure_time": np.nan if pairs is None else _departure(runs, exact, pairs),
         **_biases(runs, exact, pairs, window),
-        "displacement_bias": bias.total_variation(np.sqrt(runs.squared[:, -1]), np.sqrt(exact.squared[:, -1]), pairs),
+        "displacement_bias": bias.total_variation(
+            np.sqrt(runs.squared[:, -1]), np.sqrt(exact.squared[:, -1]), pairs
+        ),
         "displacement_spread": bias.spread_of_shares(),
         **_contact(runs, exact, pairs),
     }
@@ -111,23 +129,31 @@ def compare(
 
 
 def refuse_unfit(exact: EngineRuns, *others: EngineRuns) -> None:
-    """Raise AnalysisError for fewer than two runs, or an MSD of `exact` of 0 at the end: errors are relative to it."""
+    """Raise AnalysisError for fewer than two runs, or an MSD of `exact` of 0 at the end: errors are
+    relative to it.
+    """
     for runs in (*others, exact):
         if len(runs.seeds) < 2:
-            raise AnalysisError(f"{runs.scene.name}, {runs.engine.label}: fewer than two runs that did not fail")
+            raise AnalysisError(
+                f"{runs.scene.name}, {runs.engine.label}: fewer than two runs that did not fail"
+            )
     if not exact.squared[:, -1].mean() > 0.0:
         why = "the tracer does not move, and errors are relative to its MSD"
         raise AnalysisError(f"{exact.scene.name}: {why}; leave this scene out of the study")
 
 
-def _biases(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]) -> dict[str, Any]:
+def _biases(
+    runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]
+) -> dict[str, Any]:
     """MSD at the end and D in the window, in one resampling."""
     samples, references = _per_run(runs, window), _per_run(exact, window)
     biases = bias.relative_bias(samples, references, pairs)
     values: dict[str, Any] = {}
     for name, column in TARGET_COLUMNS.items():
         values[f"{name}_bias"] = biases.at(column)
-        values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(references[:, column].mean())
+        values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(
+            references[:, column].mean()
+        )
     return values
 
 
@@ -147,19 +173,27 @@ def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[s
 
 
 def _departure(runs: EngineRuns, exact: EngineRuns, pairs: Pairs) -> float:
-    """Median over common seeds of the time at which the tracer departs from the exact trajectory; inf for never."""
+    """Median over common seeds of the time at which the tracer departs from the exact trajectory;
+    inf for never.
+    """
     rows, exact_rows = pairs
-    tracks = (runs.displacement[rows].transpose(1, 0, 2), exact.displacement[exact_rows].transpose(1, 0, 2))
+    tracks = (
+        runs.displacement[rows].transpose(1, 0, 2),
+        exact.displacement[exact_rows].transpose(1, 0, 2),
+    )
     times = np.sort(departure_time(exact.times, *tracks, APART * exact.scene.radius[0]))
     return float(times[len(times) // 2])
 
 
-def departure_time(times: np.ndarray, position: np.ndarray, reference: np.ndarray, bound: float) -> np.ndarray:
-    """Return the first of `times` (T,) at which tracks (T, S, 2) are further apart than `bound`: (S,), inf for never.
+def departure_time(
+    times: np.ndarray, position: np.ndarray, reference: np.ndarray, bound: float
+) -> np.ndarray:
+    """Return the first of `times` (T,) at which tracks (T, S, 2) are further apart than `bound`:
+    (S,), inf for never.
 
-    A position that is NaN counts as departed. Trajectories of hard disks diverge exponentially, so this time grows only
-    as the logarithm of 1/error: it tells for how long single collisions are right, but nothing about averages. It is
-    resolved to one sample interval.
+    A position that is NaN counts as departed. Trajectories of hard disks diverge exponentially, so
+    this time grows only as the logarithm of 1/error: it tells for how long single collisions are
+    right, but nothing about averages. It is resolved to one sample interval.
     """
     apart = position - reference
     departed = ~(np.hypot(apart[..., 0], apart[..., 1]) <= bound)

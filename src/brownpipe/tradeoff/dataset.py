@@ -26,19 +26,30 @@ ATTRIBUTES = {
     "Conventions": "CF-1.11",
     "title": "Cost-accuracy trade-off of engines",
     "comment": (
-        "CPU times, and therefore the Pareto front, are measured anew whenever this dataset is made; they differ "
-        "between machines and from one measurement to the next. All other variables are reproducible to the bit. "
-        "Biases are relative to exact runs of the same scene; where an interval contains 0, the bias is not resolved."
+        "CPU times, and therefore the Pareto front, are measured anew whenever this dataset is "
+        "made; they differ "
+        "between machines and from one measurement to the next. All other variables are "
+        "reproducible to the bit. "
+        "Biases are relative to exact runs of the same scene; where an interval contains 0, the "
+        "bias is not resolved."
     ),
 }
 SCENE, SETTING = ("scene",), ("scene", "setting")
 BEST = "no setting has a smaller total error of the MSD"
 MSD, D = "MSD at the end", "D in the window"
-DISTRIBUTION = "total variation distance of the distribution of displacements at the end, in ten rings"
+DISTRIBUTION = (
+    "total variation distance of the distribution of displacements at the end, in ten rings"
+)
 
 COORDINATES = {
-    "scene": Variable(SCENE, None, "scene and number of disks, NAME_N150, whose exact runs are the reference"),
-    "setting": Variable(("setting",), None, "engine and settings; `exact in X`: exact runs of X in place of the scene"),
+    "scene": Variable(
+        SCENE, None, "scene and number of disks, NAME_N150, whose exact runs are the reference"
+    ),
+    "setting": Variable(
+        ("setting",),
+        None,
+        "engine and settings; `exact in X`: exact runs of X in place of the scene",
+    ),
 }
 _TABLE = {
     "particles": Variable(SCENE, "1", "number of disks", (), np.int64, 0),
@@ -46,25 +57,45 @@ _TABLE = {
     "window_start": Variable(SCENE, "time", "start of the window of time in which D is fitted"),
     "window_end": Variable(SCENE, "time", "end of the window of time in which D is fitted"),
     "runs": Variable(SETTING, "1", "number of runs that did not fail", (), np.int64, 0),
-    "failed_runs": Variable(SETTING, "1", "number of runs that failed and were left out", (), np.int64, 0),
-    "paired_runs": Variable(SETTING, "1", "number of runs that start like an exact run", (), np.int64, 0),
-    "seconds": Variable(SETTING, "s", "CPU time of a run on this machine, start-up and files not counted"),
-    "cost_ratio": Variable(SETTING, "1", "CPU time of a run over that of an exact run, median of pairs taken in turn"),
+    "failed_runs": Variable(
+        SETTING, "1", "number of runs that failed and were left out", (), np.int64, 0
+    ),
+    "paired_runs": Variable(
+        SETTING, "1", "number of runs that start like an exact run", (), np.int64, 0
+    ),
+    "seconds": Variable(
+        SETTING, "s", "CPU time of a run on this machine, start-up and files not counted"
+    ),
+    "cost_ratio": Variable(
+        SETTING, "1", "CPU time of a run over that of an exact run, median of pairs taken in turn"
+    ),
     "cost_ratio_low": Variable(SETTING, "1", "smallest of these ratios"),
     "cost_ratio_high": Variable(SETTING, "1", "largest of these ratios"),
-    "pays_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, unresolved biases at their 95 % upper bounds"),
-    "pays_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"),
-    "may_pay_from": Variable(SETTING, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"),
-    "may_pay_to": Variable(SETTING, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"),
+    "pays_from": Variable(
+        SETTING, "s", f"CPU time from which on {BEST}, unresolved biases at their 95 % upper bounds"
+    ),
+    "pays_to": Variable(
+        SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"
+    ),
+    "may_pay_from": Variable(
+        SETTING, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"
+    ),
+    "may_pay_to": Variable(
+        SETTING, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"
+    ),
     "msd_bias": Mean(SETTING, "1", f"relative bias of the {MSD}"),
     "msd_spread": Variable(SETTING, "1", f"relative standard deviation of the {MSD} in one run"),
     "d_bias": Mean(SETTING, "1", f"relative bias of {D}"),
     "d_spread": Variable(SETTING, "1", f"relative standard deviation of {D} in one run"),
     "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted", ENDS),
-    "displacement_spread": Variable(SETTING, "1", "mean distance due to noise in the distribution of one run"),
+    "displacement_spread": Variable(
+        SETTING, "1", "mean distance due to noise in the distribution of one run"
+    ),
     "contact_bias": Mean(SETTING, "1", "most significant relative deviation of g(r) near contact"),
     "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
-    "departure_time": Variable(SETTING, "time", "median time until the tracer is 0.001 R off its exact path; or inf"),
+    "departure_time": Variable(
+        SETTING, "time", "median time until the tracer is 0.001 R off its exact path; or inf"
+    ),
 }
 VARIABLES = with_uncertainties(_TABLE)
 
@@ -77,19 +108,25 @@ def measure(
 ) -> "xarray.Dataset":
     """Compare all engines of the trajectory files `paths` with the exact runs of the same scenes.
 
-    instead_of: cheaper scenes that may replace another, {scene: [others]}; their exact runs are settings of that scene.
-    window: (start, end) in which D is fitted [time], by default from a tenth of each scene's duration to its end.
-    seconds_per_run: CPU seconds of a run of an engine in a scene; by default measured, in turn with the exact engine
+    instead_of: cheaper scenes that may replace another, {scene: [others]}; their exact runs are
+    settings of that scene.
+    window: (start, end) in which D is fitted [time], by default from a tenth of each scene's
+    duration to its end.
+    seconds_per_run: CPU seconds of a run of an engine in a scene; by default measured, in turn with
+    the exact engine
         (`timing.ratio_to`).
 
-    Scenes that have exact runs only are left out. `Study.refuse_tradeoff` refuses what cannot be compared. Raises what
-    `groups_of` raises.
+    Scenes that have exact runs only are left out. `Study.refuse_tradeoff` refuses what cannot be
+    compared. Raises what `groups_of` raises.
     """
     groups = groups_of(paths)
     all_runs = read_runs(groups)
     references = [runs for runs in all_runs if runs.is_reference]
     instead_of = instead_of or {}
-    every = ((exact, _compared(exact, all_runs, instead_of.get(exact.scene.name, ()))) for exact in references)
+    every = (
+        (exact, _compared(exact, all_runs, instead_of.get(exact.scene.name, ())))
+        for exact in references
+    )
     pairs = [(exact, compared) for exact, compared in every if len(compared) > 1]
     parts = []
     for exact, compared in tracked(pairs, "cases"):
@@ -104,29 +141,48 @@ def measure(
         unit = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene)
         for label, runs in tracked(compared.items(), "settings"):
             cost = _cost(runs, exact, unit, seconds_per_run)
-            values = compare(runs, exact, fitted, unit * cost.ratio, paired=runs.scene.label == exact.scene.label)
-            costs = dict(zip(("cost_ratio", "cost_ratio_low", "cost_ratio_high"), cost, strict=True))
+            values = compare(
+                runs, exact, fitted, unit * cost.ratio, paired=runs.scene.label == exact.scene.label
+            )
+            costs = dict(
+                zip(("cost_ratio", "cost_ratio_low", "cost_ratio_high"), cost, strict=True)
+            )
             parts.append(of_scene | {"setting": [label]} | values | costs)
-    options = {"instead_of": {scene: [*others] for scene, others in instead_of.items()}, "fit_window": window}
-    made = origin_attributes("tradeoff", ((group.pattern.contents, group.seeds) for group in groups), options)
+    options = {
+        "instead_of": {scene: [*others] for scene, others in instead_of.items()},
+        "fit_window": window,
+    }
+    made = origin_attributes(
+        "tradeoff", ((group.pattern.contents, group.seeds) for group in groups), options
+    )
     return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made))
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
-    """Return whether a dataset is one of `measure`, of any version; otherwise it is one of `analysis.aggregate`."""
+    """Return whether a dataset is one of `measure`, of any version; otherwise it is one of
+    `analysis.aggregate`.
+    """
     return "setting" in dataset.dims
 
 
-def _compared(exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequence[str]) -> dict[str, EngineRuns]:
-    """By setting: all engines in the scene, also the exact one, and exact runs of scenes that may stand in for it."""
-    compared = {runs.engine.label: runs for runs in all_runs if runs.scene.label == exact.scene.label}
+def _compared(
+    exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequence[str]
+) -> dict[str, EngineRuns]:
+    """By setting: all engines in the scene, also the exact one, and exact runs of scenes that may
+    stand in for it.
+    """
+    compared = {
+        runs.engine.label: runs for runs in all_runs if runs.scene.label == exact.scene.label
+    }
     for name in stand_ins:
         others = [runs for runs in all_runs if runs.scene.name == name and runs.is_reference]
         compared |= {f"{REFERENCE_NAME} in {runs.scene.label}": runs for runs in others}
     return compared
 
 
-def _cost(runs: EngineRuns, exact: EngineRuns, unit: float, seconds_per_run: Callable | None) -> timing.Ratio:
+def _cost(
+    runs: EngineRuns, exact: EngineRuns, unit: float, seconds_per_run: Callable | None
+) -> timing.Ratio:
     """CPU time of a run over that of an exact run, which is `unit` seconds."""
     if runs is exact:
         return timing.Ratio(1.0, 1.0, 1.0)
@@ -137,14 +193,18 @@ def _cost(runs: EngineRuns, exact: EngineRuns, unit: float, seconds_per_run: Cal
 
 
 def _with_front(dataset: "xarray.Dataset") -> "xarray.Dataset":
-    """Return the dataset with the CPU times [s] between which each setting is on the Pareto front of the MSD.
+    """Return the dataset with the CPU times [s] between which each setting is on the Pareto front
+    of the MSD.
 
-    `pays`: unresolved biases at their 95 % upper bound, the cost at its median. `may_pay`: biases at their estimates,
-    the cost at the lower end of its range.
+    `pays`: unresolved biases at their 95 % upper bound, the cost at its median. `may_pay`: biases
+    at their estimates, the cost at the lower end of its range.
     """
     cheapest = dataset.assign(seconds=dataset.seconds * dataset.cost_ratio_low / dataset.cost_ratio)
     for scene in dataset.scene.values:
-        fronts = {"pays": settings_of(dataset, scene, careful=True), "may_pay": settings_of(cheapest, scene)}
+        fronts = {
+            "pays": settings_of(dataset, scene, careful=True),
+            "may_pay": settings_of(cheapest, scene),
+        }
         for name, settings in fronts.items():
             for label, start, end in pareto_front(settings):
                 began = dataset[f"{name}_from"].loc[scene, label]

@@ -1,7 +1,7 @@
 """Accuracy for a given CPU time: total error of every setting, and the Pareto front.
 
-A setting with a bias b, whose runs spread by s and cost c seconds each, has after a CPU time T the root mean square
-error sqrt(b^2 + s^2 c/T). All errors are relative to the exact value.
+A setting with a bias b, whose runs spread by s and cost c seconds each, has after a CPU time T the
+root mean square error sqrt(b^2 + s^2 c/T). All errors are relative to the exact value.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,8 @@ class MeasuredSetting(NamedTuple):
 
     label: str
     bias_square: float  # variance subtracted, `bias.square`
-    spread: float  # relative standard deviation of a run: the standard error of n runs is spread/sqrt(n)
+    # relative standard deviation of a run: the standard error of n runs is spread/sqrt(n)
+    spread: float
     seconds: float  # CPU time of one run
 
 
@@ -39,20 +40,27 @@ class Interval(NamedTuple):
 
 
 def total_error(setting: MeasuredSetting, cpu_time: np.ndarray | float) -> np.ndarray:
-    """Return the root mean square error after a CPU time [s]; NaN if that is less than FEWEST_RUNS runs take."""
+    """Return the root mean square error after a CPU time [s]; NaN if that is less than FEWEST_RUNS
+    runs take.
+    """
     cpu_time = np.asarray(cpu_time, float)
     error = np.sqrt(setting.bias_square + setting.spread**2 * setting.seconds / cpu_time)
     return np.where(cpu_time >= FEWEST_RUNS * setting.seconds, error, np.nan)
 
 
 def runs_for(
-    tolerance: float, bias_square: float, spread: float, share_sound: float = 1.0, pilot: float = np.inf
+    tolerance: float,
+    bias_square: float,
+    spread: float,
+    share_sound: float = 1.0,
+    pilot: float = np.inf,
 ) -> int | None:
-    """Return the number of runs whose total error is `tolerance`; None if the bias alone is too large.
+    """Return the number of runs whose total error is `tolerance`; None if the bias alone is too
+    large.
 
-    `share_sound` is the share of runs that do not fail; those expected to fail are added, if more than 0.001 of a run.
-    The spread is that of `pilot` runs: the fewer they are, the larger it is taken, by Student's quantile over the
-    normal one (C. Stein, Ann. Math. Stat. 16, 243 (1945)).
+    `share_sound` is the share of runs that do not fail; those expected to fail are added, if more
+    than 0.001 of a run. The spread is that of `pilot` runs: the fewer they are, the larger it is
+    taken, by Student's quantile over the normal one (C. Stein, Ann. Math. Stat. 16, 243 (1945)).
     """
     from scipy.special import stdtrit
 
@@ -60,20 +68,25 @@ def runs_for(
     if variance <= 0.0:
         return None
     student, normal = stdtrit([pilot - 1, np.inf], 0.975)
-    sound = max(FEWEST_RUNS, int(np.ceil((spread * student / normal) ** 2 / variance * (1 - 1e-12))))
+    sound = max(
+        FEWEST_RUNS, int(np.ceil((spread * student / normal) ** 2 / variance * (1 - 1e-12)))
+    )
     return sound + max(0, int(np.ceil(sound * (1.0 / share_sound - 1.0) - 1e-3)))
 
 
 def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
     """Return the settings with the smallest total error, from the shortest CPU time to the longest.
 
-    The square of the error is linear in 1/T. So the best setting changes only where two of these lines cross or where
-    a more expensive setting reaches FEWEST_RUNS runs; of two equal ones the first in `settings` counts. Settings whose
-    bias is NaN are left out.
+    The square of the error is linear in 1/T. So the best setting changes only where two of these
+    lines cross or where a more expensive setting reaches FEWEST_RUNS runs; of two equal ones the
+    first in `settings` counts. Settings whose bias is NaN are left out.
     """
     settings = [setting for setting in settings if np.isfinite(setting.bias_square)]
     starts = {FEWEST_RUNS * setting.seconds for setting in settings}
-    changes = sorted(starts | {time for pair in combinations(settings, 2) if (time := _crossing(*pair)) > min(starts)})
+    changes = sorted(
+        starts
+        | {time for pair in combinations(settings, 2) if (time := _crossing(*pair)) > min(starts)}
+    )
     front: list[Interval] = []
     for start, end in zip(changes, [*changes[1:], np.inf], strict=True):
         middle = np.sqrt(start * end) if end < np.inf else 2 * start
@@ -85,10 +98,14 @@ def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
     return front
 
 
-def settings_of(dataset: "xarray.Dataset", scene: str, careful: bool = False) -> list[MeasuredSetting]:
-    """Return the settings of a scene of the dataset, the exact one first, with bias and spread of the MSD at the end.
+def settings_of(
+    dataset: "xarray.Dataset", scene: str, careful: bool = False
+) -> list[MeasuredSetting]:
+    """Return the settings of a scene of the dataset, the exact one first, with bias and spread of
+    the MSD at the end.
 
-    careful: take an unresolved bias at its 95 % upper bound, so that no setting appears better than the data show;
+    careful: take an unresolved bias at its 95 % upper bound, so that no setting appears better than
+    the data show;
         otherwise take all biases at their estimates, with their variances subtracted.
     """
     of_scene = dataset.sel(scene=scene)
@@ -96,7 +113,10 @@ def settings_of(dataset: "xarray.Dataset", scene: str, careful: bool = False) ->
     estimate = Estimate(*(of_scene[name].values for name in names_of("msd_bias")))
     squares = (bias.careful_square if careful else bias.square)(estimate)
     columns = of_scene.setting.values, squares, of_scene.msd_spread.values, of_scene.seconds.values
-    settings = [MeasuredSetting(str(label), *map(float, of_one)) for label, *of_one in zip(*columns, strict=True)]
+    settings = [
+        MeasuredSetting(str(label), *map(float, of_one))
+        for label, *of_one in zip(*columns, strict=True)
+    ]
     return sorted(settings, key=lambda setting: setting.label != REFERENCE_NAME)
 
 

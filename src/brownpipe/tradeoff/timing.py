@@ -11,10 +11,14 @@ from brownpipe import progress
 from brownpipe.engines import Engine
 from brownpipe.scene import Scene
 
-REPEATS, FEWER = 5, 3  # measurements, of which the median is taken; FEWER if a run takes longer than LONG
+REPEATS, FEWER = (
+    5,
+    3,
+)  # measurements, of which the median is taken; FEWER if a run takes longer than LONG
 LEAST, LONG = 0.2, 2.0  # CPU seconds: the shortest measurement; a long run
 MOST_TIMED_RUNS = 10_000  # in a measurement
-LONGER = 4.0  # shortest measurement in units of the fixed part of a call, so that the noise of that part is small
+# shortest measurement in units of the fixed part of a call, so that the noise of that part is small
+LONGER = 4.0
 FIRST_TIMED_SEED = 2**41  # of the timed runs; no study uses these seeds
 
 
@@ -27,22 +31,25 @@ class Ratio(NamedTuple):
 
 
 def seconds_per_run(engine: Engine, scene: Scene) -> float:
-    """Return the CPU seconds of a run, from drawing its state to its last sample, without writing the file.
+    """Return the CPU seconds of a run, from drawing its state to its last sample, without writing
+    the file.
 
-    The median of REPEATS measurements with runs of different seeds, all in this process and after a first call that
-    does not count, as it may have to compile. The fixed part of a call (such as measuring a friction rate) is left out:
-    a measurement is the difference of a call with many runs and one with a single run. Other work on the machine still
-    affects it, by its use of cache and memory bandwidth.
+    The median of REPEATS measurements with runs of different seeds, all in this process and after a
+    first call that does not count, as it may have to compile. The fixed part of a call (such as
+    measuring a friction rate) is left out: a measurement is the difference of a call with many runs
+    and one with a single run. Other work on the machine still affects it, by its use of cache and
+    memory bandwidth.
     """
     measurement, repeats = _ready(engine, scene)
     return float(np.median([measurement() for _ in range(repeats)]))
 
 
 def ratio_to(reference: tuple[Engine, Scene], engine: Engine, scene: Scene) -> Ratio:
-    """Return the ratio of the CPU time of a run to that of a run of `reference`, by measuring both in turn.
+    """Return the ratio of the CPU time of a run to that of a run of `reference`, by measuring both
+    in turn.
 
-    The speed of a shared machine changes from minute to minute; the ratio of two measurements, one after the other,
-    varies less.
+    The speed of a shared machine changes from minute to minute; the ratio of two measurements, one
+    after the other, varies less.
     """
     measurement, repeats = _ready(engine, scene)
     reference_measurement, _ = _ready(*reference)
@@ -56,7 +63,9 @@ def _ready(engine: Engine, scene: Scene) -> tuple[Callable[[], float], int]:
     _seconds(engine, scene, seeds, 1)
     single, five = _seconds(engine, scene, seeds, 1), _seconds(engine, scene, seeds, 5)
     estimate = max((five - single) / 4, 1e-6)
-    runs = int(np.clip(np.ceil(max(LEAST, LONGER * (single - estimate)) / estimate), 1, MOST_TIMED_RUNS))
+    runs = int(
+        np.clip(np.ceil(max(LEAST, LONGER * (single - estimate)) / estimate), 1, MOST_TIMED_RUNS)
+    )
 
     def measurement() -> float:
         alone = _seconds(engine, scene, seeds, 1)

@@ -1,8 +1,8 @@
 """The verbs of the command line, in the order of the help, each with its module.
 
-A verb is a function of the parsed arguments, whose docstring is the help, with an example at its end, and which returns
-the exit status (None: done). `add_NAME` beside it is given `add_argument` of its parser. Imports that take long are
-inside the functions that need them.
+A verb is a function of the parsed arguments, whose docstring is the help, with an example at its
+end, and which returns the exit status (None: done). `add_NAME` beside it is given `add_argument` of
+its parser. Imports that take long are inside the functions that need them.
 """
 
 MODULES = {

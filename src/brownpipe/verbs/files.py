@@ -1,4 +1,6 @@
-"""The verbs of one file: what it contains, whether it is intact, a movie of a run, a run for other programs."""
+"""The verbs of one file: what it contains, whether it is intact, a movie of a run, a run for other
+programs.
+"""
 
 from argparse import Namespace
 from collections.abc import Callable
@@ -25,25 +27,44 @@ FPS = 25.0  # frames a second
 def add_inspect(add: Callable) -> None:
     add("file", metavar="FILE", help="trajectory file, dataset, figure, table, page or movie")
     add_seed(add, "all about this run of a trajectory file")
-    again = "make the runs of a trajectory file again, or with --seed one of them, and compare every bit"
+    again = (
+        "make the runs of a trajectory file again, or with --seed one of them, and compare every "
+        "bit"
+    )
     add("--reproduce", action="store_true", help=again)
-    add("--scene", action="store_true", help="print the scene of a trajectory file, as a scene file (YAML)")
+    add(
+        "--scene",
+        action="store_true",
+        help="print the scene of a trajectory file, as a scene file (YAML)",
+    )
     allowed = "of a dataset, say only which runs failed; exit status 1 if they are more than N"
     add("--allow-failed", type=typed(Count), metavar="N", help=allowed)
-    add("--variables", action="store_true", help="list the variables of a dataset with dimensions, units and meaning")
+    add(
+        "--variables",
+        action="store_true",
+        help="list the variables of a dataset with dimensions, units and meaning",
+    )
 
 
 def inspect(arguments: Namespace) -> int:
     """Describe the contents of a trajectory file or dataset, and say whether it is intact.
 
-    Of a figure, table, summary, page or movie it says what they were made from. `--reproduce` takes scene, engine,
-    seeds and all settings from a trajectory file, makes its runs again, and ends with exit status 1 if a bit differs.
-    `--allow-failed N` names the failed runs of a dataset and ends with exit status 1 if they are more than N. A study
-    ends with this step.
+    Of a figure, table, summary, page or movie it says what they were made from. `--reproduce` takes
+    scene, engine, seeds and all settings from a trajectory file, makes its runs again, and ends
+    with exit status 1 if a bit differs. `--allow-failed N` names the failed runs of a dataset and
+    ends with exit status 1 if they are more than N. A study ends with this step.
 
     example: brownpipe inspect seed17.h5 --seed 17
     """
-    refuse_together(arguments, "scene", "variables", "reproduce", "allow_failed", "seed", but=["reproduce", "seed"])
+    refuse_together(
+        arguments,
+        "scene",
+        "variables",
+        "reproduce",
+        "allow_failed",
+        "seed",
+        but=["reproduce", "seed"],
+    )
     if arguments.allow_failed is not None:
         return _failed(arguments.file, arguments.allow_failed)
     if arguments.reproduce:
@@ -66,7 +87,11 @@ def _failed(path: str, allowed: int) -> int:
     if not failed:
         return DONE
     status = FAILED if failed > allowed else DONE
-    limit = f"allow_failed: {allowed} accepts no more" if status else f"accepted by allow_failed: {allowed}"
+    limit = (
+        f"allow_failed: {allowed} accepts no more"
+        if status
+        else f"accepted by allow_failed: {allowed}"
+    )
     which = f"{failed:,} of {runs:,} runs failed and are in no average, {limit}"
     return say(f"{path}: {which}: {cases}", status)
 
@@ -89,8 +114,8 @@ def add_verify(add: Callable) -> None:
 def verify(arguments: Namespace) -> int:
     """Read every trajectory file, dataset and figure of a study and verify its checksum.
 
-    Names every file that is damaged, and runs and figures that are missing; then the exit status is 1. To make damaged
-    files again, delete them and run the study. Nothing is written.
+    Names every file that is damaged, and runs and figures that are missing; then the exit status is
+    1. To make damaged files again, delete them and run the study. Nothing is written.
 
     example: brownpipe verify results/small
     """
@@ -100,9 +125,15 @@ def verify(arguments: Namespace) -> int:
             try:
                 if Path(path).is_dir():
                     intact, damaged, missing = verify_results(path)
-                    wrong = [f"{file}: is damaged; delete it and run the study again" for file in damaged]
+                    wrong = [
+                        f"{file}: is damaged; delete it and run the study again" for file in damaged
+                    ]
                     wrong += [f"{file}: is missing; run the study again" for file in missing]
-                    show(*wrong, f"{path}: {len(intact)} intact, {len(damaged)} damaged, {len(missing)} missing")
+                    show(
+                        *wrong,
+                        f"{path}: {len(intact)} intact, {len(damaged)} damaged, {len(missing)} "
+                        "missing",
+                    )
                     statuses.add(FAILED if damaged or missing else DONE)
                 else:
                     read_contents(path)
@@ -115,16 +146,25 @@ def verify(arguments: Namespace) -> int:
 def add_movie(add: Callable) -> None:
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
     add_seed(add, "the run to show (default: the first in the file)")
-    add("--output", metavar="FILE", help="*.gif, *.png or *.html (default: FILE.gif, in this folder)")
+    add(
+        "--output",
+        metavar="FILE",
+        help="*.gif, *.png or *.html (default: FILE.gif, in this folder)",
+    )
     add("--frames", type=typed(AtLeastOne), metavar="COUNT", help="samples to show (default: all)")
-    add("--fps", type=typed(Positive), help="frames a second (default: 25); of a .gif at most 50, in steps of 0.01 s")
+    add(
+        "--fps",
+        type=typed(Positive),
+        help="frames a second (default: 25); of a .gif at most 50, in steps of 0.01 s",
+    )
 
 
 def movie(arguments: Namespace) -> None:
     """Show one whole run of a trajectory file: a picture, an animation (GIF), or a web page.
 
-    The file must have been recorded with `--record all`, for a page with `--record all,events`. The picture shows the
-    end of the run. The page (HTML) replays the run from collision to collision, and needs no other file.
+    The file must have been recorded with `--record all`, for a page with `--record all,events`. The
+    picture shows the end of the run. The page (HTML) replays the run from collision to collision,
+    and needs no other file.
 
     example: brownpipe movie seed17.h5 --output seed17.gif
     """
@@ -145,7 +185,9 @@ def _frames(trajectories: Trajectories, arguments: Namespace, kind: str) -> tupl
 
     frames, fps = arguments.frames, arguments.fps or FPS
     with progress.shown("movie"):
-        seed = chosen_seed(trajectories, arguments.file, arguments.seed, trajectories.ensemble.whole)
+        seed = chosen_seed(
+            trajectories, arguments.file, arguments.seed, trajectories.ensemble.whole
+        )
         record = movie_record(trajectories, "all", seed, frames=frames, fps=fps)
         contents = movie(trajectories, seed, kind, record, frames, fps)
     samples = len(trajectories.scene.times)
@@ -157,30 +199,51 @@ def _page(trajectories: Trajectories, arguments: Namespace, _: str) -> tuple[byt
     from brownpipe.report.replay import replay_page
 
     if arguments.frames or arguments.fps:
-        raise RequestError("--frames, --fps: must not be given for a page, which has every collision instead of frames")
+        raise RequestError(
+            "--frames, --fps: must not be given for a page, which has every collision instead of "
+            "frames"
+        )
     return replay_page(trajectories, arguments.file, arguments.seed)
 
 
 def add_export(add: Callable) -> None:
-    add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all); for csv, any")
-    add("--to", required=True, choices=FORMATS, metavar="FORMAT", help="gsd, xyz (extended XYZ) or csv")
+    add(
+        "file",
+        metavar="FILE.h5",
+        help="trajectory file with whole runs (simulate --record all); for csv, any",
+    )
+    add(
+        "--to",
+        required=True,
+        choices=FORMATS,
+        metavar="FORMAT",
+        help="gsd, xyz (extended XYZ) or csv",
+    )
     add_seed(add, "the run to export (default: the first in the file; csv: all)")
-    add("--output", metavar="FILE", help="*.gsd, *.xyz or *.csv (default: name of the file, in this folder)")
+    add(
+        "--output",
+        metavar="FILE",
+        help="*.gsd, *.xyz or *.csv (default: name of the file, in this folder)",
+    )
 
 
 def export(arguments: Namespace) -> None:
-    """Export a run to GSD (HOOMD-blue, freud, MDAnalysis, OVITO), extended XYZ (ASE, OVITO, VMD) or a table (CSV).
+    """Export a run to GSD (HOOMD-blue, freud, MDAnalysis, OVITO), extended XYZ (ASE, OVITO, VMD) or
+    a table (CSV).
 
-    The file must have been recorded with `--record all`. Without whole runs, CSV has the tracers of all runs.
-    GSD has single precision and the centre of the box at the origin, and needs the package gsd; XYZ and CSV have every
-    digit. Unwrapped positions in a periodic box are position + image * (width, height).
+    The file must have been recorded with `--record all`. Without whole runs, CSV has the tracers of
+    all runs. GSD has single precision and the centre of the box at the origin, and needs the
+    package gsd; XYZ and CSV have every digit. Unwrapped positions in a periodic box are position +
+    image * (width, height).
 
     example: brownpipe export seed17.h5 --to gsd
     """
     kind = f".{arguments.to}"
     output = arguments.output or absent(f"{Path(arguments.file).stem}{kind}")
     output = writable(output, arguments.file, suffixes=(kind,))
-    tracks, remarks = exported(read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed)
+    tracks, remarks = exported(
+        read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed
+    )
     for remark in remarks:
         say(f"{output}: {remark}", DONE)
     show(f"{output}: {counted(len(tracks), 'run')}, {in_bytes(Path(output).stat().st_size)}")

@@ -16,14 +16,17 @@ Value = TypeVar("Value")
 
 
 def typed(kind: Any, separator: str = "") -> Callable[[str], Any]:
-    """Return the reader of a value of this type, which is read and refused as in a scene or study file.
+    """Return the reader of a value of this type, which is read and refused as in a scene or study
+    file.
 
     separator: between the values of a list of this type.
     """
 
     def read(text: str) -> Any:
         try:
-            return validated(kind, [*map(scalar, text.split(separator))] if separator else scalar(text))
+            return validated(
+                kind, [*map(scalar, text.split(separator))] if separator else scalar(text)
+            )
         except RequestError as error:
             raise ArgumentTypeError(str(error)) from None
 
@@ -36,10 +39,14 @@ def several(read: Callable[[str], Value]) -> Callable[[str], list[Value]]:
 
 
 def key_value(text: str) -> tuple[str, object]:
-    """Return the key and the value of KEY=VALUE; the value is JSON or, if it is not, read as in a file."""
+    """Return the key and the value of KEY=VALUE; the value is JSON or, if it is not, read as in a
+    file.
+    """
     key, sign, value = text.partition("=")
     if not (sign and key.replace(".", "").replace("-", "").isidentifier()):
-        raise ArgumentTypeError(f"must be KEY=VALUE, like seeds=100 or disks.tracer.mass=10, not {text!r}")
+        raise ArgumentTypeError(
+            f"must be KEY=VALUE, like seeds=100 or disks.tracer.mass=10, not {text!r}"
+        )
     try:
         return key, json.loads(value)
     except (ValueError, RecursionError):
@@ -47,8 +54,14 @@ def key_value(text: str) -> tuple[str, object]:
 
 
 def refuse_together(arguments: Namespace, *options: str, but: Sequence[str] = ()) -> None:
-    """Raise RequestError if several of these options are given, unless they are just those in `but`."""
-    given = [name for name in options if (value := getattr(arguments, name)) is not None and value is not False]
+    """Raise RequestError if several of these options are given, unless they are just those in
+    `but`.
+    """
+    given = [
+        name
+        for name in options
+        if (value := getattr(arguments, name)) is not None and value is not False
+    ]
     if len(given) > 1 and given != but:
         raise RequestError(f"--{given[0]}: must not be given with --{given[1]}".replace("_", "-"))
 

@@ -15,7 +15,19 @@ HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
 YAML = (".yaml", ".yml")
 NETCDF = (".nc", "")  # of datasets
 PAGE = (".html",)
-FILES = (".png", ".svg", ".pdf", ".jpg", ".jpeg", ".gif", ".csv", ".txt", ".nc", ".h5", *PAGE)  # no suffixes of folders
+FILES = (
+    ".png",
+    ".svg",
+    ".pdf",
+    ".jpg",
+    ".jpeg",
+    ".gif",
+    ".csv",
+    ".txt",
+    ".nc",
+    ".h5",
+    *PAGE,
+)  # no suffixes of folders
 
 
 def show(*lines: str, flush: bool = False) -> None:
@@ -33,12 +45,15 @@ def say(message: str, status: int) -> int:
 def writable(path: str, *inputs: str, suffixes: Sequence[str], size: float = 0.0) -> str:
     """Return the path of an output file, a link resolved, and make its folder.
 
-    suffixes: those that the file may have, with "" if it may have none. size: expected [bytes], good to a factor of 2.
-    Called before anything is computed. Raises OSError, RequestError or StorageError if the file could not be written
-    afterwards, or is an input.
+    suffixes: those that the file may have, with "" if it may have none. size: expected [bytes],
+    good to a factor of 2. Called before anything is computed. Raises OSError, RequestError or
+    StorageError if the file could not be written afterwards, or is an input.
     """
     path = os.path.realpath(path) if os.path.islink(path) else path
-    if any(os.path.exists(file) and os.path.exists(path) and os.path.samefile(path, file) for file in inputs):
+    if any(
+        os.path.exists(file) and os.path.exists(path) and os.path.samefile(path, file)
+        for file in inputs
+    ):
         raise RequestError(f"{path}: is an input; choose another name for the output")
     if suffix(path) not in suffixes:
         allowed = " or ".join(", ".join(filter(None, suffixes)).rsplit(", ", 1))
@@ -50,7 +65,9 @@ def writable(path: str, *inputs: str, suffixes: Sequence[str], size: float = 0.0
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OSError(f"{path}: its folder cannot be made: {error.strerror}; choose another place") from error
+        raise OSError(
+            f"{path}: its folder cannot be made: {error.strerror}; choose another place"
+        ) from error
     if not os.access(Path(path).parent, os.W_OK):
         raise PermissionError(f"{path}: its folder cannot be written to; choose another place")
     free = shutil.disk_usage(Path(path).parent).free
@@ -60,14 +77,20 @@ def writable(path: str, *inputs: str, suffixes: Sequence[str], size: float = 0.0
     return path
 
 
-def absent(path: str | Path, cure: str = "choose another name for the output, or give this one by --output") -> str:
-    """Return the path of an output that may not be there yet, such as a default name; raise RequestError if it is."""
+def absent(
+    path: str | Path, cure: str = "choose another name for the output, or give this one by --output"
+) -> str:
+    """Return the path of an output that may not be there yet, such as a default name; raise
+    RequestError if it is.
+    """
     if os.path.lexists(path):
         raise RequestError(f"{path}: exists; {cure}")
     return str(path)
 
 
 def suffix(path: str) -> str:
-    """Return the suffix of a file name in small letters, "" for none; the end of a number is none: mass_0.5."""
+    """Return the suffix of a file name in small letters, "" for none; the end of a number is none:
+    mass_0.5.
+    """
     end = Path(path).suffix.lower()
     return end if end[1:2].isalpha() else ""

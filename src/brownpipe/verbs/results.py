@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 def add_aggregate(add: Callable) -> None:
     add("files", nargs="*", metavar="FILE.h5", help="trajectory files of one study, in any order")
     add("--output", required=True, metavar="DATASET.nc", help="dataset to write (netCDF4)")
-    instead = "study file (YAML), in place of FILE.h5 and the options below: analyse its runs as it says"
+    instead = (
+        "study file (YAML), in place of FILE.h5 and the options below: analyse its runs as it says"
+    )
     add("--study", metavar="STUDY", help=instead)
     _add_runs_of_study(add)
     windows = "where lines are fitted to the MSD (default: two that begin when motion is diffusive)"
@@ -42,10 +44,12 @@ def add_aggregate(add: Callable) -> None:
 
 
 def aggregate(arguments: Namespace) -> None:
-    """Analyse trajectory files: one dataset of displacements, fits and distributions, with their errors over runs.
+    """Analyse trajectory files: one dataset of displacements, fits and distributions, with their
+    errors over runs.
 
-    With `--study` instead of files, those in `results` of this folder are analysed as the study says. A file that holds
-    other seeds, another scene or engine, or other records than the study asks for is refused by name.
+    With `--study` instead of files, those in `results` of this folder are analysed as the study
+    says. A file that holds other seeds, another scene or engine, or other records than the study
+    asks for is refused by name.
 
     example: brownpipe aggregate results/runs/dilute/N200/exact-*/*.h5 --output dilute.nc
     """
@@ -61,7 +65,12 @@ def aggregate(arguments: Namespace) -> None:
     output = writable(arguments.output, *inputs, suffixes=NETCDF)
     with progress.shown("aggregate"):
         dataset = analysis.aggregate(
-            files, windows, width, count, times or (), *(([*study.vary], study.vary_together) if study else ())
+            files,
+            windows,
+            width,
+            count,
+            times or (),
+            *(([*study.vary], study.vary_together) if study else ()),
         )
     _write(output, dataset, study, arguments)
     show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
@@ -73,22 +82,38 @@ def _refuse_together(arguments: Namespace) -> None:
     of_study = ("config", "list_runs", "plan")
     for name in own if arguments.study else of_study:
         if getattr(arguments, name):
-            raise RequestError(f"{name}: must not be given {'with' if arguments.study else 'without'} --study")
+            raise RequestError(
+                f"{name}: must not be given {'with' if arguments.study else 'without'} --study"
+            )
     if not arguments.study and not arguments.files:
         raise RequestError("FILE.h5: missing; give trajectory files, or a study with --study")
 
 
 def add_figures(add: Callable) -> None:
     add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
-    add("--output", required=True, metavar="FOLDER", help="folder for the figures, tables and the summary")
+    add(
+        "--output",
+        required=True,
+        metavar="FOLDER",
+        help="folder for the figures, tables and the summary",
+    )
     add("--page", metavar="FILE.html", help="also write a page with all results, in one file")
     names = f"names joined by commas, some of {', '.join(FIGURES)} (default: all)"
     add("--figures", type=several(typed(Literal[tuple(FIGURES)])), metavar="NAMES", help=names)
     add_particles(add, "show the runs with this many disks (default: the most)")
-    add("--panel", type=several(str), metavar="NAMES", help="draw what differs in these labels in panels of its own")
+    add(
+        "--panel",
+        type=several(str),
+        metavar="NAMES",
+        help="draw what differs in these labels in panels of its own",
+    )
     add("--title", metavar="TEXT", help="of the study, above the answer and the page")
     add("--note", metavar="TEXT", help="what the study is about, at the top of the page")
-    add("--planned", metavar="SHA256", help="refuse a dataset that was not made from the study in its present state")
+    add(
+        "--planned",
+        metavar="SHA256",
+        help="refuse a dataset that was not made from the study in its present state",
+    )
     cores = "draw so many figures at the same time (default: 1); the files are the same"
     add("--cores", type=typed(AtLeastOne), metavar="N", default=1, help=cores)
 
@@ -96,8 +121,9 @@ def add_figures(add: Callable) -> None:
 def figures(arguments: Namespace) -> None:
     """Draw the figures of a dataset, each with a table of its numbers, and write the summary.
 
-    provenance.json in the folder says what they were made from, and so do the pictures in their metadata. Those of
-    an earlier drawing are removed. Files that brownpipe did not make are neither replaced nor removed.
+    provenance.json in the folder says what they were made from, and so do the pictures in their
+    metadata. Those of an earlier drawing are removed. Files that brownpipe did not make are neither
+    replaced nor removed.
 
     example: brownpipe figures small.nc --output figures
     """
@@ -107,38 +133,53 @@ def figures(arguments: Namespace) -> None:
     output = arguments.output
     if not Path(output).is_dir() and (Path(output).exists() or suffix(output) in FILES):
         raise RequestError(f"{output}: the output must be a folder, not a file")
-    options = {name: getattr(arguments, name) for name in ("figures", "particles", "panel", "title", "note")}
+    options = {
+        name: getattr(arguments, name)
+        for name in ("figures", "particles", "panel", "title", "note")
+    }
     given = {name: value for name, value in options.items() if value is not None}
     dataset = read_dataset(arguments.dataset)
     if arguments.planned not in (None, dataset.attrs.get("planned")):
-        raise RequestError(f"{arguments.dataset}: is not of this study as it is; delete it and run the study again")
+        raise RequestError(
+            f"{arguments.dataset}: is not of this study as it is; delete it and run the study again"
+        )
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
         record = record_of(dataset, seal_of(arguments.dataset), given)
         written = write(dataset, output, record, page=page, cores=arguments.cores)
-    show(f"{output}: {counted(len(written), 'file')}" + (f", all on one page: {page}" if page else ""))
+    show(
+        f"{output}: {counted(len(written), 'file')}"
+        + (f", all on one page: {page}" if page else "")
+    )
 
 
 def add_tradeoff(add: Callable) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
     _add_runs_of_study(add)
-    add("--output", metavar="DATASET.nc", help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)")
+    add(
+        "--output",
+        metavar="DATASET.nc",
+        help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)",
+    )
     fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
     add("--fit-window", type=typed(Window, ":"), metavar="T0:T1", help=fitted)
 
 
 def tradeoff(arguments: Namespace) -> None:
-    """Measure the cost-accuracy trade-off: bias and CPU time of every engine of a study, relative to its exact runs.
+    """Measure the cost-accuracy trade-off: bias and CPU time of every engine of a study, relative
+    to its exact runs.
 
-    Compares the trajectory files of the study, and runs each engine for some seconds to measure its cost. A file that
-    holds other runs than the study asks for is refused by name.
+    Compares the trajectory files of the study, and runs each engine for some seconds to measure its
+    cost. A file that holds other runs than the study asks for is refused by name.
     `brownpipe figures` draws the figures and tables of the dataset.
 
     example: brownpipe tradeoff config/tradeoff.yaml
     """
     study = _study(arguments, "tradeoff")
     study.refuse_tradeoff()
-    refuse_windows([arguments.fit_window] if arguments.fit_window else (), [case.times for case in study.cases])
+    refuse_windows(
+        [arguments.fit_window] if arguments.fit_window else (), [case.times for case in study.cases]
+    )
     expected = files_of(study)
     inputs = [str(file.path) for file in expected]
     if missing := [path for path in inputs if not Path(path).exists()]:
@@ -153,16 +194,27 @@ def tradeoff(arguments: Namespace) -> None:
 
 
 def _add_runs_of_study(add: Callable) -> None:
-    """Add the options of a verb that makes a dataset of the runs of a study, besides the study itself."""
+    """Add the options of a verb that makes a dataset of the runs of a study, besides the study
+    itself.
+    """
     add_config(add)
-    plan = "the file that says how many runs the tolerance of the study needs; nothing for a study with seeds"
+    plan = (
+        "the file that says how many runs the tolerance of the study needs; nothing for a study "
+        "with seeds"
+    )
     add("--plan", nargs="?", metavar="PLAN.yaml", help=plan)
     add("--planned", metavar="SHA256", help="of all that the dataset is made from; stored in it")
-    add("--list-runs", metavar="FILE", help="also write the folders and seeds of the runs of the study")
+    add(
+        "--list-runs",
+        metavar="FILE",
+        help="also write the folders and seeds of the runs of the study",
+    )
 
 
 def _study(arguments: Namespace, step: str) -> Study:
-    """Return the study, with its number of runs. Raises RequestError if it is not the one that --planned says."""
+    """Return the study, with its number of runs. Raises RequestError if it is not the one that
+    --planned says.
+    """
     study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
     if arguments.planned not in (None, digests(study)[step]):
         raise RequestError(f"{arguments.study}: has changed since it was planned; run it again")
@@ -171,6 +223,8 @@ def _study(arguments: Namespace, step: str) -> Study:
 
 def _write(output: str, dataset: "Dataset", study: Study | None, arguments: Namespace) -> None:
     """Write a dataset and, if that is asked for, the list of the runs of its study."""
-    write_dataset(output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {}))
+    write_dataset(
+        output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {})
+    )
     if study is not None and arguments.list_runs is not None:
         write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())

@@ -31,53 +31,103 @@ from brownpipe.verbs.output import HDF5, absent, say, show, writable
 def add_simulate(add: Callable) -> None:
     add("scene", metavar="SCENE", help="scene file (YAML)")
     add_particles(add)
-    replaced = "another value of a key of the scene, like disks.tracer.mass=10 or packing_fraction=0.3; may be repeated"
-    add("--value", dest="values", action="append", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)
-    add("--seeds", default="0", help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)")
-    names = "; ".join(f"{definition.name}: {definition.summary}" for definition in DEFINITIONS.values())
+    replaced = (
+        "another value of a key of the scene, like disks.tracer.mass=10 or packing_fraction=0.3; "
+        "may be repeated"
+    )
+    add(
+        "--value",
+        dest="values",
+        action="append",
+        type=key_value,
+        default=[],
+        metavar="KEY=VALUE",
+        help=replaced,
+    )
+    add(
+        "--seeds",
+        default="0",
+        help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)",
+    )
+    names = "; ".join(
+        f"{definition.name}: {definition.summary}" for definition in DEFINITIONS.values()
+    )
     add("--engine", default="exact", metavar="NAME", help=f"{names} (default: exact)")
     for definition in DEFINITIONS.values():
         for key, kind in get_type_hints(definition.settings, include_extras=True).items():
-            what = f"of {definition.name}: {settings_of(definition.name).model_fields[key].description}"
+            what = (
+                f"of {definition.name}: "
+                f"{settings_of(definition.name).model_fields[key].description}"
+            )
             add(option(key), type=typed(kind), help=what)
-    what = "tracer (default: its positions), velocity (of the tracer, too), all, events, none; all,events"
+    what = (
+        "tracer (default: its positions), velocity (of the tracer, too), all, events, none; "
+        "all,events"
+    )
     add("--record", default="tracer", metavar="WHAT", help=what)
     some = f"some of {', '.join(OBSERVABLES)}, or a function of your own, my_module:my_function"
     measured = f"what to measure in each run: names joined by commas, {some}"
     add("--observables", type=several(str), default=[], metavar="NAMES", help=measured)
     over = "runs (default), or all time origins or equal disks of a run"
     add("--average", default="runs", metavar="OVER", help=over)
-    add("--output", metavar="FILE.h5", help="trajectory file (default: name of the scene, in this folder)")
-    accepted, count = "exit status 1 if more than N runs fail, or `all`: never (default: all but one)", typed(Count)
-    add("--allow-failed", type=lambda text: math.inf if text == "all" else count(text), metavar="N", help=accepted)
+    add(
+        "--output",
+        metavar="FILE.h5",
+        help="trajectory file (default: name of the scene, in this folder)",
+    )
+    accepted, count = (
+        "exit status 1 if more than N runs fail, or `all`: never (default: all but one)",
+        typed(Count),
+    )
+    add(
+        "--allow-failed",
+        type=lambda text: math.inf if text == "all" else count(text),
+        metavar="N",
+        help=accepted,
+    )
     add("--planned", metavar="SHA256", help="refuse runs other than those a study was planned with")
-    add("--checkpoint-every", type=typed(Positive), metavar="SECONDS", help="store checkpoints, to resume a killed run")
+    add(
+        "--checkpoint-every",
+        type=typed(Positive),
+        metavar="SECONDS",
+        help="store checkpoints, to resume a killed run",
+    )
 
 
 def simulate(arguments: Namespace) -> int:
     """Run a scene once for every seed and write the trajectories.
 
-    The tracer is always recorded, except with `--record none`. Runs that fail their health check or cannot go on are
-    named, marked in the file with the reason and left out of every average. The exit status is 1 if all of them fail,
-    or with `--allow-failed N` if more than N do. A scene in which nearly every run finds no places is refused.
-    `--observables` measures quantities at the end of each run, while the tracks of all disks are in memory, so that
-    only the results need to be written.
-    `--checkpoint-every` stores the state of the batch in FILE.h5.checkpoint: after this many seconds, when the next
-    block of simulated time (some 128 collisions of each disk) is complete. If the command is killed, the same command
-    resumes there and writes the same file, byte for byte.
+    The tracer is always recorded, except with `--record none`. Runs that fail their health check or
+    cannot go on are named, marked in the file with the reason and left out of every average. The
+    exit status is 1 if all of them fail, or with `--allow-failed N` if more than N do. A scene in
+    which nearly every run finds no places is refused. `--observables` measures quantities at the
+    end of each run, while the tracks of all disks are in memory, so that only the results need to
+    be written.
+    `--checkpoint-every` stores the state of the batch in FILE.h5.checkpoint: after this many
+    seconds, when the next block of simulated time (some 128 collisions of each disk) is complete.
+    If the command is killed, the same command resumes there and writes the same file, byte for
+    byte.
 
-    example: brownpipe simulate config/scenes/harrison2020.yaml --seeds 17 --record all --output seed17.h5
+    example: brownpipe simulate config/scenes/harrison2020.yaml --seeds 17 --record all --output
+    seed17.h5
     """
     began = time.process_time()
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
     seeds = validated(Seeds, arguments.seeds, key="seeds")
-    scene = scene_with(read_yaml(arguments.scene), arguments.scene, dict(arguments.values), arguments.particles)
-    measures: dict[str, Any] = {"observables": tuple(arguments.observables), "average": arguments.average}
+    scene = scene_with(
+        read_yaml(arguments.scene), arguments.scene, dict(arguments.values), arguments.particles
+    )
+    measures: dict[str, Any] = {
+        "observables": tuple(arguments.observables),
+        "average": arguments.average,
+    }
     cost = forecast_of_runs(engine, scene, seeds, record, *measures.values())
     digest = runs_digest(scene, engine, record, **measures)
     if arguments.planned not in (None, digest):
-        raise RequestError(f"{arguments.scene}: has changed since the study was planned; run the study again")
+        raise RequestError(
+            f"{arguments.scene}: has changed since the study was planned; run the study again"
+        )
     output, size = arguments.output or absent(f"{scene.name}.h5"), len(seeds) * cost.recorded
     output = writable(output, arguments.scene, suffixes=HDF5, size=size)
 
@@ -100,7 +150,9 @@ def simulate(arguments: Namespace) -> int:
 
 
 def _made(output: str, ensemble: Ensemble, seconds: float) -> str:
-    """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and the CPU time."""
+    """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and
+    the CPU time.
+    """
     overlaps = zip(ensemble.seeds, ensemble.observables.get("worst_overlap", ()), strict=False)
     sound = [overlap for seed, overlap in overlaps if seed not in ensemble.stopped]
     worst = f", worst overlap {max(sound):.2g} contact distances" if sound else ""
@@ -108,17 +160,28 @@ def _made(output: str, ensemble: Ensemble, seconds: float) -> str:
 
 
 def engine_of(arguments: Namespace) -> Engine:
-    """Return the requested engine with its settings. Raises RequestError for checkpoints of an engine without them."""
-    settings = {key: getattr(arguments, key) for one in DEFINITIONS.values() for key in one.settings._fields}
-    engine = requested(arguments.engine, {key: value for key, value in settings.items() if value is not None})
+    """Return the requested engine with its settings. Raises RequestError for checkpoints of an
+    engine without them.
+    """
+    settings = {
+        key: getattr(arguments, key) for one in DEFINITIONS.values() for key in one.settings._fields
+    }
+    engine = requested(
+        arguments.engine, {key: value for key, value in settings.items() if value is not None}
+    )
     if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
         keepers = " or ".join(one.name for one in DEFINITIONS.values() if one.keeps_checkpoints)
-        raise RequestError(f"--checkpoint-every: must go with {keepers}; {engine.name} keeps no checkpoints")
+        raise RequestError(
+            f"--checkpoint-every: must go with {keepers}; {engine.name} keeps no checkpoints"
+        )
     return engine
 
 
-def _checkpoints(arguments: Namespace, path: str, scene: Scene, seeds: Sequence[int], record: frozenset[str]) -> tuple:
-    """Return (Checkpoints,) for `exact.simulate`, stored in the file `path` and resumed from it if it exists.
+def _checkpoints(
+    arguments: Namespace, path: str, scene: Scene, seeds: Sequence[int], record: frozenset[str]
+) -> tuple:
+    """Return (Checkpoints,) for `exact.simulate`, stored in the file `path` and resumed from it if
+    it exists.
 
     Without --checkpoint-every return ().
     """
@@ -126,8 +189,15 @@ def _checkpoints(arguments: Namespace, path: str, scene: Scene, seeds: Sequence[
         return ()
     from brownpipe.engines.exact.simulation import Checkpoints  # imports Numba
 
-    options = {"particles": scene.particles, "seeds": seed_text(seeds), "record": ",".join(sorted(record))}
-    options |= {"observables": ",".join(map(identity, arguments.observables)) or "none", "average": arguments.average}
+    options = {
+        "particles": scene.particles,
+        "seeds": seed_text(seeds),
+        "record": ",".join(sorted(record)),
+    }
+    options |= {
+        "observables": ",".join(map(identity, arguments.observables)) or "none",
+        "average": arguments.average,
+    }
     made = {name.partition("_")[0]: value for name, value in made_with("simulate", "exact").items()}
     made_by = options | {"engine": arguments.engine, "scene": scene.digest} | made
     last_written = time.monotonic()

@@ -1,4 +1,6 @@
-"""The verbs of a study: a new one, what it will cost, the whole workflow, and the runs that a tolerance needs."""
+"""The verbs of a study: a new one, what it will cost, the whole workflow, and the runs that a
+tolerance needs.
+"""
 
 import json
 import shlex
@@ -14,7 +16,14 @@ from brownpipe.scene.reading import AtLeastOne, Name, validated
 from brownpipe.storage.files import write_file
 from brownpipe.study import Study, read_study
 from brownpipe.study.check import describe_scene_or_study
-from brownpipe.study.plan import offers, performance_of, recommendation, spent_on, write_plan, write_study
+from brownpipe.study.plan import (
+    offers,
+    performance_of,
+    recommendation,
+    spent_on,
+    write_plan,
+    write_study,
+)
 from brownpipe.study.study import Target, Tolerance, read_keys, why_no_relative_error
 from brownpipe.study.workflow import pipeline_folder, run_study
 from brownpipe.text import shell_path
@@ -24,23 +33,37 @@ from brownpipe.verbs.output import YAML, absent, show, writable
 
 def add_new(add: Callable) -> None:
     add("name", metavar="NAME", help="name of the study")
-    add("--folder", default=".", metavar="FOLDER", help="where to write the files (default: this folder)")
+    add(
+        "--folder",
+        default=".",
+        metavar="FOLDER",
+        help="where to write the files (default: this folder)",
+    )
 
 
 def new(arguments: Namespace) -> None:
     """Write a commented scene and study to start from: NAME_scene.yaml and NAME.yaml.
 
-    They run as they are, in half a minute: a heavy disk among 199 and among 399 light ones, 300 runs each.
+    They run as they are, in half a minute: a heavy disk among 199 and among 399 light ones, 300
+    runs each.
 
     example: brownpipe new my_study
     """
     name = arguments.name.removesuffix(".yaml")
     validated(Name, f"{name}_scene", key="name of the scene")
-    scene, study = Path(arguments.folder) / f"{name}_scene.yaml", Path(arguments.folder) / f"{name}.yaml"
+    scene, study = (
+        Path(arguments.folder) / f"{name}_scene.yaml",
+        Path(arguments.folder) / f"{name}.yaml",
+    )
     for path in (scene, study):
         absent(path, "choose another name or folder")
     for path, template in ((scene, "scene.yaml"), (study, "study.yaml")):
-        write_file(path, (PACKAGE / "study" / "templates" / template).read_bytes().replace(b"NAME", name.encode()))
+        write_file(
+            path,
+            (PACKAGE / "study" / "templates" / template)
+            .read_bytes()
+            .replace(b"NAME", name.encode()),
+        )
     show(f"{scene}: the physics of one run", f"{study}: the runs and their analysis", "")
     show(f"brownpipe check {shell_path(study)}    # what will be simulated, at what cost")
     show(f"brownpipe run {shell_path(study)}      # results and figures in results/{study.stem}")
@@ -71,9 +94,10 @@ def add_run(add: Callable) -> None:
 def run(arguments: Namespace) -> int:
     """Run a study: simulate, aggregate, figures, with the results in `results` of this folder.
 
-    A second run has nothing to do; after a change only the steps that depend on it run again. All other options are
-    those of Snakemake: `-n` lists the jobs that are due and why, `--config seeds=100` replaces a key of the study,
-    `--report report.html` writes Snakemake's report of results that are there.
+    A second run has nothing to do; after a change only the steps that depend on it run again. All
+    other options are those of Snakemake: `-n` lists the jobs that are due and why, `--config
+    seeds=100` replaces a key of the study, `--report report.html` writes Snakemake's report of
+    results that are there.
 
     example: brownpipe run my_study.yaml -j 2
     """
@@ -82,19 +106,32 @@ def run(arguments: Namespace) -> int:
 
 def add_plan(add: Callable) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
-    add("--tolerance", type=typed(Tolerance), metavar="ERROR", help="relative error that is allowed: 2%% or 0.02")
-    target = "quantity with this error: msd (at the end; default), d, or displacement_distribution (at the end)"
+    add(
+        "--tolerance",
+        type=typed(Tolerance),
+        metavar="ERROR",
+        help="relative error that is allowed: 2%% or 0.02",
+    )
+    target = (
+        "quantity with this error: msd (at the end; default), d, or displacement_distribution (at "
+        "the end)"
+    )
     add("--target", type=typed(Target), metavar="QUANTITY", help=target)
     add_config(add)
-    add("--count", metavar="PLAN.yaml", help="only determine how many runs the tolerance needs, and store it here")
+    add(
+        "--count",
+        metavar="PLAN.yaml",
+        help="only determine how many runs the tolerance needs, and store it here",
+    )
     add("--write", metavar="FILE.yaml", help="study file to write, with the best choice")
 
 
 def plan(arguments: Namespace) -> int:
     """Find the engine of a study, and the number of runs, that meet a tolerance at the lowest cost.
 
-    From pilot runs, up to 4 s of CPU or 400 of them for each engine, scene and number of disks. They are the first runs
-    of the study, which uses them again: they are stored in `results/runs` of this folder.
+    From pilot runs, up to 4 s of CPU or 400 of them for each engine, scene and number of disks.
+    They are the first runs of the study, which uses them again: they are stored in `results/runs`
+    of this folder.
 
     example: brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml
     """
@@ -104,15 +141,22 @@ def plan(arguments: Namespace) -> int:
     study = read_study(arguments.study, config)
     if arguments.count is not None:
         with progress.shown("plan"):
-            runs, pilots = write_plan(study, writable(arguments.count, arguments.study, suffixes=YAML))
-        show(f"{arguments.count}: {runs:,} runs for a tolerance of {100 * study.tolerance:g} % of {study.target}")
+            runs, pilots = write_plan(
+                study, writable(arguments.count, arguments.study, suffixes=YAML)
+            )
+        show(
+            f"{arguments.count}: {runs:,} runs for a tolerance of {100 * study.tolerance:g} % of "
+            f"{study.target}"
+        )
         show(spent_on(pilots))
         return DONE
     target, tolerance = arguments.target or study.target, arguments.tolerance or study.tolerance
     if tolerance is None:
         raise RequestError("--tolerance: missing; must be given, as the study has none")
     if reason := why_no_relative_error(study.cases):
-        raise RequestError(f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan")
+        raise RequestError(
+            f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan"
+        )
     if output := arguments.write:
         validated(Name, Path(output).stem, key="--write")  # of the new study
         output = writable(absent(output, "choose another name"), suffixes=YAML)
@@ -133,9 +177,11 @@ def add_schema(add: Callable) -> None:
 
 
 def schema(arguments: Namespace) -> None:
-    """Print the JSON Schema of scene or study files, with which editors complete and check their keys.
+    """Print the JSON Schema of scene or study files, with which editors complete and check their
+    keys.
 
-    An editor with a YAML language server reads it if the file begins with a comment that says where it is:
+    An editor with a YAML language server reads it if the file begins with a comment that says where
+    it is:
     # yaml-language-server: $schema=study.json
 
     example: brownpipe schema study

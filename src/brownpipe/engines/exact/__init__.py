@@ -1,6 +1,8 @@
-"""The exact engine: event-driven molecular dynamics of hard disks, exact up to round-off. Here is its `Definition`.
+"""The exact engine: event-driven molecular dynamics of hard disks, exact up to round-off. Here is
+its `Definition`.
 
-`simulation` makes runs. Kernels advance the disks from collision to collision (`events`) in a `workspace`.
+`simulation` makes runs. Kernels advance the disks from collision to collision (`events`) in a
+`workspace`.
 """
 
 from typing import NamedTuple

@@ -1,14 +1,16 @@
 """The event queue: a calendar queue with lazy deletion.
 
-A calendar queue (R. Brown, Commun. ACM 31, 1220 (1988); in event-driven molecular dynamics G. Paul, J. Comput. Phys.
-221, 615 (2007)) divides time into buckets of equal duration, which form a ring; only the current bucket is sorted. Here
-a bucket is one cache line: a count and up to 15 disks, without times. Lazy deletion: an entry is valid only if the
-disk's BUCKET field points here; outdated entries stay and are skipped when the bucket is opened. The events of the
-current bucket are in an array sorted by (time, disk), whose last element is the next event.
+A calendar queue (R. Brown, Commun. ACM 31, 1220 (1988); in event-driven molecular dynamics G. Paul,
+J. Comput. Phys. 221, 615 (2007)) divides time into buckets of equal duration, which form a ring;
+only the current bucket is sorted. Here a bucket is one cache line: a count and up to 15 disks,
+without times. Lazy deletion: an entry is valid only if the disk's BUCKET field points here;
+outdated entries stay and are skipped when the bucket is opened. The events of the current bucket
+are in an array sorted by (time, disk), whose last element is the next event.
 
-An event beyond the end of the ring is stored in an earlier bucket, and so is an event whose bucket is full. When that
-bucket is opened, events that are not yet due are pushed again. With many disks an insertion is deferred until
-the bucket has been prefetched: until the next bucket but one is opened.
+An event beyond the end of the ring is stored in an earlier bucket, and so is an event whose bucket
+is full. When that bucket is opened, events that are not yet due are pushed again. With many disks
+an insertion is deferred until the bucket has been prefetched: until the next bucket but one is
+opened.
 
 `push` enters an event into the queue, `store` into a future bucket, `insert` into the current one.
 """
@@ -21,12 +23,17 @@ from brownpipe.engines.records import local_copy
 
 BUCKET_WORDS, CAPACITY = 16, 15  # uint32 words of a bucket, one cache line; disks that it can hold
 MOST_DEFERRED = 64  # insertions deferred during one bucket at most: more than its events schedule
-IN_CURRENT, BEYOND_BLOCK = 0xFFFFFFFE, 0xFFFFFFFF  # in place of a bucket's number in the BUCKET field
+IN_CURRENT, BEYOND_BLOCK = (
+    0xFFFFFFFE,
+    0xFFFFFFFF,
+)  # in place of a bucket's number in the BUCKET field
 
 
 @kernel
 def push(w: ws.Workspace, i: int, time: float) -> None:
-    """Enter the next event of disk i, unless it lies beyond the end of the block: the next block predicts it anew."""
+    """Enter the next event of disk i, unless it lies beyond the end of the block: the next block
+    predicts it anew.
+    """
     scale = w.calendar
     if time >= scale.block:
         w.link[ws.ROW * i + ws.BUCKET] = BEYOND_BLOCK
@@ -34,7 +41,9 @@ def push(w: ws.Workspace, i: int, time: float) -> None:
     current = w.progress[ws.CURRENT_BUCKET]
     bucket = int(time * scale.per_time)
     if bucket - current > scale.ring:
-        bucket = current + scale.ring - (7 * i & (scale.ring >> 1))  # spread: one bucket could not hold them all
+        bucket = (
+            current + scale.ring - (7 * i & (scale.ring >> 1))
+        )  # spread: one bucket could not hold them all
     if bucket > current:
         store_or_defer(w.deferred, w, i, bucket)
     else:
@@ -43,10 +52,11 @@ def push(w: ws.Workspace, i: int, time: float) -> None:
 
 @kernel
 def store_or_defer(deferred: ws.Deferred | None, w: ws.Workspace, i: int, bucket: int) -> None:
-    """Store disk i in a future bucket; with many disks, prefetch the bucket and defer the insertion.
+    """Store disk i in a future bucket; with many disks, prefetch the bucket and defer the
+    insertion.
 
-    An event in the next bucket is stored at once: that bucket has been prefetched, and a deferred insertion would come
-    too late.
+    An event in the next bucket is stored at once: that bucket has been prefetched, and a deferred
+    insertion would come too late.
     """
     current = w.progress[ws.CURRENT_BUCKET]
     if deferred is None or bucket == current + 1:
@@ -56,7 +66,10 @@ def store_or_defer(deferred: ws.Deferred | None, w: ws.Workspace, i: int, bucket
     prefetch(w.bucket, BUCKET_WORDS * number)
     w.link[ws.ROW * i + ws.BUCKET] = number
     n = deferred.number[parity]
-    deferred.bucket[MOST_DEFERRED * parity + n], deferred.disk[MOST_DEFERRED * parity + n] = bucket, i
+    deferred.bucket[MOST_DEFERRED * parity + n], deferred.disk[MOST_DEFERRED * parity + n] = (
+        bucket,
+        i,
+    )
     deferred.number[parity] = n + 1
     if n + 1 == MOST_DEFERRED:
         store_deferred(deferred, w, parity)
@@ -64,7 +77,8 @@ def store_or_defer(deferred: ws.Deferred | None, w: ws.Workspace, i: int, bucket
 
 @kernel
 def store_deferred(deferred: ws.Deferred | None, w: ws.Workspace, parity: int) -> None:
-    """Carry out the insertions that were deferred while a bucket of this parity (even: 0, odd: 1) was the current one.
+    """Carry out the insertions that were deferred while a bucket of this parity (even: 0, odd: 1)
+    was the current one.
 
     Those of disks whose event has been predicted anew since are left out.
     """
@@ -101,7 +115,10 @@ def insert(w: ws.Workspace, i: int, time: float) -> None:
         remove_outdated(w)
     j = w.progress[ws.CURRENT_EVENTS]
     w.progress[ws.CURRENT_EVENTS] = j + 1
-    while j > 0 and (w.current_time[j - 1] < time or (w.current_time[j - 1] == time and w.current_disk[j - 1] < i)):
+    while j > 0 and (
+        w.current_time[j - 1] < time
+        or (w.current_time[j - 1] == time and w.current_disk[j - 1] < i)
+    ):
         w.current_time[j] = w.current_time[j - 1]
         w.current_disk[j] = w.current_disk[j - 1]
         j -= 1
@@ -112,7 +129,9 @@ def insert(w: ws.Workspace, i: int, time: float) -> None:
 
 @kernel
 def remove_outdated(w: ws.Workspace) -> None:
-    """Remove outdated and repeated entries from the current bucket; at most one entry per disk remains."""
+    """Remove outdated and repeated entries from the current bucket; at most one entry per disk
+    remains.
+    """
     n, last_time, last_disk = 0, -1.0, w.current_disk[0]
     for j in range(w.progress[ws.CURRENT_EVENTS]):
         time, i = w.current_time[j], np.int64(w.current_disk[j])
@@ -143,7 +162,9 @@ def entries_after(w: ws.Workspace, n: int) -> np.int64:
 
 @kernel
 def entries(w: ws.Workspace, number: int) -> range:
-    """Return the range of indices in `w.bucket` at which a bucket's disks are, valid or outdated."""
+    """Return the range of indices in `w.bucket` at which a bucket's disks are, valid or
+    outdated.
+    """
     first = BUCKET_WORDS * number
     return range(first + 1, first + 1 + w.bucket[first])
 
@@ -181,8 +202,8 @@ def open_next_bucket(w: ws.Workspace) -> None:
 def has_next_event(w: ws.Workspace) -> bool:
     """Whether the last element of the current bucket is the next event of all.
 
-    An event that was moved here from a later, full bucket lies beyond the end of the current one; events in the buckets
-    between may precede it.
+    An event that was moved here from a later, full bucket lies beyond the end of the current one;
+    events in the buckets between may precede it.
     """
     n = w.progress[ws.CURRENT_EVENTS]
     return n > 0 and w.current_time[n - 1] < (w.progress[ws.CURRENT_BUCKET] + 1) * w.calendar.width

@@ -1,14 +1,17 @@
-"""The cell list: cells at least one contact distance wide, so that 3 x 3 of them hold every partner of a disk.
+"""The cell list: cells at least one contact distance wide, so that 3 x 3 of them hold every partner
+of a disk.
 
-A cell is a short array in `w.cell`: the number of candidates in it, and the candidates. Cells are numbered row by row,
-with a rim of ghost cells around the box. Between walls the ghost cells stay empty; in a periodic box they list the
-images of the disks at the opposite side, so that no search ever wraps round.
+A cell is a short array in `w.cell`: the number of candidates in it, and the candidates. Cells are
+numbered row by row, with a rim of ghost cells around the box. Between walls the ghost cells stay
+empty; in a periodic box they list the images of the disks at the opposite side, so that no search
+ever wraps round.
 
-A disk much bigger than a cell is listed in a sparse pattern of cells around its own, such that every small disk within
-its reach finds it among its own 3 x 3 cells. Small disks need no code for this.
+A disk much bigger than a cell is listed in a sparse pattern of cells around its own, such that
+every small disk within its reach finds it among its own 3 x 3 cells. Small disks need no code for
+this.
 
-`enter` lists a disk, `update_...` lists or removes one. `gather` collects the disks of cells in `w.candidate`; the
-functions that prefetch the same cells or disks stand next to it.
+`enter` lists a disk, `update_...` lists or removes one. `gather` collects the disks of cells in
+`w.candidate`; the functions that prefetch the same cells or disks stand next to it.
 """
 
 import math
@@ -20,13 +23,15 @@ from brownpipe.engines.exact.workspace import position
 from brownpipe.engines.fours import copy_four, replace_in_four
 from brownpipe.engines.kernels import kernel, prefetch
 
-# -- which cell -----------------------------------------------------------------------------------------------------
+# -- which cell ------------------------------------------------------------------------------------
 # A "place" is the column and row of a cell.
 
 
 @kernel
 def cell_at(w: ws.Workspace, column: int, row: int) -> int:
-    """Return the number of a cell; columns and rows count from 0, and the ghost rim is at -1 and at their number."""
+    """Return the number of a cell; columns and rows count from 0, and the ghost rim is at -1 and at
+    their number.
+    """
     return (row + 1) * (w.grid.columns + 2) + column + 1
 
 
@@ -45,7 +50,9 @@ def cell_of(w: ws.Workspace, i: int) -> int:
 
 @kernel
 def place(shift: np.ndarray | None, w: ws.Workspace, i: int, now: float) -> tuple[int, int]:
-    """Return column and row of the cell at the position of disk i; their numbering continues outside a periodic box."""
+    """Return column and row of the cell at the position of disk i; their numbering continues
+    outside a periodic box.
+    """
     x, y = position(w, i, now)
     column = math.floor((x - w.grid.x) / w.grid.cell_width)
     row = math.floor((y - w.grid.y) / w.grid.cell_height)
@@ -66,19 +73,22 @@ def boxes_away(shift: np.ndarray | None, w: ws.Workspace, column: int, row: int)
 
 @kernel
 def image_of(i: int, across: int, up: int) -> int:
-    """Return the candidate that is disk i seen `across` boxes to the right and `up` boxes above, each -1, 0 or 1."""
+    """Return the candidate that is disk i seen `across` boxes to the right and `up` boxes above,
+    each -1, 0 or 1.
+    """
     return i + (((across + 3) % 3 + 3 * ((up + 3) % 3)) << ws.DISK_BITS)
 
 
-# -- which disks are in it ------------------------------------------------------------------------------------------
+# -- which disks are in it -------------------------------------------------------------------------
 
 
 @kernel
 def update_cell(w: ws.Workspace, cell: int, candidate: int, adding: bool) -> None:
     """Add a candidate to a cell, or remove it.
 
-    If the cell is full, set the OVERFLOW flag. The cell's last candidate takes the place of one that is removed; four
-    entries are looked at once, the first of them the number of candidates, which is written last.
+    If the cell is full, set the OVERFLOW flag. The cell's last candidate takes the place of one
+    that is removed; four entries are looked at once, the first of them the number of candidates,
+    which is written last.
     """
     first = cell * w.grid.slots
     if adding:
@@ -98,9 +108,18 @@ def update_cell(w: ws.Workspace, cell: int, candidate: int, adding: bool) -> Non
 
 @kernel
 def update_images(
-    shift: np.ndarray | None, w: ws.Workspace, i: int, column: int, row: int, across: int, up: int, adding: bool
+    shift: np.ndarray | None,
+    w: ws.Workspace,
+    i: int,
+    column: int,
+    row: int,
+    across: int,
+    up: int,
+    adding: bool,
 ) -> None:
-    """Add disk i, as the image (across, up), to a cell and to the ghost cells that repeat this cell, or remove it."""
+    """Add disk i, as the image (across, up), to a cell and to the ghost cells that repeat this
+    cell, or remove it.
+    """
     columns, rows = w.grid.columns, w.grid.rows
     update_cell(w, cell_at(w, column, row), image_of(i, across, up), adding)
     if shift is None:
@@ -116,9 +135,17 @@ def update_images(
 
 @kernel
 def update_pattern(
-    shift: np.ndarray | None, big: ws.BigDisks, w: ws.Workspace, i: int, column: int, row: int, adding: bool
+    shift: np.ndarray | None,
+    big: ws.BigDisks,
+    w: ws.Workspace,
+    i: int,
+    column: int,
+    row: int,
+    adding: bool,
 ) -> None:
-    """Add big disk i to the cells of its pattern, which may lie in an image of the box, or remove it."""
+    """Add big disk i to the cells of its pattern, which may lie in an image of the box, or remove
+    it.
+    """
     for j in range(big.listed_first[i], big.listed_first[i + 1]):
         c, r = column + big.listed[j, 0], row + big.listed[j, 1]
         if shift is not None:
@@ -129,8 +156,12 @@ def update_pattern(
 
 
 @kernel
-def update_disk(big: ws.BigDisks | None, w: ws.Workspace, i: int, column: int, row: int, adding: bool) -> None:
-    """Add disk i to its cell, or if it is big to the cells of its pattern, or remove it from them."""
+def update_disk(
+    big: ws.BigDisks | None, w: ws.Workspace, i: int, column: int, row: int, adding: bool
+) -> None:
+    """Add disk i to its cell, or if it is big to the cells of its pattern, or remove it from
+    them.
+    """
     if big is not None:
         if i < big.number:
             update_pattern(w.shift, big, w, i, column, row, adding)
@@ -146,7 +177,7 @@ def enter(w: ws.Workspace, i: int, column: int, row: int) -> None:
     update_disk(w.big, w, i, column, row, True)
 
 
-# -- which cells an event needs -------------------------------------------------------------------------------------
+# -- which cells an event needs --------------------------------------------------------------------
 
 
 @kernel
@@ -169,7 +200,9 @@ def is_crossing(event: int) -> bool:
 
 @kernel
 def steps(w: ws.Workspace, event: int) -> tuple[int, int]:
-    """Return the change of the cell number from the cell left to the cell entered, and along the edge between them."""
+    """Return the change of the cell number from the cell left to the cell entered, and along the
+    edge between them.
+    """
     above = w.grid.columns + 2
     sideways = event <= ws.RIGHT
     across, up = (event == ws.RIGHT) - (event == ws.LEFT), (event == ws.UP) - (event == ws.DOWN)
@@ -193,7 +226,9 @@ def gather_three(w: ws.Workspace, middle: int, step: int, m: int) -> int:
 
 @kernel
 def gather_within_reach(shift: np.ndarray | None, big: ws.BigDisks, w: ws.Workspace, i: int) -> int:
-    """Collect all disks, other big ones included, that big disk i can touch while it stays in its cell."""
+    """Collect all disks, other big ones included, that big disk i can touch while it stays in its
+    cell.
+    """
     m, columns, rows = 0, w.grid.columns, w.grid.rows
     column, row = place_of(w, i)
     for j in range(big.reach_first[i], big.reach_first[i + 1]):
@@ -220,7 +255,8 @@ def gather_within_reach(shift: np.ndarray | None, big: ws.BigDisks, w: ws.Worksp
 def gather(big: ws.BigDisks | None, w: ws.Workspace, i: int, event: int) -> int:
     """Collect the disks that disk i can touch while it stays in its cell, and return their number.
 
-    After a crossing into its cell at least those that became neighbours: the disks of the three cells ahead.
+    After a crossing into its cell at least those that became neighbours: the disks of the three
+    cells ahead.
     """
     if big is not None:
         if i < big.number:
@@ -237,7 +273,9 @@ def gather(big: ws.BigDisks | None, w: ws.Workspace, i: int, event: int) -> int:
 
 @kernel
 def prefetch_cells(w: ws.Workspace, i: int, event: int) -> None:
-    """Prefetch the cells that an event of disk i reads: all around it, or those that a crossing changes and gathers."""
+    """Prefetch the cells that an event of disk i reads: all around it, or those that a crossing
+    changes and gathers.
+    """
     cell, slots = cell_of(w, i), w.grid.slots
     if is_crossing(event):
         ahead, along = steps(w, event)

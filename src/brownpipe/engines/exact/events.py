@@ -1,12 +1,12 @@
 """The events of the exact engine: collide, bounce, change cell; and the loop over them.
 
-Every disk has its own time TIME: its position and velocity are those after its last collision, and it moves straight
-from there. It stores one next event, which `predictions` chooses. A pair event whose partner has changed course since
-it was predicted is stale: the disk only predicts anew.
+Every disk has its own time TIME: its position and velocity are those after its last collision, and
+it moves straight from there. It stores one next event, which `predictions` chooses. A pair event
+whose partner has changed course since it was predicted is stale: the disk only predicts anew.
 
-Simulated time is divided into blocks (those of `analysis` are blocks of seeds), at whose ends all disks are brought to
-the same time. TIME and event times are counted from the beginning of the block, so that their round-off does not grow
-with the duration of a run.
+Simulated time is divided into blocks (those of `analysis` are blocks of seeds), at whose ends all
+disks are brought to the same time. TIME and event times are counted from the beginning of the
+block, so that their round-off does not grow with the duration of a run.
 """
 
 import math
@@ -19,18 +19,26 @@ from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.predictions import predict
 from brownpipe.engines.exact.prefetch import prefetch_entry, prefetch_upcoming
 from brownpipe.engines.exact.sampling import audit_place, take_sample
-from brownpipe.engines.exact.workspace import apply_impulse, mass_of, move, radius_of, relative_motion
+from brownpipe.engines.exact.workspace import (
+    apply_impulse,
+    mass_of,
+    move,
+    radius_of,
+    relative_motion,
+)
 from brownpipe.engines.kernels import entry_point, kernel
 from brownpipe.engines.records import local_copy
 
-# -- what an event does ---------------------------------------------------------------------------------------------
+# -- what an event does ----------------------------------------------------------------------------
 
 
 @kernel
 def enter_cell(image: np.ndarray | None, w: ws.Workspace, i: int, column: int, row: int) -> bool:
-    """List disk i in a cell, after moving it to the opposite side if the cell is outside a periodic box.
+    """List disk i in a cell, after moving it to the opposite side if the cell is outside a periodic
+    box.
 
-    Return whether it was moved: other disks then see it as another image, so all predictions with it are outdated.
+    Return whether it was moved: other disks then see it as another image, so all predictions with
+    it are outdated.
     """
     is_moved = False
     if image is not None:
@@ -49,7 +57,9 @@ def enter_cell(image: np.ndarray | None, w: ws.Workspace, i: int, column: int, r
 
 @kernel
 def cross(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: float, event: int) -> bool:
-    """Move disk i to the next cell, or renew its square and list; return whether all must be predicted anew."""
+    """Move disk i to the next cell, or renew its square and list; return whether all must be
+    predicted anew.
+    """
     if lists is not None:
         neighbour_lists.clear(lists, i)
         cells.update_disk(w.big, w, i, *cells.place_of(w, i), False)
@@ -65,7 +75,9 @@ def cross(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: float, 
 
 @kernel
 def collide(w: ws.Workspace, i: int, candidate: int, now: float) -> tuple[float, float]:
-    """Exchange momentum between disk i and its partner, eqs. (5)-(8); return the impulse given to disk i."""
+    """Exchange momentum between disk i and its partner, eqs. (5)-(8); return the impulse given to
+    disk i.
+    """
     k = candidate & ws.DISK_MASK
     move(w, i, now)
     move(w, k, now)
@@ -80,7 +92,9 @@ def collide(w: ws.Workspace, i: int, candidate: int, now: float) -> tuple[float,
 
 @kernel
 def bounce(w: ws.Workspace, i: int, event: int, now: float) -> tuple[float, float]:
-    """Reflect disk i at a wall, eqs. (9)-(10), its edge exactly at the wall; return the impulse given to the disk."""
+    """Reflect disk i at a wall, eqs. (9)-(10), its edge exactly at the wall; return the impulse
+    given to the disk.
+    """
     disk, a = w.disk, ws.ROW * i
     box = w.grid
     radius = radius_of(w.mass, w, i)
@@ -101,7 +115,9 @@ def bounce(w: ws.Workspace, i: int, event: int, now: float) -> tuple[float, floa
 
 
 @kernel
-def log(w: ws.Workspace, r: ws.Recorder, i: int, partner: int, fx: float, fy: float, now: float) -> None:
+def log(
+    w: ws.Workspace, r: ws.Recorder, i: int, partner: int, fx: float, fy: float, now: float
+) -> None:
     """Write a collision to the log, if there is one. `partner` is a disk, or -side for a wall."""
     n = w.progress[ws.LOGGED]
     if n < len(r.log_time):
@@ -113,13 +129,18 @@ def log(w: ws.Workspace, r: ws.Recorder, i: int, partner: int, fx: float, fy: fl
 
 @kernel
 def happen(w: ws.Workspace, r: ws.Recorder, i: int, now: float) -> None:
-    """Execute the next event of disk i, and predict the next events of the disks that changed course."""
+    """Execute the next event of disk i, and predict the next events of the disks that changed
+    course.
+    """
     link, count = w.link, w.count
     event = int(link[ws.ROW * i + ws.EVENT])
     k = i  # the other disk that changes course, if there is one
     if event == ws.PAIR:
         partner = link[ws.ROW * i + ws.PARTNER]
-        if w.disk[ws.ROW * (partner & ws.DISK_MASK) + ws.CHANGES] == link[ws.ROW * i + ws.PARTNER_CHANGES]:
+        if (
+            w.disk[ws.ROW * (partner & ws.DISK_MASK) + ws.CHANGES]
+            == link[ws.ROW * i + ws.PARTNER_CHANGES]
+        ):
             k = partner & ws.DISK_MASK
             fx, fy = collide(w, i, partner, now)
             log(w, r, i, k, fx, fy, now)
@@ -143,12 +164,14 @@ def happen(w: ws.Workspace, r: ws.Recorder, i: int, now: float) -> None:
         i = k
 
 
-# -- the loop -------------------------------------------------------------------------------------------------------
+# -- the loop --------------------------------------------------------------------------------------
 
 
 @kernel
 def run_until(w: ws.Workspace, r: ws.Recorder, until: float, most: int) -> tuple[int, int]:
-    """Execute up to `most` events until a time within the block; return why it stopped and how many events are left."""
+    """Execute up to `most` events until a time within the block; return why it stopped and how many
+    events are left.
+    """
     progress = w.progress
     for left in range(most, 0, -1):
         while not calendar.has_next_event(w):
@@ -174,10 +197,12 @@ def run_until(w: ws.Workspace, r: ws.Recorder, until: float, most: int) -> tuple
 
 @kernel
 def begin_block(w: ws.Workspace) -> None:
-    """List all disks in cells, and give each a stale pair event at local time 0, so that it predicts anew.
+    """List all disks in cells, and give each a stale pair event at local time 0, so that it
+    predicts anew.
 
-    A block depends on nothing but the positions and velocities at its beginning. A disk with a neighbour list may have
-    left a periodic box by half a square; its neighbours are found only from its cell inside.
+    A block depends on nothing but the positions and velocities at its beginning. A disk with a
+    neighbour list may have left a periodic box by half a square; its neighbours are found only from
+    its cell inside.
     """
     w.cell[:: w.grid.slots] = 0
     calendar.clear(w.deferred, w)
@@ -203,9 +228,11 @@ def end_block(w: ws.Workspace) -> None:
 
 @entry_point
 def advance(w: ws.Workspace, r: ws.Recorder, most: int) -> int:
-    """Run until all samples are taken, for at most `most` events; return why it stopped (DONE, PAUSED, ...).
+    """Run until all samples are taken, for at most `most` events; return why it stopped (DONE,
+    PAUSED, ...).
 
-    Call it again to continue, except after CELL_FULL: then the run must restart with twice the capacity.
+    Call it again to continue, except after CELL_FULL: then the run must restart with twice the
+    capacity.
     """
     w, r = local_copy(w), local_copy(r)
     progress = w.progress
@@ -217,7 +244,9 @@ def advance(w: ws.Workspace, r: ws.Recorder, most: int) -> int:
             return ws.CELL_FULL
         in_this_block = r.block[progress[ws.SAMPLE]] == progress[ws.BLOCK]
         until = r.time[progress[ws.SAMPLE]] if in_this_block else w.calendar.block
-        is_start = progress[ws.BLOCK] == 0 and until == 0.0  # before the collisions at t = 0, which are in the log
+        is_start = (
+            progress[ws.BLOCK] == 0 and until == 0.0
+        )  # before the collisions at t = 0, which are in the log
         if not is_start:
             outcome, most = run_until(w, r, until, most)
             if outcome != ws.DONE:

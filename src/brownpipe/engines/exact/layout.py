@@ -1,4 +1,6 @@
-"""Lay out the workspace of a scene: cells, neighbour lists, calendar queue; and set it to the beginning of a run."""
+"""Lay out the workspace of a scene: cells, neighbour lists, calendar queue; and set it to the
+beginning of a run.
+"""
 
 import math
 from functools import partial
@@ -10,28 +12,41 @@ from brownpipe.engines import fours
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.calendar import BUCKET_WORDS, MOST_DEFERRED, push_all
 from brownpipe.engines.kernels import compile_all
-from brownpipe.engines.units import PATH_PER_BLOCK, Frame, cell_width, common_radius, power_of_two, rms_speed
+from brownpipe.engines.units import (
+    PATH_PER_BLOCK,
+    Frame,
+    cell_width,
+    common_radius,
+    power_of_two,
+    rms_speed,
+)
 from brownpipe.scene import Scene
 from brownpipe.scene.scene import HEXAGONAL_PACKING
 
 EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a power of two
 PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
-MOST_PER_BUCKET = 6.0  # counted in a run (bucket: 15 places); a pair collision enters an event for each disk
-SHORTER_AT_ONCE = 64.0  # factor at most by which buckets become shorter: disks that began close together may spread out
+# counted in a run (bucket: 15 places); a pair collision enters an event for each disk
+MOST_PER_BUCKET = 6.0
+# factor at most by which buckets become shorter: disks that began close together may spread out
+SHORTER_AT_ONCE = 64.0
 MOST_BUCKETS = 2.0**30  # in a block; to open so many empty ones takes some 8 s of CPU
-COLLISIONS_PER_BLOCK = 128.0  # per disk; many, as all events are predicted anew at the beginning of a block
+# per disk; many, as all events are predicted anew at the beginning of a block
+COLLISIONS_PER_BLOCK = 128.0
 LISTS_FROM = 0.6  # packing fraction from which neighbour lists are faster than the cell list alone
 FITS_CACHE = 10_000  # disks; from this number on, prefetching upcoming events is faster
-CANDIDATES_FIT_CACHE = 20_000  # disks; from this number on, prefetching candidates in cells and a shorter ring are, too
+# disks; from this number on, prefetching candidates in cells and a shorter ring are, too
+CANDIDATES_FIT_CACHE = 20_000
 LEAST_SLOTS, MOST_SLOTS = 8, 64  # words of a cell at the first try; four disks are copied at once
 CACHE_LINE, HUGE_PAGE = 64, 2 << 20  # bytes
 
 
-def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None = None) -> ws.Workspace:
+def prepare(
+    scene: Scene, frame: Frame, pinned: bool = False, slots: int | None = None
+) -> ws.Workspace:
     """Return a workspace for runs of a scene.
 
-    A `pinned` tracer has infinite mass. `slots` is the size of a cell where the usual one proved too small; such a
-    workspace has no neighbour lists.
+    A `pinned` tracer has infinite mass. `slots` is the size of a cell where the usual one proved
+    too small; such a workspace has no neighbour lists.
     """
     n = scene.particles
     radius = scene.radius[frame.order] / frame.length
@@ -47,10 +62,22 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
     grid = _grid(scene, frame, common, half)
     grid = grid._replace(slots=slots or _slots(scene, radius, common, grid))
     calendar = _calendar(scene, rms_speed(scene) * frame.time / frame.length, common, grid, half)
-    candidates = 9 * grid.slots + 8 if big is None else grid.slots * (len(big.reach) + 9) + 9 * big.number + 8
-    shift = np.array([(a * grid.width, u * grid.height, 0.0, 0.0) for u in (0, 1, -1) for a in (0, 1, -1)]).ravel()
-    current = n + n // 8 + 16  # one event of every disk, and some outdated ones before they must be removed
-    deferred = (np.zeros(2, np.int64), np.zeros(2 * MOST_DEFERRED, np.int64), np.zeros(2 * MOST_DEFERRED, np.uint32))
+    candidates = (
+        9 * grid.slots + 8
+        if big is None
+        else grid.slots * (len(big.reach) + 9) + 9 * big.number + 8
+    )
+    shift = np.array(
+        [(a * grid.width, u * grid.height, 0.0, 0.0) for u in (0, 1, -1) for a in (0, 1, -1)]
+    ).ravel()
+    current = (
+        n + n // 8 + 16
+    )  # one event of every disk, and some outdated ones before they must be removed
+    deferred = (
+        np.zeros(2, np.int64),
+        np.zeros(2 * MOST_DEFERRED, np.int64),
+        np.zeros(2 * MOST_DEFERRED, np.uint32),
+    )
     list_words = 0 if half == 0.0 else ws.WIDE_LIST_WORDS if wide else ws.LIST_WORDS
     disk, link, cell, bucket, current_time, current_disk, centre, neighbour = zeros_together(
         (ws.ROW * n, np.float64),
@@ -78,7 +105,9 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
         bucket=bucket,
         current_time=current_time,
         current_disk=current_disk,
-        deferred=ws.Deferred(*deferred, _prefetches_candidates(n, half)) if n >= FITS_CACHE else None,
+        deferred=ws.Deferred(*deferred, _prefetches_candidates(n, half))
+        if n >= FITS_CACHE
+        else None,
         candidate=np.zeros(candidates, np.uint32),
         progress=np.zeros(ws.PROGRESS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
@@ -87,26 +116,34 @@ def prepare(scene: Scene, frame: Frame, pinned: bool = False, slots: int | None 
 
 
 def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
-    """Return arrays of zeros of the given lengths and types, in one piece of memory, of huge pages unless it is small.
+    """Return arrays of zeros of the given lengths and types, in one piece of memory, of huge pages
+    unless it is small.
 
-    Each begins at a cache line, so that no row of a disk lies across two. NumPy requests huge pages for 4 MiB or more;
-    pages that are never written to take no memory.
+    Each begins at a cache line, so that no row of a disk lies across two. NumPy requests huge pages
+    for 4 MiB or more; pages that are never written to take no memory.
     """
     lines = [-(-size * np.dtype(dtype).itemsize // CACHE_LINE) for size, dtype in sizes]
     starts = CACHE_LINE * np.cumsum([0, *lines])
     unit = HUGE_PAGE if 2 * starts[-1] > HUGE_PAGE else CACHE_LINE
     memory = np.zeros((-(-int(starts[-1]) // unit) + 1) * unit, np.uint8)
     memory = memory[-memory.ctypes.data % unit :]
-    return [memory[start:].view(dtype)[:size] for start, (size, dtype) in zip(starts[:-1], sizes, strict=True)]
+    return [
+        memory[start:].view(dtype)[:size]
+        for start, (size, dtype) in zip(starts[:-1], sizes, strict=True)
+    ]
 
 
 def _prefetches_candidates(n: int, half: float) -> bool:
-    """Whether candidates for upcoming events of n disks are prefetched; `half`: of `_grid`, 0 without lists."""
+    """Whether candidates for upcoming events of n disks are prefetched; `half`: of `_grid`, 0
+    without lists.
+    """
     return n >= (FITS_CACHE if half > 0.0 else CANDIDATES_FIT_CACHE)
 
 
 def begin(w: ws.Workspace, motion: np.ndarray) -> None:
-    """Set a workspace to the beginning of a run from positions and velocities (N, 4) of `units.motion_of`."""
+    """Set a workspace to the beginning of a run from positions and velocities (N, 4) of
+    `units.motion_of`.
+    """
     disk = w.disk.reshape(-1, ws.ROW)
     disk[:, ws.MOTION] = motion
     disk[:, ws.TIME] = 0.0
@@ -128,12 +165,15 @@ def _slots(scene: Scene, radius: np.ndarray, common: float, grid: ws.Grid) -> in
 
 
 def _smallest_disks_on(scene: Scene, smallest: float, area: float) -> float:
-    """Return how many disks of the smallest radius cover an area at the scene's packing fraction."""
+    """Return how many disks of the smallest radius cover an area at the scene's packing
+    fraction.
+    """
     return scene.packing_fraction * area / (math.pi * smallest**2)
 
 
 def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, bool | None]:
-    """Return half the side of the neighbour lists' squares, and whether lists are wide (True or None).
+    """Return half the side of the neighbour lists' squares, and whether lists are wide (True or
+    None).
 
     The side is 0 (no lists) where the cell list alone is faster, or where a list could overflow.
     """
@@ -141,18 +181,26 @@ def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, bool | None]:
     if phi < LISTS_FROM or len(radius) == 0:
         return 0.0, None
     smallest, largest = radius.min(), radius.max()
-    gap = math.sqrt(HEXAGONAL_PACKING / phi) - 1  # mean gap between the edges of neighbours, in contact distances
+    gap = (
+        math.sqrt(HEXAGONAL_PACKING / phi) - 1
+    )  # mean gap between the edges of neighbours, in contact distances
     half = 2 * radius.mean() * min(max(2 * gap, 0.02), 0.35)
-    reach = largest + 2 * smallest  # contact distance of a small disk and its radius: to its far edge
-    most = _smallest_disks_on(scene, smallest, (4 * half) ** 2 + 16 * half * reach + math.pi * reach**2)
+    reach = (
+        largest + 2 * smallest
+    )  # contact distance of a small disk and its radius: to its far edge
+    most = _smallest_disks_on(
+        scene, smallest, (4 * half) ** 2 + 16 * half * reach + math.pi * reach**2
+    )
     return half if most < ws.WIDE_LIST_WORDS else 0.0, None if most < ws.LIST_WORDS else True
 
 
 def _grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
-    """Return cells, `slots` not yet set, 1.1 (dense) to 2 (dilute) contact distances wide, and at most about 4 N.
+    """Return cells, `slots` not yet set, 1.1 (dense) to 2 (dilute) contact distances wide, and at
+    most about 4 N.
 
-    With neighbour lists the cells hold the centres of squares of half the side `half`. Along an axis, the centres for
-    two disks that can touch are up to 2 (common + half) apart: the width of a cell.
+    With neighbour lists the cells hold the centres of squares of half the side `half`. Along an
+    axis, the centres for two disks that can touch are up to 2 (common + half) apart: the width of a
+    cell.
     """
     box, n = scene.box, scene.particles
     width, height = box.width / frame.length, box.height / frame.length
@@ -160,17 +208,23 @@ def _grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
     side = max(wide, math.sqrt(width * height / (4 * n + 4)))
     columns, rows = max(int(width / side), 1), max(int(height / side), 1)
     x, y = (box.x[0] - frame.origin[0]) / frame.length, (box.y[0] - frame.origin[1]) / frame.length
-    return ws.Grid(columns, rows, x, y, width, height, width / columns, height / rows, 0, 2 * common)
+    return ws.Grid(
+        columns, rows, x, y, width, height, width / columns, height / rows, 0, 2 * common
+    )
 
 
 def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: float) -> ws.Calendar:
-    """Choose the durations of a block and a bucket from the expected rates of collisions and cell crossings."""
+    """Choose the durations of a block and a bucket from the expected rates of collisions and cell
+    crossings.
+    """
     n, sigma = scene.particles, 2 * common
     if speed == 0.0:
         return ws.Calendar(2.0**1000, 2.0**999, 2.0**-999, 15)
     chi = theory.contact_value_henderson(min(scene.packing_fraction, 0.9))
     rate = theory.collision_rate(n / (grid.width * grid.height), sigma, chi, 0.5, 0.5 * speed**2)
-    crossing = speed * (1 / grid.cell_width + 1 / grid.cell_height) if half == 0.0 else 0.5 * speed / half
+    crossing = (
+        speed * (1 / grid.cell_width + 1 / grid.cell_height) if half == 0.0 else 0.5 * speed / half
+    )
     path = max(PATH_PER_BLOCK * sigma, min(grid.cell_width, grid.cell_height))
     block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, path / speed))
     events = PREFETCHED_PER_BUCKET if _prefetches_candidates(n, half) else EVENTS_PER_BUCKET
@@ -179,12 +233,16 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
     return ws.Calendar(block, width, 1 / width, ring - 1)
 
 
-def with_fitting_buckets(w: ws.Workspace, events: int, elapsed: float, estimated: float) -> ws.Workspace:
-    """Return a workspace with buckets of a duration that fits so many events in the `elapsed` time [engine's unit].
+def with_fitting_buckets(
+    w: ws.Workspace, events: int, elapsed: float, estimated: float
+) -> ws.Workspace:
+    """Return a workspace with buckets of a duration that fits so many events in the `elapsed` time
+    [engine's unit].
 
-    Close to the densest packing collisions are far more frequent than estimated: buckets become shorter where they have
-    more than MOST_PER_BUCKET events. Where they have less than a quarter of that, as disks have spread out since,
-    they become longer again, up to their `estimated` duration. The arrays stay the same, and so does every bit of a
+    Close to the densest packing collisions are far more frequent than estimated: buckets become
+    shorter where they have more than MOST_PER_BUCKET events. Where they have less than a quarter of
+    that, as disks have spread out since, they become longer again, up to their `estimated`
+    duration. The arrays stay the same, and so does every bit of a
     run: events happen in the order of their times, however they are stored.
     """
     scale = w.calendar
@@ -195,12 +253,16 @@ def with_fitting_buckets(w: ws.Workspace, events: int, elapsed: float, estimated
     width = min(power_of_two(max(most / max(events, 1), shortest)), estimated)
     if width != scale.width:
         w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
-        of_queue = w._replace(mass=None, image=None, shift=None, big=None, lists=None)  # one kernel for all scenes
+        of_queue = w._replace(
+            mass=None, image=None, shift=None, big=None, lists=None
+        )  # one kernel for all scenes
         compile_all(partial(push_all, of_queue))
     return w
 
 
-def _big_disks(grid: ws.Grid, radius: np.ndarray, common: float, periodic: bool) -> ws.BigDisks | None:
+def _big_disks(
+    grid: ws.Grid, radius: np.ndarray, common: float, periodic: bool
+) -> ws.BigDisks | None:
     """Return the cell patterns of the disks larger than the common radius; None if there are none.
 
     None, too, in a periodic box so small that a pattern would overlap its own image.
@@ -209,23 +271,31 @@ def _big_disks(grid: ws.Grid, radius: np.ndarray, common: float, periodic: bool)
     if number == 0:
         return None
     patterns = [_pattern(grid, r, common, radius.min()) for r in radius[:number]]
-    if periodic and max(2 * np.abs(reach).max() + 1 for _, reach in patterns) > min(grid.columns, grid.rows):
+    if periodic and max(2 * np.abs(reach).max() + 1 for _, reach in patterns) > min(
+        grid.columns, grid.rows
+    ):
         return None
     listed, reach = zip(*patterns, strict=True)
     first = [np.cumsum([0] + [len(offsets) for offsets in pattern]) for pattern in (listed, reach)]
     return ws.BigDisks(number, first[0], np.concatenate(listed), first[1], np.concatenate(reach))
 
 
-def _pattern(grid: ws.Grid, radius: float, common: float, smallest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cells that list a big disk and the cells within its reach, offsets from its own cell, (k, 2) each.
+def _pattern(
+    grid: ws.Grid, radius: float, common: float, smallest: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cells that list a big disk and the cells within its reach, offsets from its own
+    cell, (k, 2) each.
 
-    Every cell in which a small disk can touch the big one, wherever this is in its own cell, must have one of the
-    listing cells among its 3 x 3. Listing cells are therefore at most three cells apart. All cells that see a listing
-    cell count as within reach, so that the big disk and a small disk always find each other at the same time.
+    Every cell in which a small disk can touch the big one, wherever this is in its own cell, must
+    have one of the listing cells among its 3 x 3. Listing cells are therefore at most three cells
+    apart. All cells that see a listing cell count as within reach, so that the big disk and a small
+    disk always find each other at the same time.
     """
     sides = np.array((grid.cell_width, grid.cell_height))
     furthest = np.ceil((radius + common) / sides).astype(np.int64)  # cells from its own
-    places = [np.round(np.linspace(1 - m, m - 1, -(-(2 * m + 1) // 3))).astype(np.int64) for m in furthest]
+    places = [
+        np.round(np.linspace(1 - m, m - 1, -(-(2 * m + 1) // 3))).astype(np.int64) for m in furthest
+    ]
     centres = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 1, 2)
     block = np.stack(np.meshgrid((-1, 0, 1), (-1, 0, 1), indexing="ij"), axis=-1).reshape(1, 9, 2)
     seen_from = np.abs(centres + block)

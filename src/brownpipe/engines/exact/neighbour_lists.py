@@ -1,10 +1,11 @@
 """Neighbour lists, for dense scenes: every disk has a list of the disks that it may touch.
 
-Neighbour lists in event-driven molecular dynamics are due to A. Donev, S. Torquato, F. H. Stillinger, J. Comput. Phys.
-202, 737 (2005). Here each disk has a small square around its position at the time when its list was made. While two
-disks are in their squares, they can touch only if the squares are less than a contact distance apart; such disks are on
-each other's lists. A disk that leaves its square gets a new square around its position, and a new list. The cell list
-then holds the disks by the centres of their squares, and is read only to make lists.
+Neighbour lists in event-driven molecular dynamics are due to A. Donev, S. Torquato, F. H.
+Stillinger, J. Comput. Phys. 202, 737 (2005). Here each disk has a small square around its position
+at the time when its list was made. While two disks are in their squares, they can touch only if the
+squares are less than a contact distance apart; such disks are on each other's lists. A disk that
+leaves its square gets a new square around its position, and a new list. The cell list then holds
+the disks by the centres of their squares, and is read only to make lists.
 
 `lists` is `w.lists`, a `NeighbourLists`.
 """
@@ -18,7 +19,9 @@ from brownpipe.engines.kernels import kernel, prefetch
 
 @kernel
 def reversed_image(candidate: int, i: int) -> int:
-    """Return disk i as a candidate of disk k, where `candidate` is disk k as a candidate of disk i."""
+    """Return disk i as a candidate of disk k, where `candidate` is disk k as a candidate of disk
+    i.
+    """
     image = candidate >> ws.DISK_BITS
     across, up = image % 3, image // 3
     return i + ((((3 - across) % 3) + 3 * ((3 - up) % 3)) << ws.DISK_BITS)
@@ -26,7 +29,9 @@ def reversed_image(candidate: int, i: int) -> int:
 
 @kernel
 def words(wide: bool | None) -> int:
-    """Return the number of words of a list. It is a constant: a number in the workspace costs 4 % of the speed."""
+    """Return the number of words of a list. It is a constant: a number in the workspace costs 4 %
+    of the speed.
+    """
     if wide is None:
         return ws.LIST_WORDS
     return ws.WIDE_LIST_WORDS
@@ -69,7 +74,10 @@ def remove(lists: ws.NeighbourLists, i: int, candidate: int) -> None:
 def can_touch(lists: ws.NeighbourLists, w: ws.Workspace, i: int, candidate: int) -> bool:
     """Whether the squares of disk i and of a candidate are less than a contact distance apart."""
     k = candidate & ws.DISK_MASK
-    x, y = lists.centre[2 * k] - lists.centre[2 * i], lists.centre[2 * k + 1] - lists.centre[2 * i + 1]
+    x, y = (
+        lists.centre[2 * k] - lists.centre[2 * i],
+        lists.centre[2 * k + 1] - lists.centre[2 * i + 1],
+    )
     x, y = shifted(w.shift, candidate, x, y)
     x, y = max(abs(x) - 2.0 * lists.half, 0.0), max(abs(y) - 2.0 * lists.half, 0.0)
     sigma = contact_distance(w.mass, w, i, k)
@@ -92,13 +100,17 @@ def centre(lists: ws.NeighbourLists, w: ws.Workspace, i: int, now: float) -> Non
 
 @kernel
 def meet(lists: ws.NeighbourLists, w: ws.Workspace, i: int, least: int) -> None:
-    """Find the neighbours of disk i numbered `least` or more in the cell list, and add each to the other's list."""
+    """Find the neighbours of disk i numbered `least` or more in the cell list, and add each to the
+    other's list.
+    """
     n = 0
     for j in range(cells.gather(w.big, w, i, ws.PAIR)):
         candidate = w.candidate[j]
         k = candidate & ws.DISK_MASK
         w.candidate[n] = candidate
-        n += (k >= least) & (k != i) & can_touch(lists, w, i, candidate)  # a branch would be mispredicted often
+        n += (
+            (k >= least) & (k != i) & can_touch(lists, w, i, candidate)
+        )  # a branch would be mispredicted often
     for candidate in w.candidate[:n]:
         add(lists, w, i, candidate)
         add(lists, w, candidate & ws.DISK_MASK, reversed_image(candidate, i))
@@ -118,7 +130,9 @@ def make_all(lists: ws.NeighbourLists | None, w: ws.Workspace) -> None:
 
 @kernel
 def prefetch_list(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int) -> None:
-    """Prefetch the list of disk i; if the event makes a new one, also the cells that `meet` reads."""
+    """Prefetch the list of disk i; if the event makes a new one, also the cells that `meet`
+    reads.
+    """
     prefetch(lists.neighbour, words(lists.wide) * i)
     prefetch(lists.centre, 2 * i)
     if cells.is_crossing(event):
@@ -127,10 +141,11 @@ def prefetch_list(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int)
 
 @kernel
 def prefetch_neighbours(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int) -> None:
-    """Prefetch the disks on the list of disk i; if the event makes a new one, also their lists and the squares around.
+    """Prefetch the disks on the list of disk i; if the event makes a new one, also their lists and
+    the squares around.
 
-    Four words of the list at a time, of which the first one is the number of neighbours and the last may be outdated:
-    nobody can predict when a loop over the neighbours alone ends.
+    Four words of the list at a time, of which the first one is the number of neighbours and the
+    last may be outdated: nobody can predict when a loop over the neighbours alone ends.
     """
     first = words(lists.wide) * i
     for four in range(first, first + 1 + lists.neighbour[first], 4):

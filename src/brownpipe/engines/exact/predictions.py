@@ -1,7 +1,9 @@
-"""Prediction: the earliest pair collision of a disk, and its one next event, which enters the event queue.
+"""Prediction: the earliest pair collision of a disk, and its one next event, which enters the event
+queue.
 
-For every pair of neighbours at least one of the two has a next pair event not later than their collision, so that the
-earliest event of all is always correct (B. D. Lubachevsky, J. Comput. Phys. 94, 255 (1991)).
+For every pair of neighbours at least one of the two has a next pair event not later than their
+collision, so that the earliest event of all is always correct (B. D. Lubachevsky, J. Comput. Phys.
+94, 255 (1991)).
 """
 
 import math
@@ -11,7 +13,13 @@ import numpy as np
 from brownpipe.engines.collisions import delay, encounter, meets, wall_time
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.workspace import four_contact_distances, four_disks, four_shifted, position, radius_of
+from brownpipe.engines.exact.workspace import (
+    four_contact_distances,
+    four_disks,
+    four_shifted,
+    position,
+    radius_of,
+)
 from brownpipe.engines.fours import any_of, four, four_entries, four_from, least, where
 from brownpipe.engines.kernels import kernel
 
@@ -20,13 +28,15 @@ from brownpipe.engines.kernels import kernel
 def earliest(
     w: ws.Workspace, i: int, now: float, candidates: np.ndarray, first: int, m: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a four of the times of the earliest collisions of disk i, and a four of the indices of the partners.
+    """Return a four of the times of the earliest collisions of disk i, and a four of the indices of
+    the partners.
 
-    The candidates are candidates[first : first + m]. They are considered four at a time; the last four are completed by
-    disk i itself, which it never meets. Each of the `best` is the earliest of every fourth candidate, `chosen` its
-    index; where none is earlier than the pair event that disk i has, `best` is the time of that event and `chosen` is
-    `first`, which is always readable. Skip a partner whose own next collision is earlier: it will be re-predicted then
-    and will find disk i. For a pair that does not meet `latest` is NaN, so that no time, not even -inf, counts as
+    The candidates are candidates[first : first + m]. They are considered four at a time; the last
+    four are completed by disk i itself, which it never meets. Each of the `best` is the earliest of
+    every fourth candidate, `chosen` its index; where none is earlier than the pair event that disk
+    i has, `best` is the time of that event and `chosen` is `first`, which is always readable. Skip
+    a partner whose own next collision is earlier: it will be re-predicted then and will find disk
+    i. For a pair that does not meet `latest` is NaN, so that no time, not even -inf, counts as
     earlier.
     """
     disk, a = w.disk, ws.ROW * i
@@ -56,17 +66,26 @@ def earliest(
 
 @kernel
 def set_partner(
-    w: ws.Workspace, i: int, time: float, candidates: np.ndarray, best: np.ndarray, chosen: np.ndarray
+    w: ws.Workspace,
+    i: int,
+    time: float,
+    candidates: np.ndarray,
+    best: np.ndarray,
+    chosen: np.ndarray,
 ) -> None:
-    """Store a collision at `time`, the least of `best`, as the pair event of disk i, if earlier than the one it has.
+    """Store a collision at `time`, the least of `best`, as the pair event of disk i, if earlier
+    than the one it has.
 
-    There is no branch, as nobody can predict whether a disk that has entered a cell finds an earlier collision there.
+    There is no branch, as nobody can predict whether a disk that has entered a cell finds an
+    earlier collision there.
     """
     disk, link, a = w.disk, w.link, ws.ROW * i
     sooner = time < disk[a + ws.PAIR_TIME]
     disk[a + ws.PAIR_TIME] = time
     partner, changes = np.int64(link[a + ws.PARTNER]), np.int64(link[a + ws.PARTNER_CHANGES])
-    other = np.int64(candidates[int(least(where(best <= time, chosen, four(math.inf))))])  # the first of equal ones
+    other = np.int64(
+        candidates[int(least(where(best <= time, chosen, four(math.inf))))]
+    )  # the first of equal ones
     other_changes = np.int64(disk[ws.ROW * (other & ws.DISK_MASK) + ws.CHANGES])
     link[a + ws.PARTNER] = partner + sooner * (other - partner)
     link[a + ws.PARTNER_CHANGES] = changes + sooner * (other_changes - changes)
@@ -83,11 +102,12 @@ def leave_time(
     side: float,
     radius: float,
 ) -> tuple[float, bool]:
-    """Return when a disk, moving so at the time `since`, reaches the edge or wall ahead in x or y, and whether a wall.
+    """Return when a disk, moving so at the time `since`, reaches the edge or wall ahead in x or y,
+    and whether a wall.
 
-    Consider only the wall the disk moves towards, eq. (4): if round-off has left it slightly beyond the opposite wall,
-    that contact also lies ahead and must be ignored. If it overlaps the wall ahead by round-off, the time is before
-    `since`.
+    Consider only the wall the disk moves towards, eq. (4): if round-off has left it slightly beyond
+    the opposite wall, that contact also lies ahead and must be ignored. If it overlaps the wall
+    ahead by round-off, the time is before `since`.
     """
     if shift is not None:
         return since + wall_time(edge - position, velocity), False
@@ -96,8 +116,12 @@ def leave_time(
 
 
 @kernel
-def edges_ahead(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, vx: float, vy: float) -> tuple[float, float]:
-    """Return the edges (x, y) of the cell of disk i, or of the square of its list, to which it moves."""
+def edges_ahead(
+    lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, vx: float, vy: float
+) -> tuple[float, float]:
+    """Return the edges (x, y) of the cell of disk i, or of the square of its list, to which it
+    moves.
+    """
     if lists is not None:
         x, y = lists.centre[2 * i], lists.centre[2 * i + 1]
         return x + math.copysign(lists.half, vx), y + math.copysign(lists.half, vy)
@@ -108,20 +132,28 @@ def edges_ahead(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, vx: fl
 
 @kernel
 def schedule(w: ws.Workspace, i: int, now: float, pair_time: float) -> None:
-    """Push the next event of disk i: its pair collision, a cell crossing or a wall collision, whichever is first."""
+    """Push the next event of disk i: its pair collision, a cell crossing or a wall collision,
+    whichever is first.
+    """
     disk, a = w.disk, ws.ROW * i
     box = w.grid
     radius = radius_of(w.mass, w, i)
     since = disk[a + ws.TIME]
     vx, vy = disk[a + ws.VX], disk[a + ws.VY]
     x_edge, y_edge = edges_ahead(w.lists, w, i, vx, vy)
-    x_time, x_wall = leave_time(w.shift, disk[a + ws.X], vx, since, x_edge, box.x, box.width, radius)
-    y_time, y_wall = leave_time(w.shift, disk[a + ws.Y], vy, since, y_edge, box.y, box.height, radius)
+    x_time, x_wall = leave_time(
+        w.shift, disk[a + ws.X], vx, since, x_edge, box.x, box.width, radius
+    )
+    y_time, y_wall = leave_time(
+        w.shift, disk[a + ws.Y], vy, since, y_edge, box.y, box.height, radius
+    )
     x_event = ws.LEFT + (vx > 0.0) + ws.WALL * x_wall
     y_event = ws.DOWN + (vy > 0.0) + ws.WALL * y_wall
     sideways = x_time < y_time
     leaves = min(x_time, y_time) < pair_time
-    event = leaves * (sideways * x_event + (1 - sideways) * y_event)  # a branch would be mispredicted half the time
+    event = leaves * (
+        sideways * x_event + (1 - sideways) * y_event
+    )  # a branch would be mispredicted half the time
     time = max(min(min(x_time, y_time), pair_time), now)
     w.event_time[ws.EVENT_ROW * i] = time
     w.link[a + ws.EVENT] = event
@@ -132,9 +164,11 @@ def schedule(w: ws.Workspace, i: int, now: float, pair_time: float) -> None:
 def candidates_after(
     lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, event: int
 ) -> tuple[np.ndarray, int, int]:
-    """Return the array with the candidates of disk i after an event, the index of the first, and their number.
+    """Return the array with the candidates of disk i after an event, the index of the first, and
+    their number.
 
-    After a crossing only the new neighbours are candidates; otherwise all are, and the pair event is reset.
+    After a crossing only the new neighbours are candidates; otherwise all are, and the pair event
+    is reset.
     """
     if lists is not None:
         w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf

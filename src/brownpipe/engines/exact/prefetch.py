@@ -1,8 +1,10 @@
-"""Prefetch the memory that upcoming events need, where the disks no longer fit into the processor's cache.
+"""Prefetch the memory that upcoming events need, where the disks no longer fit into the processor's
+cache.
 
-Without this an event would wait for memory several times, as each access depends on the one before: a bucket contains
-its disks, a disk refers to its partner and its cell or list, and these contain the candidates for the next collision.
-Each of these accesses is therefore prefetched while an earlier bucket is the current one:
+Without this an event would wait for memory several times, as each access depends on the one before:
+a bucket contains its disks, a disk refers to its partner and its cell or list, and these contain
+the candidates for the next collision. Each of these accesses is therefore prefetched while an
+earlier bucket is the current one:
 
     bucket + 6    the bucket
     bucket + 4    the rows of `link` of its disks, which tell the outdated ones
@@ -10,13 +12,15 @@ Each of these accesses is therefore prefetched while an earlier bucket is the cu
     bucket + 2    the cells or lists of both
     bucket + 1    the candidates in these
 
-Each stage reads only what an earlier one prefetched. Processors (AMD's Zen 4, for one) drop prefetches while they wait
-for some twenty cache lines. So the first two stages are for a whole bucket, but the others for one entry with each
+Each stage reads only what an earlier one prefetched. Processors (AMD's Zen 4, for one) drop
+prefetches while they wait for some twenty cache lines. So the first two stages are for a whole
+bucket, but the others for one entry with each
 event: when e events of the current bucket are left, entry e of the later buckets is prefetched.
 
-With cells and fewer than `layout.CANDIDATES_FIT_CACHE` disks the last stage is left out: it is many instructions, and
-candidates do not wait for each other. Nothing is computed here, and no result depends on it. Cells and lists are
-prefetched by functions next to the code that reads them (`cells`, `neighbour_lists`).
+With cells and fewer than `layout.CANDIDATES_FIT_CACHE` disks the last stage is left out: it is many
+instructions, and candidates do not wait for each other. Nothing is computed here, and no result
+depends on it. Cells and lists are prefetched by functions next to the code that reads them
+(`cells`, `neighbour_lists`).
 """
 
 import numpy as np
@@ -38,14 +42,18 @@ def prefetch_upcoming(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
     for j in calendar.entries(w, calendar.bucket_after(w, 4)):
         prefetch(w.link, ws.ROW * np.int64(w.bucket[j]))
     calendar.keep_valid(w, calendar.bucket_after(w, 3))
-    most = max(calendar.entries_after(w, 1), calendar.entries_after(w, 2), calendar.entries_after(w, 3))
+    most = max(
+        calendar.entries_after(w, 1), calendar.entries_after(w, 2), calendar.entries_after(w, 3)
+    )
     for e in range(w.progress[ws.CURRENT_EVENTS], most):
         prefetch_entry(w.deferred, w, e)
 
 
 @kernel
 def prefetch_entry(deferred: ws.Deferred | None, w: ws.Workspace, e: int) -> None:
-    """Prefetch for entry e of the next three buckets, if they have as many; with few disks do nothing."""
+    """Prefetch for entry e of the next three buckets, if they have as many; with few disks do
+    nothing.
+    """
     if deferred is None:
         return
     if deferred.with_candidates and e < calendar.entries_after(w, 1):
@@ -72,7 +80,9 @@ def event_of(w: ws.Workspace, i: int) -> int:
 
 @kernel
 def partner_of(w: ws.Workspace, i: int) -> int:
-    """Return the disk with which disk i is predicted to collide next, whether or not another event comes first."""
+    """Return the disk with which disk i is predicted to collide next, whether or not another event
+    comes first.
+    """
     return w.link[ws.ROW * i + ws.PARTNER] & ws.DISK_MASK
 
 
@@ -86,7 +96,9 @@ def prefetch_disk(mass: np.ndarray | None, w: ws.Workspace, i: int) -> None:
 
 
 @kernel
-def prefetch_cells_or_list(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, event: int) -> None:
+def prefetch_cells_or_list(
+    lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, event: int
+) -> None:
     """Prefetch the list of disk i, or the cells, in which its candidates after an event are."""
     if lists is not None:
         neighbour_lists.prefetch_list(lists, w, i, event)
@@ -95,7 +107,9 @@ def prefetch_cells_or_list(lists: ws.NeighbourLists | None, w: ws.Workspace, i: 
 
 
 @kernel
-def prefetch_candidates(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, event: int) -> None:
+def prefetch_candidates(
+    lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, event: int
+) -> None:
     """Prefetch the candidates of disk i after an event."""
     if lists is not None:
         neighbour_lists.prefetch_neighbours(lists, w, i, event)

@@ -1,8 +1,10 @@
-"""One run of the exact engine: its samples, its report, and its state, from which it can be resumed.
+"""One run of the exact engine: its samples, its report, and its state, from which it can be
+resumed.
 
-At the end of a block all disks are at the same time, and the next block starts from their positions and velocities
-alone (`events.begin_block`): cell list, event queue and neighbour lists are built anew. A run that continues from a
-RunState is therefore bit-identical to one that was never interrupted.
+At the end of a block all disks are at the same time, and the next block starts from their positions
+and velocities alone (`events.begin_block`): cell list, event queue and neighbour lists are built
+anew. A run that continues from a RunState is therefore bit-identical to one that was never
+interrupted.
 """
 
 import math
@@ -34,15 +36,21 @@ from brownpipe.observables.observable import Events, Run
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 
-FEW_EVENTS = 10_000  # plus 2 per disk: in the kernel's first call, and while buckets are shorter than estimated
-EVENTS_PER_CALL = 2_000_000  # in all other calls; between two of them Python handles signals such as Ctrl-C
-EVENTS_PER_LOG = 65_536  # collisions that a recorder holds; a full log is emptied between two calls of the kernel
-SHORTEST_PATH = 2e-16  # mean path of a disk between events [contact distances]; if shorter, the disks are jammed
+# plus 2 per disk: in the kernel's first call, and while buckets are shorter than estimated
+FEW_EVENTS = 10_000
+# in all other calls; between two of them Python handles signals such as Ctrl-C
+EVENTS_PER_CALL = 2_000_000
+# collisions that a recorder holds; a full log is emptied between two calls of the kernel
+EVENTS_PER_LOG = 65_536
+# mean path of a disk between events [contact distances]; if shorter, the disks are jammed
+SHORTEST_PATH = 2e-16
 MOST_BLOCKS = 2.0**62  # an int64 counts the blocks of a run
 
 
 class PreparedScene(NamedTuple):
-    """A scene, the engine's units for it, and the workspace and recorder that its runs use one after the other."""
+    """A scene, the engine's units for it, and the workspace and recorder that its runs use one
+    after the other.
+    """
 
     scene: Scene
     frame: Frame
@@ -52,37 +60,54 @@ class PreparedScene(NamedTuple):
 
 
 class RunState(NamedTuple):
-    """A run at its beginning or at the end of a block, all but `events` in the engine's units and order."""
+    """A run at its beginning or at the end of a block, all but `events` in the engine's units and
+    order.
+    """
 
     equilibrating: bool  # before t = 0
-    slots: int  # capacity of a cell; above the default a run has no neighbour lists, which changes its round-off
+    # capacity of a cell; above the default a run has no neighbour lists, which changes its
+    # round-off
+    slots: int
     first: np.ndarray  # (N, 4) float64, positions and velocities at the beginning
     motion: np.ndarray  # (N, 4) float64, positions and velocities now
-    arrays: dict[str, np.ndarray]  # those of `_arrays_of`, with the samples taken so far; empty at the beginning
+    arrays: dict[
+        str, np.ndarray
+    ]  # those of `_arrays_of`, with the samples taken so far; empty at the beginning
     events: Events | None = None  # the log so far, in the scene's units and order
 
 
 class Checkpoints(NamedTuple):
-    """When and how the state of a batch or, within it, of a run is stored, and what to continue from."""
+    """When and how the state of a batch or, within it, of a run is stored, and what to continue
+    from.
+    """
 
     due: Callable[[], bool]  # whether to store at the next end of a block
-    store: Callable[[Any], None]  # takes arrays of `simulation.pack`, or a RunState: views of arrays that change later
+    store: Callable[
+        [Any], None
+    ]  # takes arrays of `simulation.pack`, or a RunState: views of arrays that change later
     stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
 
 
 NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
 
 
-def prepare_scene(scene: Scene, times: np.ndarray, record: Collection[str] = (), pinned: bool = False) -> PreparedScene:
-    """Return what runs of a scene need that are sampled at the times (T,) [scene's units], with its kernels compiled.
+def prepare_scene(
+    scene: Scene, times: np.ndarray, record: Collection[str] = (), pinned: bool = False
+) -> PreparedScene:
+    """Return what runs of a scene need that are sampled at the times (T,) [scene's units], with its
+    kernels compiled.
 
-    `record` as in `simulate`; a `pinned` tracer has infinite mass. Raises RequestError if the last time is more blocks
-    away than can be counted.
+    `record` as in `simulate`; a `pinned` tracer has infinite mass. Raises RequestError if the last
+    time is more blocks away than can be counted.
     """
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
     recorder = new_recorder(scene, frame, w.calendar.block, times, record)
-    compile_all(insert_nothing, report_nothing, partial(advance, w, recorder._replace(block=recorder.block[:0]), 0))
+    compile_all(
+        insert_nothing,
+        report_nothing,
+        partial(advance, w, recorder._replace(block=recorder.block[:0]), 0),
+    )
     return PreparedScene(scene, frame, pinned, w, recorder)
 
 
@@ -93,10 +118,12 @@ def beginning(prepared: PreparedScene, state: State, equilibrating: bool = False
 
 
 def to_end(prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CHECKPOINTS) -> Run:
-    """Continue a run to its end and return its result; the tracer's track is in the recorder's arrays.
+    """Continue a run to its end and return its result; the tracer's track is in the recorder's
+    arrays.
 
-    A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next run starts with the
-    default capacity, as it must not depend on earlier runs. Raises RunError if the run makes no progress.
+    A run in which a cell or a neighbour list overflows restarts with twice the capacity. The next
+    run starts with the default capacity, as it must not depend on earlier runs. Raises RunError if
+    the run makes no progress.
     """
     scene, frame, pinned, w, recorder = prepared
     while True:
@@ -116,9 +143,15 @@ def to_end(prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CH
 
 
 def _to_last_sample(
-    prepared: PreparedScene, w: ws.Workspace, start: RunState, logs: list[Events], saving: Checkpoints
+    prepared: PreparedScene,
+    w: ws.Workspace,
+    start: RunState,
+    logs: list[Events],
+    saving: Checkpoints,
 ) -> bool:
-    """Advance to the last sample and append to the logs; return False if a cell or a neighbour list overflowed."""
+    """Advance to the last sample and append to the logs; return False if a cell or a neighbour list
+    overflowed.
+    """
     scene, frame, _, _, recorder = prepared
     before, events, estimated = time_since_start(w), 0, w.calendar.width
     few = most = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
@@ -132,10 +165,14 @@ def _to_last_sample(
             events += most if outcome == ws.PAUSED else len(recorder.log_time)
             w = with_fitting_buckets(w, events_so_far(w) - done, now - began, estimated)
             most = few if w.calendar.width < estimated else EVENTS_PER_CALL
-            if events >= max(EVENTS_PER_CALL, 2 * scene.particles):  # each block begins with an event of every disk
+            if events >= max(
+                EVENTS_PER_CALL, 2 * scene.particles
+            ):  # each block begins with an event of every disk
                 _refuse_standstill(scene, frame, now, now - before, events)
                 before, events = now, 0
-            progress.within((settled + now * frame.time) / (scene.equilibrate.time + scene.duration))
+            progress.within(
+                (settled + now * frame.time) / (scene.equilibrate.time + scene.duration)
+            )
         if len(recorder.log_time):
             logs.append(_logged(recorder, w, frame))
             w.progress[ws.LOGGED] = 0
@@ -144,16 +181,25 @@ def _to_last_sample(
         if outcome == ws.DONE and len(recorder.quarter):
             _take_totals(recorder, w)
         if outcome == ws.BLOCK_OVER:
-            saving.store(start._replace(motion=_motion(w), arrays=_arrays_of(w, recorder), events=_joined(logs)))
+            saving.store(
+                start._replace(
+                    motion=_motion(w), arrays=_arrays_of(w, recorder), events=_joined(logs)
+                )
+            )
     return True
 
 
 def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
-    """Return what a run has changed in its workspace and recorder, besides the motion of its disks and the log."""
+    """Return what a run has changed in its workspace and recorder, besides the motion of its disks
+    and the log.
+    """
     arrays = {"progress": w.progress, "count": w.count, "tally": w.tally, "totals": recorder.totals}
     arrays |= {} if w.image is None else {"images_now": w.image}
     for of, track in (("track", recorder.track), ("whole", recorder.whole)):
-        arrays |= {f"{of}_{name}": values[: w.progress[ws.SAMPLE]] for name, values in track._asdict().items()}
+        arrays |= {
+            f"{of}_{name}": values[: w.progress[ws.SAMPLE]]
+            for name, values in track._asdict().items()
+        }
     return arrays
 
 
@@ -176,18 +222,21 @@ def _refuse_standstill(scene: Scene, frame: Frame, now: float, elapsed: float, e
     """Raise RunError if the `events` took less time than round-off resolves."""
     if elapsed * scene.particles < SHORTEST_PATH * events:
         raise RunError(
-            f"no progress at t = {now * frame.time:.9g}: {events} events took {elapsed * frame.time:.3g}; "
+            f"no progress at t = {now * frame.time:.9g}: {events} events took "
+            f"{elapsed * frame.time:.3g}; "
             "the disks touch all round, and must have room to move"
         )
 
 
-# -- samples and the log --------------------------------------------------------------------------------------------
+# -- samples and the log ---------------------------------------------------------------------------
 
 
 def new_recorder(
     scene: Scene, frame: Frame, duration: float, times: np.ndarray, record: Collection[str]
 ) -> ws.Recorder:
-    """Return an empty recorder for `prepare_scene`; `duration` is that of a block, whatever the size of cells."""
+    """Return an empty recorder for `prepare_scene`; `duration` is that of a block, whatever the
+    size of cells.
+    """
     n, table, quarters = scene.particles, species_table(scene), ends_of_quarters(times)
     quarters = quarters if claims_equilibrium(scene) else quarters[:0]
     log_length = EVENTS_PER_LOG if "events" in record else 0
@@ -196,7 +245,8 @@ def new_recorder(
     if len(block) and not block[-1] < MOST_BLOCKS:
         longest = duration * frame.time * MOST_BLOCKS
         raise RequestError(
-            f"{scene.name}: duration: must be at most {longest:.3g} for disks so fast, not {times[-1]:g}"
+            f"{scene.name}: duration: must be at most {longest:.3g} for disks so fast, not "
+            f"{times[-1]:g}"
         )
     return ws.Recorder(
         tracer=int(frame.back[0]) if n else 0,
@@ -215,12 +265,18 @@ def new_recorder(
 
 
 def _logged(recorder: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
-    """Return the collisions in the recorder's log, in the scene's units and numbers of the disks."""
+    """Return the collisions in the recorder's log, in the scene's units and numbers of the
+    disks.
+    """
     n = w.progress[ws.LOGGED]
     time = (recorder.log_block[:n] * w.calendar.block + recorder.log_time[:n]) * frame.time
     pair = recorder.log_pair[:n]
-    disks = np.where(pair >= 0, frame.order[np.maximum(pair, 0)], pair).astype(np.int32)  # < 0: a wall
-    return Events(time, disks[:, 0], disks[:, 1], recorder.log_impulse[:n] * frame.mass * frame.speed)
+    disks = np.where(pair >= 0, frame.order[np.maximum(pair, 0)], pair).astype(
+        np.int32
+    )  # < 0: a wall
+    return Events(
+        time, disks[:, 0], disks[:, 1], recorder.log_impulse[:n] * frame.mass * frame.speed
+    )
 
 
 def _joined(logs: list[Events]) -> Events | None:
@@ -228,20 +284,23 @@ def _joined(logs: list[Events]) -> Events | None:
     return Events(*(np.concatenate(column) for column in zip(*logs, strict=True))) if logs else None
 
 
-# -- quarters of the run --------------------------------------------------------------------------------------------
+# -- quarters of the run ---------------------------------------------------------------------------
 
 
 def quarter_of(recorder: ws.Recorder, w: ws.Workspace) -> ws.Recorder:
     """Return the recorder for samples up to the next end of a quarter, or for all if there is none.
 
-    The kernel takes no totals itself: code for it made every collision 2 to 3 % slower, even where it never ran.
+    The kernel takes no totals itself: code for it made every collision 2 to 3 % slower, even where
+    it never ran.
     """
     ends = recorder.quarter[recorder.quarter >= w.progress[ws.SAMPLE]]
     return recorder._replace(block=recorder.block[: ends[0] + 1]) if len(ends) else recorder
 
 
 def _take_totals(recorder: ws.Recorder, w: ws.Workspace) -> None:
-    """Write pair collisions and virial so far, and the kinetic energy of each species now, at the end of a quarter."""
+    """Write pair collisions and virial so far, and the kinetic energy of each species now, at the
+    end of a quarter.
+    """
     for row in np.flatnonzero(recorder.quarter == w.progress[ws.SAMPLE] - 1):
         totals = recorder.totals[row]
         totals[:2] = w.count[ws.PAIRS], w.tally[ws.VIRIAL]
@@ -253,8 +312,8 @@ def _take_totals(recorder: ws.Recorder, w: ws.Workspace) -> None:
 def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
     """Return what a run reports by quarters, in the scene's units; {} if nothing.
 
-    The energy of a quarter is the mean of those at its beginning and its end, per disk. That of a single species is the
-    energy of the run, which is conserved: it is left out.
+    The energy of a quarter is the mean of those at its beginning and its end, per disk. That of a
+    single species is the energy of the run, which is conserved: it is left out.
     """
     totals = recorder.totals
     if not len(totals):
@@ -270,24 +329,39 @@ def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
     return values
 
 
-# -- the report -----------------------------------------------------------------------------------------------------
+# -- the report ------------------------------------------------------------------------------------
 
 
-def report_of(prepared: PreparedScene, w: ws.Workspace, first: np.ndarray, finite: bool) -> dict[str, Any]:
-    """Return the report of a run from its workspace and recorder at the end, and its motion (N, 4) at the beginning.
+def report_of(
+    prepared: PreparedScene, w: ws.Workspace, first: np.ndarray, finite: bool
+) -> dict[str, Any]:
+    """Return the report of a run from its workspace and recorder at the end, and its motion (N, 4)
+    at the beginning.
 
-    A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or if it has numbers
-    that are not `finite`. A pinned tracer has infinite mass: it takes up any momentum, and is left out of the energy.
+    A run fails if its energy drift, deepest overlap or momentum residual is beyond HEALTH_BOUND, or
+    if it has numbers that are not `finite`. A pinned tracer has infinite mass: it takes up any
+    momentum, and is left out of the energy.
     """
     scene, frame, pinned, _, recorder = prepared
     mass = np.ones(len(first)) if w.mass is None else w.mass
     count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :]
     conserved = conservation(mass, first, _motion(w).copy(), impulses[1:])
-    # A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen: its distance from the
-    # cell then counts as an overlap.
-    overlap, stray = 1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0))), float(w.tally[ws.STRAY])
+    # A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen:
+    # its distance from the cell then counts as an overlap.
+    overlap, stray = (
+        1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0))),
+        float(w.tally[ws.STRAY]),
+    )
     overlap = max(overlap, stray) if stray > HEALTH_BOUND else overlap
-    sound = finite and overlap <= HEALTH_BOUND and (pinned or conserved.momentum_residual <= HEALTH_BOUND)
-    sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], conserved.fastest * time_since_start(w))
+    sound = (
+        finite
+        and overlap <= HEALTH_BOUND
+        and (pinned or conserved.momentum_residual <= HEALTH_BOUND)
+    )
+    sound = sound and images_fit(
+        scene, frame, count[ws.CROSSINGS], conserved.fastest * time_since_start(w)
+    )
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
-    return report(scene, frame, conserved, collisions, impulses, overlap, sound) | _quarters(frame, recorder)
+    return report(scene, frame, conserved, collisions, impulses, overlap, sound) | _quarters(
+        frame, recorder
+    )

@@ -10,7 +10,12 @@ import numpy as np
 from brownpipe.engines.collisions import encounter
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.workspace import four_contact_distances, four_disks, four_shifted, position
+from brownpipe.engines.exact.workspace import (
+    four_contact_distances,
+    four_disks,
+    four_shifted,
+    position,
+)
 from brownpipe.engines.fours import four, four_entries, least, where
 from brownpipe.engines.kernels import kernel
 from brownpipe.engines.records import Samples
@@ -20,7 +25,8 @@ from brownpipe.engines.records import Samples
 def audit_place(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: float) -> None:
     """Record in STRAY how far disk i is outside its cell, or the square of its list, in cells.
 
-    A disk that crossed an edge unnoticed could pass through another between two predictions without a visible overlap.
+    A disk that crossed an edge unnoticed could pass through another between two predictions without
+    a visible overlap.
     """
     box, a = w.grid, ws.ROW * i
     if lists is not None:
@@ -38,7 +44,9 @@ def audit_place(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: f
 
 @kernel
 def audit(w: ws.Workspace, i: int, now: float) -> None:
-    """Check disk i for overlaps with its neighbours (NEAREST), and its position against its cell (STRAY)."""
+    """Check disk i for overlaps with its neighbours (NEAREST), and its position against its cell
+    (STRAY).
+    """
     audit_place(w.lists, w, i, now)
     x_i, y_i = position(w, i, now)
     m = cells.gather(w.big, w, i, ws.PAIR)
@@ -50,20 +58,32 @@ def audit(w: ws.Workspace, i: int, now: float) -> None:
         sigma = four_contact_distances(w.mass, w, i, radius)
         sigma2 = sigma * sigma
         c = encounter(x, y, u, v, sigma2)[1]  # whatever the velocities
-        w.tally[ws.NEAREST] = min(w.tally[ws.NEAREST], least(where(k != i, c / sigma2, four(math.inf))))
+        w.tally[ws.NEAREST] = min(
+            w.tally[ws.NEAREST], least(where(k != i, c / sigma2, four(math.inf)))
+        )
 
 
 @kernel
 def write_motion(
-    image: np.ndarray | None, w: ws.Workspace, i: int, now: float, track: Samples, sample: int, column: int
+    image: np.ndarray | None,
+    w: ws.Workspace,
+    i: int,
+    now: float,
+    track: Samples,
+    sample: int,
+    column: int,
 ) -> None:
     """Write position, velocity and image of disk i at the time now to (sample, column) of a track.
 
-    A disk can be outside a periodic box, as with neighbour lists it is wrapped only when it leaves its square.
+    A disk can be outside a periodic box, as with neighbour lists it is wrapped only when it leaves
+    its square.
     """
     x, y = position(w, i, now)
     if image is not None:
-        across, up = math.floor((x - w.grid.x) / w.grid.width), math.floor((y - w.grid.y) / w.grid.height)
+        across, up = (
+            math.floor((x - w.grid.x) / w.grid.width),
+            math.floor((y - w.grid.y) / w.grid.height),
+        )
         x, y = x - across * w.grid.width, y - up * w.grid.height
         track.image[sample, column, 0] = image[2 * i] + across
         track.image[sample, column, 1] = image[2 * i + 1] + up
@@ -74,7 +94,9 @@ def write_motion(
 
 @kernel
 def take_sample(w: ws.Workspace, r: ws.Recorder, now: float) -> None:
-    """Record the next sample, and audit the disks recorded; at the last one of the recorder audit all disks."""
+    """Record the next sample, and audit the disks recorded; at the last one of the recorder audit
+    all disks.
+    """
     sample = w.progress[ws.SAMPLE]
     w.progress[ws.SAMPLE] = sample + 1
     if len(w.disk) == 0:

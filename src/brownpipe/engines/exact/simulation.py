@@ -1,7 +1,7 @@
 """Runs of the exact engine, which can be interrupted and continued.
 
-Each run is drawn from its seed (`initial_state`), equilibrated, run from collision to collision (`run`) and measured
-(`ensemble`).
+Each run is drawn from its seed (`initial_state`), equilibrated, run from collision to collision
+(`run`) and measured (`ensemble`).
 """
 
 import json
@@ -39,21 +39,27 @@ def simulate(
 ) -> Ensemble:
     """Run the scene once for every seed.
 
-    `record` is a set of words: "tracer" (disk 0 of all runs), "all" (every disk of every run), "events" (every
-    collision). `observables` are measured in each run, even if its trajectory is not recorded; `average` says over
-    what displacements and autocorrelations among them are averaged (brownpipe.observables).
-    `checkpoints` says when the state of the batch is stored, and which stored state to continue from; the result is
-    bit-identical to that of an uninterrupted batch.
-    A run that makes no progress, whose equilibration fails or whose disks find no place at random is marked as failed,
-    with the reason in `stopped`. Raises RequestError if the scene leaves no place for its disks in any run, or has no
-    such observables.
+    `record` is a set of words: "tracer" (disk 0 of all runs), "all" (every disk of every run),
+    "events" (every collision). `observables` are measured in each run, even if its trajectory is
+    not recorded; `average` says over what displacements and autocorrelations among them are
+    averaged (brownpipe.observables).
+    `checkpoints` says when the state of the batch is stored, and which stored state to continue
+    from; the result is bit-identical to that of an uninterrupted batch.
+    A run that makes no progress, whose equilibration fails or whose disks find no place at random
+    is marked as failed, with the reason in `stopped`. Raises RequestError if the scene leaves no
+    place for its disks in any run, or has no such observables.
     """
     batch = new_batch(scene, seeds, record, observables, average)
-    equilibrator, prepared = prepare_equilibration(scene), prepare_scene(scene, scene.times, batch.needed_record)
+    equilibrator, prepared = (
+        prepare_equilibration(scene),
+        prepare_scene(scene, scene.times, batch.needed_record),
+    )
     finished, unfinished = resume(checkpoints.stored, batch)
 
     def run(column: int) -> Run:
-        saving = checkpoints._replace(store=lambda state: checkpoints.store(pack(batch.ensemble, column, state)))
+        saving = checkpoints._replace(
+            store=lambda state: checkpoints.store(pack(batch.ensemble, column, state))
+        )
         start = unfinished if column == finished else None
         if start is None or start.equilibrating:
             drawn = draw(scene, int(batch.ensemble.seeds[column]))
@@ -67,7 +73,7 @@ def simulate(
     return make_runs(batch, run, finished, store)
 
 
-# -- the state at t = 0, from which all engines that move all disks start ---------------------------------------------
+# -- the state at t = 0, from which all engines that move all disks start --------------------------
 
 
 def prepare_equilibration(scene: Scene) -> PreparedScene | None:
@@ -77,18 +83,25 @@ def prepare_equilibration(scene: Scene) -> PreparedScene | None:
 
 
 def equilibrate(
-    prepared: PreparedScene | None, state: State, stored: RunState | None = None, saving: Checkpoints = NO_CHECKPOINTS
+    prepared: PreparedScene | None,
+    state: State,
+    stored: RunState | None = None,
+    saving: Checkpoints = NO_CHECKPOINTS,
 ) -> State:
-    """Run a drawn state for the scene's time to equilibrate, or continue a stored run; return the state at t = 0.
+    """Run a drawn state for the scene's time to equilibrate, or continue a stored run; return the
+    state at t = 0.
 
-    `prepared` is from `prepare_equilibration`; if it is None, the drawn state is returned. A pinned tracer keeps its
-    place and regains its velocity at t = 0. Raises RunError if the run fails its health check or makes no progress.
+    `prepared` is from `prepare_equilibration`; if it is None, the drawn state is returned. A pinned
+    tracer keeps its place and regains its velocity at t = 0. Raises RunError if the run fails its
+    health check or makes no progress.
     """
     if prepared is None:
         return state
     scene = prepared.scene
     moving = np.arange(len(state.mass)) >= int(prepared.pinned)  # all disks, or all but the tracer
-    start = stored or beginning(prepared, state._replace(velocity=state.velocity * moving[:, None]), True)
+    start = stored or beginning(
+        prepared, state._replace(velocity=state.velocity * moving[:, None]), True
+    )
     result = to_end(prepared, start, saving)
     if result.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
@@ -101,21 +114,26 @@ def equilibrate(
     return state._replace(position=position, velocity=velocity)
 
 
-# -- checkpoints: the finished runs, and the unfinished one at the end of a block, as named arrays -------------------
+# -- checkpoints: the finished runs, and the unfinished one at the end of a block, as named arrays
+# -------------------
 
 
 def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str, np.ndarray]:
-    """Return named arrays of the first `finished` runs and the state of the next one; they are views, not copies.
+    """Return named arrays of the first `finished` runs and the state of the next one; they are
+    views, not copies.
 
-    A name is the path of an array in the record of the ensemble or the state: `runs.tracer.position`,
-    `runs.whole.SEED.velocity`, `run.motion`. Texts are stored as bytes, descriptions of a user's own arrays as JSON.
+    A name is the path of an array in the record of the ensemble or the state:
+    `runs.tracer.position`, `runs.whole.SEED.velocity`, `run.motion`. Texts are stored as bytes,
+    descriptions of a user's own arrays as JSON.
     """
     runs = select(ensemble, slice(finished))._asdict()
     return _flat("runs", runs | {"own": json.dumps(ensemble.own)}) | _flat("run", state)
 
 
 def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, RunState | None]:
-    """Copy the finished runs of a checkpoint into a batch; return their number, and the unfinished run, if any."""
+    """Copy the finished runs of a checkpoint into a batch; return their number, and the unfinished
+    run, if any.
+    """
     if arrays is None:
         return 0, None
     groups: dict[str, Any] = {}
@@ -133,16 +151,30 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
         for name, kind in (("whole", Track), ("events", Events)):
             if str(seed) in runs.get(name, {}):
                 getattr(ensemble, name)[seed] = kind(**runs[name][str(seed)])
-    ensemble.stopped.update({int(seed): why.item().decode() for seed, why in runs.get("stopped", {}).items()})
+    ensemble.stopped.update(
+        {int(seed): why.item().decode() for seed, why in runs.get("stopped", {}).items()}
+    )
     ensemble.own.update(own_arrays({"own_arrays": runs["own"].item()}))
     if state is None:
         return finished, None
-    return finished, RunState(**state | {"events": Events(**state["events"]) if "events" in state else None})
+    return finished, RunState(
+        **state | {"events": Events(**state["events"]) if "events" in state else None}
+    )
 
 
 def _flat(name: str, value: Any) -> dict[str, np.ndarray]:
-    """Return all arrays in a record or a mapping by the paths to them, which begin with `name`; without None."""
+    """Return all arrays in a record or a mapping by the paths to them, which begin with `name`;
+    without None.
+    """
     value = value._asdict() if hasattr(value, "_asdict") else value
     if isinstance(value, dict):
-        return {path: array for key, part in value.items() for path, array in _flat(f"{name}.{key}", part).items()}
-    return {} if value is None else {name: np.asarray(value.encode() if isinstance(value, str) else value)}
+        return {
+            path: array
+            for key, part in value.items()
+            for path, array in _flat(f"{name}.{key}", part).items()
+        }
+    return (
+        {}
+        if value is None
+        else {name: np.asarray(value.encode() if isinstance(value, str) else value)}
+    )

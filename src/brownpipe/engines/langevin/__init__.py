@@ -1,10 +1,12 @@
-"""The Langevin engine: the tracer alone, friction and noise in place of its bath. Here is its `Definition`.
+"""The Langevin engine: the tracer alone, friction and noise in place of its bath. Here is its
+`Definition`.
 
-The Langevin equation has one time scale, 1/gamma, and a noise without memory. It describes a disk much heavier than
-those of its bath, in a bath so dilute that the same bath disk rarely hits it twice; the velocity of a light disk would
-change too much in one collision. In the plane the flow of the bath returns momentum, so that the velocity
-autocorrelation of hard disks has a 1/t tail (B. J. Alder & T. E. Wainwright, Phys. Rev. A 1, 18 (1970)), and in a dense
-bath the neighbours form a cage; neither tail nor cage is modelled. docs/theory.md, section 4.
+The Langevin equation has one time scale, 1/gamma, and a noise without memory. It describes a disk
+much heavier than those of its bath, in a bath so dilute that the same bath disk rarely hits it
+twice; the velocity of a light disk would change too much in one collision. In the plane the flow of
+the bath returns momentum, so that the velocity autocorrelation of hard disks has a 1/t tail (B. J.
+Alder & T. E. Wainwright, Phys. Rev. A 1, 18 (1970)), and in a dense bath the neighbours form a
+cage; neither tail nor cage is modelled. docs/theory.md, section 4.
 """
 
 import math
@@ -13,18 +15,29 @@ from typing import Annotated, Literal, NamedTuple, NoReturn
 
 from brownpipe.engines import forecast
 from brownpipe.engines.forecast import Definition
-from brownpipe.engines.friction import DENSEST, bath_of, bath_share, followed, friction_rate, moves, partners_of
+from brownpipe.engines.friction import (
+    DENSEST,
+    bath_of,
+    bath_share,
+    followed,
+    friction_rate,
+    moves,
+    partners_of,
+)
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables import of_tracer
 from brownpipe.scene.reading import key
 from brownpipe.scene.scene import Scene
 
-LIGHTEST = 2.0  # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
-# The caution is given below this mass ratio. A higher ratio does not ensure a small error, since density and the finite
-# box matter, too: with a ratio of 50 at phi = 0.3 the MSD by Enskog's friction is 51 % too small (docs/results.md).
+# mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
+LIGHTEST = 2.0
+# The caution is given below this mass ratio. A higher ratio does not ensure a small error, since
+# density and the finite box matter, too: with a ratio of 50 at phi = 0.3 the MSD by Enskog's
+# friction is 51 % too small (docs/results.md).
 HEAVY = 10.0
-RATE_COLLISIONS = 4000  # of the tracer, to measure its collision rate: error 1.6 % if they are independent
+# of the tracer, to measure its collision rate: error 1.6 % if they are independent
+RATE_COLLISIONS = 4000
 RATE_RUNS = 8  # of the exact engine, over which these collisions are divided
 SETTLING = 0.1  # time to equilibrate before each of these runs, in units of its duration
 Friction = Literal["enskog", "boltzmann", "measured"]
@@ -36,35 +49,53 @@ class Settings(NamedTuple):
     friction: Annotated[Friction, key("enskog, boltzmann or measured")]
 
 
-def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str] = frozenset({"tracer"})) -> None:
-    """Raise RequestError if the scene's bath cannot be replaced by this friction, or if `record` needs the bath."""
+def refuse_unfit(
+    scene: Scene, settings: Settings, record: Collection[str] = frozenset({"tracer"})
+) -> None:
+    """Raise RequestError if the scene's bath cannot be replaced by this friction, or if `record`
+    needs the bath.
+    """
     if bath_records := {"all", "events"}.intersection(record):
         raise RequestError(
-            f"--record {','.join(sorted(bath_records))}: the langevin engine has no bath; must be tracer or none"
+            f"--record {','.join(sorted(bath_records))}: the langevin engine has no bath; must be "
+            "tracer or none"
         )
     if scene.listed or scene.particles == 0:
         _refuse(scene, "needs a scene with species, of which the first disk is followed")
     if scene.particles == 1:
         _refuse(scene, "needs a bath, and there is a single disk")
     if _mass_ratio(scene) < LIGHTEST:
-        ratio = f"the disk that is followed has {_mass_ratio(scene):.3g} times the mass of the heaviest of the others"
+        ratio = (
+            f"the disk that is followed has {_mass_ratio(scene):.3g} times the mass of the "
+            "heaviest of the others"
+        )
         _refuse(scene, f"is for a heavy tracer: {ratio}; must be at least {LIGHTEST:g}")
     energy = bath_of(scene).temperature
-    if moves(scene) and not SMALLEST_NORMAL <= min(energy, energy / followed(scene).mass) <= energy < math.inf:
-        _refuse(scene, f"needs kT and kT/m from {SMALLEST_NORMAL:.3g} to 1.8e308, found kT = {energy:.3g}")
+    if (
+        moves(scene)
+        and not SMALLEST_NORMAL <= min(energy, energy / followed(scene).mass) <= energy < math.inf
+    ):
+        _refuse(
+            scene,
+            f"needs kT and kT/m from {SMALLEST_NORMAL:.3g} to 1.8e308, found kT = {energy:.3g}",
+        )
     if settings.friction == "enskog" and scene.packing_fraction > DENSEST:
         phi = f"the packing fraction is {scene.packing_fraction:.4g}; must be at most {DENSEST:g}"
         _refuse(scene, f"has no contact value for --friction enskog: {phi}, or --friction measured")
 
 
 def caution(scene: Scene) -> str | None:
-    """Return one line of caution if the tracer has less than HEAVY times the mass of a bath disk; otherwise None.
+    """Return one line of caution if the tracer has less than HEAVY times the mass of a bath disk;
+    otherwise None.
 
     None, too, for scenes that `refuse_unfit` refuses because they have no bath.
     """
     if scene.listed or scene.particles < 2 or _mass_ratio(scene) >= HEAVY:
         return None
-    light = f"the tracer has only {_mass_ratio(scene):.3g} times the mass of a bath disk (less than {HEAVY:g})"
+    light = (
+        f"the tracer has only {_mass_ratio(scene):.3g} times the mass of a bath disk (less than "
+        f"{HEAVY:g})"
+    )
     return f"{scene.name}: langevin is rough here: {light}; compare with --engine exact"
 
 
@@ -83,14 +114,25 @@ def _model(scenes: Sequence[Scene], settings: Settings) -> str:
     friction = settings.friction
     known = scenes if friction != "measured" else []
     rates = sorted(friction_rate(scene, friction) / bath_share(scene) for scene in known)
-    gamma = " to ".join(dict.fromkeys(f"{rate:.3g}" for rate in rates[:1] + rates[-1:])) or "as measured"
-    return f"the tracer alone, gamma = {gamma}; no 1/t tail of the velocity autocorrelation, no cage"
+    gamma = (
+        " to ".join(dict.fromkeys(f"{rate:.3g}" for rate in rates[:1] + rates[-1:]))
+        or "as measured"
+    )
+    return (
+        f"the tracer alone, gamma = {gamma}; no 1/t tail of the velocity autocorrelation, no cage"
+    )
 
 
 def _forecast(
-    scene: Scene, settings: Settings, record: Collection[str], observables: Collection[str], average: str
+    scene: Scene,
+    settings: Settings,
+    record: Collection[str],
+    observables: Collection[str],
+    average: str,
 ) -> forecast.Cost:
-    """Return the cost of a run; measuring the friction by runs of the exact engine costs once per process."""
+    """Return the cost of a run; measuring the friction by runs of the exact engine costs once per
+    process.
+    """
     cost = forecast.of_run(scene, record, *of_tracer(observables, average), alone=True)
     if rate_scene := scene_of_rate(scene, settings.friction):
         rate = forecast.of_run(rate_scene)
@@ -101,9 +143,9 @@ def _forecast(
 def scene_of_rate(scene: Scene, friction: str) -> Scene | None:
     """Return the scene in which the exact engine measures the tracer's collision rate.
 
-    None if the friction is not `measured`, or nothing moves. All disks are in equilibrium at the temperature of the
-    bath, and the tracer moves freely. The rate, from the first RATE_RUNS seeds, is an average over the positions of the
-    tracer and does not depend on the seeds of the study.
+    None if the friction is not `measured`, or nothing moves. All disks are in equilibrium at the
+    temperature of the bath, and the tracer moves freely. The rate, from the first RATE_RUNS seeds,
+    is an average over the positions of the tracer and does not depend on the seeds of the study.
     """
     expected = partners_of(scene).rate.sum() if friction == "measured" else 0.0
     if expected == 0:

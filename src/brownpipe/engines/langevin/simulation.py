@@ -1,18 +1,22 @@
 """Runs of the Langevin engine: the tracer alone, friction and noise in place of its bath.
 
-    dx = v dt,    dv = -gamma v dt + sqrt(2 gamma kT/m) dW        (G. E. Uhlenbeck & L. S. Ornstein, 1930)
+    dx = v dt,    dv = -gamma v dt + sqrt(2 gamma kT/m) dW        (G. E. Uhlenbeck & L. S. Ornstein,
+    1930)
 
-Where the total momentum stays zero, the bath recoils: friction acts on the velocity relative to the bath, v/f, with f
-of `friction.bath_share`. The rate is then gamma/f and <v^2> of equilibrium 2 f kT/m; the noise is the same.
+Where the total momentum stays zero, the bath recoils: friction acts on the velocity relative to the
+bath, v/f, with f of `friction.bath_share`. The rate is then gamma/f and <v^2> of equilibrium 2 f
+kT/m; the noise is the same.
 
-The step is exact for any length (D. T. Gillespie, Phys. Rev. E 54, 2084 (1996)), so one step leads from sample to
-sample: there is no time-step error. Walls need no extra step: equation and noise are invariant under reflection, and a
-reflected path is the mirror image of a path through the wall. The free path is computed and, at each sample, folded
-into the region that the tracer's centre can reach. docs/theory.md, section 4.
+The step is exact for any length (D. T. Gillespie, Phys. Rev. E 54, 2084 (1996)), so one step leads
+from sample to
+sample: there is no time-step error. Walls need no extra step: equation and noise are invariant
+under reflection, and a reflected path is the mirror image of a path through the wall. The free path
+is computed and, at each sample, folded into the region that the tracer's centre can reach.
+docs/theory.md, section 4.
 
-gamma is explained in `engines.friction`, the limits of the model in `engines.langevin`. Walls are assumed not to change
-the friction near them. The noise is one random stream for each (N, seed). With other sample times the same seed
-gives another path, of the same distribution.
+gamma is explained in `engines.friction`, the limits of the model in `engines.langevin`. Walls are
+assumed not to change the friction near them. The noise is one random stream for each (N, seed).
+With other sample times the same seed gives another path, of the same distribution.
 """
 
 import math
@@ -24,7 +28,14 @@ import numpy as np
 from brownpipe import progress
 from brownpipe.engines.ensemble import Ensemble, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.friction import bath_of, bath_share, followed, friction_rate, moving_disks, rate_at_temperature
+from brownpipe.engines.friction import (
+    bath_of,
+    bath_share,
+    followed,
+    friction_rate,
+    moving_disks,
+    rate_at_temperature,
+)
 from brownpipe.engines.initial_state import draw_tracer, noise
 from brownpipe.engines.kernels import compile_all, entry_point
 from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
@@ -46,27 +57,37 @@ def simulate(
     average: str = "runs",
     friction: Friction = "enskog",
 ) -> Ensemble:
-    """Follow the tracer of the scene once for every seed; `friction` as in `friction.friction_rate`.
+    """Follow the tracer of the scene once for every seed; `friction` as in
+    `friction.friction_rate`.
 
-    A run starts with the tracer's velocity of the same seed in the exact engine, at the position that the scene gives
-    or at a uniform position in the accessible box. If the tracer is free while the scene equilibrates, it first moves
-    for that time. Of `observables`, those that need other disks are left out.
-    Raises RequestError for a scene or record that the engine refuses, RunError if measuring the friction fails.
+    A run starts with the tracer's velocity of the same seed in the exact engine, at the position
+    that the scene gives or at a uniform position in the accessible box. If the tracer is free while
+    the scene equilibrates, it first moves for that time. Of `observables`, those that need other
+    disks are left out.
+    Raises RequestError for a scene or record that the engine refuses, RunError if measuring the
+    friction fails.
     """
     refuse_unfit(scene, Settings(friction), record)
     gamma = rate_of(scene, friction)
     before = scene.equilibrate.time if scene.equilibrate.tracer == "free" else 0.0
     steps = np.diff(scene.times, prepend=-before)
     if not gamma * float(steps.max()) < np.inf:
-        raise RequestError(f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308")
-    weights = step_weights(steps, gamma, bath_share(scene) * bath_of(scene).temperature / followed(scene).mass)
+        raise RequestError(
+            f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308"
+        )
+    weights = step_weights(
+        steps, gamma, bath_share(scene) * bath_of(scene).temperature / followed(scene).mass
+    )
     batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
     no_path = np.empty((0, 2, 2))
     compile_all(partial(follow, no_path, no_path, weights[:0]), partial(folded, scene, no_path))
 
     def run(column: int) -> Run:
-        seed, path = int(batch.ensemble.seeds[column]), np.empty((len(weights) + 1, 2, 2))  # as if there were no walls
+        seed, path = (
+            int(batch.ensemble.seeds[column]),
+            np.empty((len(weights) + 1, 2, 2)),
+        )  # as if there were no walls
         stream = noise(scene, seed)
         path[0] = draw_tracer(scene, mass, seed, stream)
         follow(path, stream.standard_normal((len(weights), 2, 2)), weights)
@@ -77,9 +98,13 @@ def simulate(
 
 
 def rate_of(scene: Scene, friction: str) -> float:
-    """Return the rate gamma/f [1/time] at which the velocity decays; for `measured`, after runs of the exact engine."""
+    """Return the rate gamma/f [1/time] at which the velocity decays; for `measured`, after runs of
+    the exact engine.
+    """
     rate_scene = scene_of_rate(scene, friction)
-    gamma = friction_rate(scene, friction, None if rate_scene is None else _collision_rate(rate_scene))
+    gamma = friction_rate(
+        scene, friction, None if rate_scene is None else _collision_rate(rate_scene)
+    )
     return gamma / bath_share(scene)
 
 
@@ -91,14 +116,21 @@ def _collision_rate(scene: Scene) -> float:
     with progress.unreported():
         runs = exact.simulate(scene, range(RATE_RUNS), frozenset({"none"}))
     if failed := failures(runs):
-        raise RunError(f"{scene.name}: of the runs that measure the friction {failed}; must be friction: enskog")
+        raise RunError(
+            f"{scene.name}: of the runs that measure the friction {failed}; must be friction: "
+            "enskog"
+        )
     reports = runs.observables
     kt = reports["kinetic_energy"] / moving_disks(scene)  # of each run
-    return float(rate_at_temperature(scene, reports["tracer_collisions"] / scene.duration, kt).mean())
+    return float(
+        rate_at_temperature(scene, reports["tracer_collisions"] / scene.duration, kt).mean()
+    )
 
 
 def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
-    """Return the track (M = 1) of a free path (T, 2, 2) in the box, and whether it could be computed (`fold`)."""
+    """Return the track (M = 1) of a free path (T, 2, 2) in the box, and whether it could be
+    computed (`fold`).
+    """
     region = scene.box.accessible(followed(scene).radius)
     position, velocity = np.empty((2, len(path), 1, 2))
     image = np.empty((len(path), 1, 2), np.int32) if scene.box.periodic else None
@@ -106,18 +138,20 @@ def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
     return Track(position, velocity, image), known
 
 
-# -- the exact step, of any length: D. T. Gillespie, Phys. Rev. E 54, 2084 (1996) --------------------------------------
+# -- the exact step, of any length: D. T. Gillespie, Phys. Rev. E 54, 2084 (1996) ------------------
 
 
 def step_weights(dt: np.ndarray, gamma: float, square_speed: float) -> np.ndarray:
     """Return the weights (steps, 4) e, w1, w2, w3 of exact steps of lengths `dt` (steps,) [time].
 
-    `gamma` is the friction rate [1/time], `square_speed` the variance kT/m of a velocity component [length^2/time^2].
+    `gamma` is the friction rate [1/time], `square_speed` the variance kT/m of a velocity component
+    [length^2/time^2].
 
-    v' = e v + w1 xi and x' = x + w2 (v + v') + w3 eta with independent standard normal xi, eta, where X = gamma dt,
-    e = exp(-X), w1^2 = kT/m (1 - e^2), w2 = tanh(X/2)/gamma, w3^2 = 2 kT/(m gamma^2) (X - 2 tanh(X/2)). This is
-    equivalent to Gillespie's pair of correlated random numbers: given v and v', the displacement x' - x is normal with
-    mean w2 (v + v') and standard deviation w3. Without friction x' = x + v dt. docs/theory.md, section 4.
+    v' = e v + w1 xi and x' = x + w2 (v + v') + w3 eta with independent standard normal xi, eta,
+    where X = gamma dt, e = exp(-X), w1^2 = kT/m (1 - e^2), w2 = tanh(X/2)/gamma, w3^2 = 2 kT/(m
+    gamma^2) (X - 2 tanh(X/2)). This is equivalent to Gillespie's pair of correlated random numbers:
+    given v and v', the displacement x' - x is normal with mean w2 (v + v') and standard deviation
+    w3. Without friction x' = x + v dt. docs/theory.md, section 4.
     """
     dt = np.asarray(dt, float)
     x = gamma * dt
@@ -135,7 +169,9 @@ def _tanh_ratio(y: np.ndarray) -> np.ndarray:
 
 
 def _undetermined(x: np.ndarray) -> np.ndarray:
-    """Return (x - 2 tanh(x/2))/x^2; below FLAT by five terms of the power series of tanh, exact to round-off."""
+    """Return (x - 2 tanh(x/2))/x^2; below FLAT by five terms of the power series of tanh, exact to
+    round-off.
+    """
     y2 = (np.minimum(x, FLAT) / 2) ** 2
     series = x / 12 * (1 + y2 * (-2 / 5 + y2 * (17 / 105 + y2 * (-62 / 945 + y2 * 1382 / 51975))))
     safe = np.where(x < FLAT, 1.0, x)
@@ -146,8 +182,8 @@ def _undetermined(x: np.ndarray) -> np.ndarray:
 def follow(path: np.ndarray, normal: np.ndarray, weights: np.ndarray) -> None:
     """Continue a path from its first entry, in place.
 
-    path (T, 2, 2) holds positions and velocities; normal (T - 1, 2, 2) standard normal numbers xi and eta for each
-    step and coordinate; weights (T - 1, 4) is from `step_weights`.
+    path (T, 2, 2) holds positions and velocities; normal (T - 1, 2, 2) standard normal numbers xi
+    and eta for each step and coordinate; weights (T - 1, 4) is from `step_weights`.
     """
     for k in range(len(normal)):
         decay, w1, w2, w3 = weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3]
@@ -167,12 +203,14 @@ def fold(
     velocity: np.ndarray,
     image: np.ndarray | None,
 ) -> bool:
-    """Fold a free path (T, 2, 2) into a region from `low` (2,) of a `size` (2,): the one that the centre can reach.
+    """Fold a free path (T, 2, 2) into a region from `low` (2,) of a `size` (2,): the one that the
+    centre can reach.
 
-    It is written to `position` and `velocity` (T, 1, 2): wrapped, with an `image` (T, 1, 2) int32 counted from the
-    first sample on, or without one mirrored at the walls. Return whether the path is finite and close enough to the
-    box: further away than MOST_BOXES sides the round-off of a position exceeds 2e-7 of the box, and soon an int32
-    cannot count the images.
+    It is written to `position` and `velocity` (T, 1, 2): wrapped, with an `image` (T, 1, 2) int32
+    counted from the first sample on, or without one mirrored at the walls. Return whether the path
+    is finite and close enough to the
+    box: further away than MOST_BOXES sides the round-off of a position exceeds 2e-7 of the box, and
+    soon an int32 cannot count the images.
     """
     known = True
     for c in range(2):

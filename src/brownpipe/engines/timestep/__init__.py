@@ -1,6 +1,8 @@
-"""The time-stepping engine, for comparison: all disks fly for a fixed time, then the pairs that met collide.
+"""The time-stepping engine, for comparison: all disks fly for a fixed time, then the pairs that met
+collide.
 
-This file has its `Definition`, and the time steps that a scene can be run with; `simulation` says how it works.
+This file has its `Definition`, and the time steps that a scene can be run with; `simulation` says
+how it works.
 """
 
 import math
@@ -19,9 +21,11 @@ from brownpipe.scene.scene import Scene
 When = Literal["at_contact", "late"]
 COLLISIONS = get_args(When)
 MOST_STEPS = 1e10  # in a run
-FINEST = 64  # shortest path of a disk in a step, in units of the round-off of the largest coordinate
+# shortest path of a disk in a step, in units of the round-off of the largest coordinate
+FINEST = 64
 SECONDS_PER_DISK_STEP = 1.5e-9  # CPU seconds per disk and time step
-SECONDS_PER_CROSSING = 5e-7  # CPU seconds for lists of pairs while a disk moves by the distance of neighbours
+# CPU seconds for lists of pairs while a disk moves by the distance of neighbours
+SECONDS_PER_CROSSING = 5e-7
 
 
 class Settings(NamedTuple):
@@ -36,12 +40,14 @@ def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str]) -> N
     time_step, most, least = settings.time_step, largest_step(scene), smallest_step(scene)
     if not time_step <= most:  # NaN, too
         raise RequestError(
-            f"{scene.name}: time_step: must be at most {most:.4g}, in which a disk at rms speed covers its radius, "
+            f"{scene.name}: time_step: must be at most {most:.4g}, in which a disk at rms speed "
+            "covers its radius, "
             f"found {time_step!r}"
         )
     if math.isinf(time_step):
         raise RequestError(
-            f"{scene.name}, N = {scene.particles}: --engine timestep needs disks that move, or a finite time_step"
+            f"{scene.name}, N = {scene.particles}: --engine timestep needs disks that move, or a "
+            "finite time_step"
         )
     if not time_step >= least:
         raise RequestError(
@@ -50,12 +56,14 @@ def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str]) -> N
         )
     if "events" in record:
         raise RequestError(
-            "--record events: the timestep engine knows no instants of collisions; must be tracer or all"
+            "--record events: the timestep engine knows no instants of collisions; must be tracer "
+            "or all"
         )
 
 
 def largest_step(scene: Scene) -> float:
-    """Return the shortest time [time] in which a disk at its rms speed, sqrt(2 kT/m), covers its own radius.
+    """Return the shortest time [time] in which a disk at its rms speed, sqrt(2 kT/m), covers its
+    own radius.
 
     In a longer step two disks could pass through each other. inf if nothing moves.
     """
@@ -66,9 +74,11 @@ def largest_step(scene: Scene) -> float:
 
 
 def smallest_step(scene: Scene) -> float:
-    """Return the time step [time] below which a run has too many steps, or a step is lost in round-off.
+    """Return the time step [time] below which a run has too many steps, or a step is lost in
+    round-off.
 
-    The latter: a disk at the rms speed moves in a step by less than FINEST times the round-off of a coordinate.
+    The latter: a disk at the rms speed moves in a step by less than FINEST times the round-off of a
+    coordinate.
     """
     speed, size = rms_speed(scene), max(scene.box.width, scene.box.height)
     moving = FINEST * float(np.finfo(float).eps) * size / speed if speed > 0 else 0.0

@@ -1,9 +1,11 @@
-"""Runs of the time-stepping engine: all disks fly for a fixed time, then the pairs that met collide.
+"""Runs of the time-stepping engine: all disks fly for a fixed time, then the pairs that met
+collide.
 
-A collision is computed at the moment of contact, in closed form; only encounters of three disks within a step are
-approximate. Alternatively collisions are late, as in simpler programs: disks that overlap at the end of a step collide
-there, up to a step after contact and displaced from it, and short encounters are missed. Energy and momentum, including
-that given to the walls, are conserved as by the exact engine.
+A collision is computed at the moment of contact, in closed form; only encounters of three disks
+within a step are approximate. Alternatively collisions are late, as in simpler programs: disks that
+overlap at the end of a step collide there, up to a step after contact and displaced from it, and
+short encounters are missed. Energy and momentum, including that given to the walls, are conserved
+as by the exact engine.
 """
 
 import math
@@ -19,7 +21,14 @@ from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibratio
 from brownpipe.engines.initial_state import draw
 from brownpipe.engines.insertion import insert_nothing
 from brownpipe.engines.kernels import compile_all
-from brownpipe.engines.recording import blank_samples, conservation, images_fit, report, report_nothing, tracks_of
+from brownpipe.engines.recording import (
+    blank_samples,
+    conservation,
+    images_fit,
+    report,
+    report_nothing,
+    tracks_of,
+)
 from brownpipe.engines.timestep import Settings, refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.steps import advance, reaches_beyond
@@ -28,8 +37,20 @@ from brownpipe.engines.units import Frame, State, common_radius, frame_of, motio
 from brownpipe.observables.observable import Run
 from brownpipe.scene import Scene
 
-REACHES = 4.0  # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has failed
-REAL_ARRAYS = ("x", "y", "vx", "vy", "x_at_build", "y_at_build", "sorted_x", "sorted_y", "sorted_radius")
+# paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has
+# failed
+REACHES = 4.0
+REAL_ARRAYS = (
+    "x",
+    "y",
+    "vx",
+    "vy",
+    "x_at_build",
+    "y_at_build",
+    "sorted_x",
+    "sorted_y",
+    "sorted_radius",
+)
 INT_ARRAYS = ("disk", "image_x", "image_y", "order", "cell", "scratch")
 SKIN_FACTOR = 3.2  # measured factor of `skin_of`
 DISK_STEPS_PER_CALL = 100_000_000  # between two chances for Python to handle signals
@@ -55,11 +76,12 @@ def simulate(
 ) -> Ensemble:
     """Run the scene once for every seed, from the same initial states as the exact engine.
 
-    `record`: "tracer" (disk 0) and "all" (every disk). `collisions`: "at_contact", where a pair met within the step, or
-    "late", where it overlaps at the end of the step. A sample is a free flight from the last step before it, so that no
-    step depends on the sample times. A run whose disks find no place at random or whose equilibration fails counts as
-    failed (`stopped`: the reason). Raises RequestError for a time step or record that the engine refuses, and if the
-    scene leaves no place for its disks in any run.
+    `record`: "tracer" (disk 0) and "all" (every disk). `collisions`: "at_contact", where a pair met
+    within the step, or "late", where it overlaps at the end of the step. A sample is a free flight
+    from the last step before it, so that no step depends on the sample times. A run whose disks
+    find no place at random or whose equilibration fails counts as failed (`stopped`: the reason).
+    Raises RequestError for a time step or record that the engine refuses, and if the scene leaves
+    no place for its disks in any run.
     """
     refuse_unfit(scene, Settings(**settings), record)
     batch = new_batch(scene, seeds, record, observables, average)
@@ -81,8 +103,12 @@ def prepared(scene: Scene, settings: Settings) -> SteppingSetup:
     return SteppingSetup(scene, frame, settings, w)
 
 
-def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()) -> Run:
-    """Run from a state and sample at the given times (T,). Full lists are replaced by lists of twice the capacity."""
+def run(
+    setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()
+) -> Run:
+    """Run from a state and sample at the given times (T,). Full lists are replaced by lists of
+    twice the capacity.
+    """
     scene, frame, w = setup.scene, setup.frame, setup.workspace
     samples = recorder(scene, frame, setup.settings.time_step, times, record)
     first = motion_of(state, frame)
@@ -90,7 +116,9 @@ def run(setup: SteppingSetup, state: State, times: np.ndarray, record: Collectio
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
     while (outcome := advance(w, samples, steps)) != ws.DONE:
         elapsed = int(w.counters[ws.STEP]) * setup.settings.time_step
-        progress.within((scene.equilibrate.time + elapsed) / (scene.equilibrate.time + scene.duration))
+        progress.within(
+            (scene.equilibrate.time + elapsed) / (scene.equilibrate.time + scene.duration)
+        )
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
     tracer, whole, finite = tracks_of(scene, frame, samples)
@@ -104,11 +132,13 @@ def _with_twice_the_capacity(setup: SteppingSetup, w: Workspace) -> Workspace:
     return w._replace(**{name: getattr(larger, name) for name in names})
 
 
-# -- the workspace of a scene ----------------------------------------------------------------------------------------
+# -- the workspace of a scene ----------------------------------------------------------------------
 
 
 def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -> Workspace:
-    """Return a workspace for the runs of a scene; `capacity` of the lists of pairs where the default was too small."""
+    """Return a workspace for the runs of a scene; `capacity` of the lists of pairs where the
+    default was too small.
+    """
     n, box = scene.particles, scene.box
     radius = scene.radius[frame.order] / frame.length
     common = common_radius(radius) if n else 0.5
@@ -117,7 +147,9 @@ def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -
     capacity = max(capacity, 16 * n + 64)
 
     def pairs(capacity: int) -> PairList:
-        return PairList(*(np.zeros(capacity, kind) for kind in (np.uint32, np.uint32, float, float, float)))
+        return PairList(
+            *(np.zeros(capacity, kind) for kind in (np.uint32, np.uint32, float, float, float))
+        )
 
     return Workspace(
         box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
@@ -148,8 +180,8 @@ def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -
 def skin_of(scene: Scene, time_step: float) -> float:
     """Return the skin of the lists, in contact distances, at which a run costs least.
 
-    Per step, listed pairs cost in proportion to phi skin, and building lists costs in proportion to (path per
-    step)/skin. The sum is least for a skin in proportion to sqrt(path per step/phi).
+    Per step, listed pairs cost in proportion to phi skin, and building lists costs in proportion to
+    (path per step)/skin. The sum is least for a skin in proportion to sqrt(path per step/phi).
     """
     sigma = 2 * common_radius(scene.radius) if scene.particles else 1.0
     path = rms_speed(scene) * time_step / sigma
@@ -158,7 +190,8 @@ def skin_of(scene: Scene, time_step: float) -> float:
 
 
 def begin(w: Workspace, motion: np.ndarray) -> None:
-    """Set a workspace to the start of a run with positions and velocities (N, 4), as `engines.units.motion_of` returns.
+    """Set a workspace to the start of a run with positions and velocities (N, 4), as
+    `engines.units.motion_of` returns.
 
     BUDGET is negative, so that the first step builds the lists.
     """
@@ -172,11 +205,15 @@ def begin(w: Workspace, motion: np.ndarray) -> None:
     w.tally[ws.BUDGET], w.tally[ws.NEAREST] = -1.0, 1.0
 
 
-# -- samples and reports --------------------------------------------------------------------------------------------
+# -- samples and reports ---------------------------------------------------------------------------
 
 
-def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]) -> ws.Recorder:
-    """Return memory for samples, free flights after the last step before each: no step depends on sample times."""
+def recorder(
+    scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]
+) -> ws.Recorder:
+    """Return memory for samples, free flights after the last step before each: no step depends on
+    sample times.
+    """
     steps = times / time_step
     last = np.rint(steps)
     last = np.where(np.abs(steps - last) <= 1e-9 + 1e-12 * steps, last, np.floor(steps))
@@ -188,14 +225,21 @@ def recorder(scene: Scene, frame: Frame, time_step: float, times: np.ndarray, re
     )
 
 
-def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finite: bool) -> dict[str, Any]:
-    """Return the report of a run from its workspace at the end and its motion (N, 4) at the beginning.
+def report_of(
+    scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finite: bool
+) -> dict[str, Any]:
+    """Return the report of a run from its workspace at the end and its motion (N, 4) at the
+    beginning.
 
     The run fails, too, if its samples are not `finite`.
     """
     last = np.empty((len(w.disk), 4))
     last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
-    count, impulses, elapsed = w.count.tolist(), w.tally[ws.VIRIAL :], float(w.counters[ws.STEP] * w.step)
+    count, impulses, elapsed = (
+        w.count.tolist(),
+        w.tally[ws.VIRIAL :],
+        float(w.counters[ws.STEP] * w.step),
+    )
     conserved = conservation(w.mass, first, last, impulses[1:])
     sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(w)
     sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
@@ -208,5 +252,7 @@ def report_of(scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finit
 def _are_inside(w: Workspace) -> bool:
     """Whether, between walls, no disk has escaped: REACHES."""
     box, far = w.box, REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
-    beyond = reaches_beyond(w.x, w.y, w.radius, box.x - far, box.right + far, box.y - far, box.top + far)
+    beyond = reaches_beyond(
+        w.x, w.y, w.radius, box.x - far, box.right + far, box.y - far, box.top + far
+    )
     return box.periodic or bool(np.all(np.isfinite(w.x + w.y + far) & ~beyond))

@@ -1,11 +1,14 @@
-"""A time step: all disks fly straight, then the pairs that met exchange momentum; and the loop over steps.
+"""A time step: all disks fly straight, then the pairs that met exchange momentum; and the loop over
+steps.
 
-Collisions at contact: a pair that met in the step is taken back along its straight paths to the moment of contact,
-exchanges momentum there, and flies on with its new velocities to the end of the step. Late collisions: pairs that
-overlap and approach at the end of the step exchange momentum where they are.
+Collisions at contact: a pair that met in the step is taken back along its straight paths to the
+moment of contact, exchanges momentum there, and flies on with its new velocities to the end of the
+step. Late collisions: pairs that overlap and approach at the end of the step exchange momentum
+where they are.
 
-The collisions of a step are handled in the order of their times, then of their disks' numbers, so that results do not
-depend on how the lists are built. Equations (1)-(10): docs/theory.md, section 1.
+The collisions of a step are handled in the order of their times, then of their disks' numbers, so
+that results do not depend on how the lists are built. Equations (1)-(10): docs/theory.md, section
+1.
 """
 
 import math
@@ -18,11 +21,19 @@ from brownpipe.engines.records import Samples, local_copy
 from brownpipe.engines.timestep import verlet_lists
 from brownpipe.engines.timestep import workspace as ws
 
-MOST_HITS = 1e6  # wall hits of a disk in a step; with more, in a very narrow gap, it is put in the middle of the gap
+# wall hits of a disk in a step; with more, in a very narrow gap, it is put in the middle of the gap
+MOST_HITS = 1e6
 
 
 @kernel
-def fly(w: ws.Workspace, x: np.ndarray, y: np.ndarray, vx: np.ndarray, vy: np.ndarray, radius: np.ndarray) -> int:
+def fly(
+    w: ws.Workspace,
+    x: np.ndarray,
+    y: np.ndarray,
+    vx: np.ndarray,
+    vy: np.ndarray,
+    radius: np.ndarray,
+) -> int:
     """Move all disks straight for a time step; return how many of them then reach beyond a wall."""
     dt, box, beyond = w.step, w.box, 0
     for i in range(len(x)):
@@ -33,17 +44,23 @@ def fly(w: ws.Workspace, x: np.ndarray, y: np.ndarray, vx: np.ndarray, vy: np.nd
 
 
 @kernel
-def reaches_beyond(x: float, y: float, r: float, left: float, right: float, bottom: float, top: float) -> bool:
+def reaches_beyond(
+    x: float, y: float, r: float, left: float, right: float, bottom: float, top: float
+) -> bool:
     """Return whether a disk reaches beyond a wall."""
     return (x - r < left) | (x + r > right) | (y - r < bottom) | (y + r > top)
 
 
 @kernel
-def candidates(images: ws.PairList | None, w: ws.Workspace, pairs: ws.PairList, number: int, first: int, m: int) -> int:
-    """Append the pairs of a list that overlap, or did within the last two steps, to m candidates; return their number.
+def candidates(
+    images: ws.PairList | None, w: ws.Workspace, pairs: ws.PairList, number: int, first: int, m: int
+) -> int:
+    """Append the pairs of a list that overlap, or did within the last two steps, to m candidates;
+    return their number.
 
-    The pairs are numbered from `first`; `images` are those of a disk and a periodic image. Every pair is written, but
-    the number increases only if it is close enough, so that there is no branch to predict.
+    The pairs are numbered from `first`; `images` are those of a disk and a periodic image. Every
+    pair is written, but the number increases only if it is close enough, so that there is no branch
+    to predict.
     """
     slack = w.tally[ws.SLACK]
     for j in range(number):
@@ -59,8 +76,8 @@ def candidates(images: ws.PairList | None, w: ws.Workspace, pairs: ws.PairList, 
 def relative(w: ws.Workspace, pair: int) -> tuple[int, int, float, float, float, float, float]:
     """Return disks a and b of a pair, the position and velocity of b relative to a, and sigma^2.
 
-    `pair` below the capacity of a list is an index into `w.within`; the others, less the capacity, are indices into
-    `w.across`. Disk a has the lower number in the engine.
+    `pair` below the capacity of a list is an index into `w.within`; the others, less the capacity,
+    are indices into `w.across`. Disk a has the lower number in the engine.
     """
     j, capacity = pair, len(w.within.a)
     if j < capacity:
@@ -80,8 +97,8 @@ def relative(w: ws.Workspace, pair: int) -> tuple[int, int, float, float, float,
 def time_since_contact(x: float, y: float, u: float, v: float, sigma2: float) -> float:
     """Return how long ago two disks came into contact, eqs. (1)-(3); negative if they did not.
 
-    (x, y) and (u, v) are their present relative position and velocity. Of the two roots of the quadratic equation this
-    is the one at which they approached, in a form without cancellation.
+    (x, y) and (u, v) are their present relative position and velocity. Of the two roots of the
+    quadratic equation this is the one at which they approached, in a form without cancellation.
     """
     b, c, d = encounter(x, y, u, v, sigma2)
     if d <= 0.0:
@@ -92,9 +109,11 @@ def time_since_contact(x: float, y: float, u: float, v: float, sigma2: float) ->
 
 @kernel
 def gather_contacts(w: ws.Workspace, number: int, now: float) -> int:
-    """Write those candidates that met by the time `now`, with the time of contact; return their number.
+    """Write those candidates that met by the time `now`, with the time of contact; return their
+    number.
 
-    Late collisions are of pairs that overlap now; pairs that met and separated within the step are counted as missed.
+    Late collisions are of pairs that overlap now; pairs that met and separated within the step are
+    counted as missed.
     """
     n, m = len(w.x), 0
     for j in range(number):
@@ -105,7 +124,9 @@ def gather_contacts(w: ws.Workspace, number: int, now: float) -> int:
         if w.late:
             b, c, d = encounter(x, y, u, v, sigma2)
             met, since = c < 0.0, 0.0
-            w.count[ws.MISSED] += (c >= 0.0) & (b > 0.0) & (b < (u * u + v * v) * w.step) & (d > 0.0)
+            w.count[ws.MISSED] += (
+                (c >= 0.0) & (b > 0.0) & (b < (u * u + v * v) * w.step) & (d > 0.0)
+            )
         else:
             met, since = meeting(w, i, k, now, x, y, u, v, sigma2)
         if met:
@@ -116,15 +137,28 @@ def gather_contacts(w: ws.Workspace, number: int, now: float) -> int:
 
 @kernel
 def meeting(
-    w: ws.Workspace, i: int, k: int, now: float, x: float, y: float, u: float, v: float, sigma2: float
+    w: ws.Workspace,
+    i: int,
+    k: int,
+    now: float,
+    x: float,
+    y: float,
+    u: float,
+    v: float,
+    sigma2: float,
 ) -> tuple[bool, float]:
-    """Return whether disks i and k (the engine's numbers) met on their straight paths, and how long ago.
+    """Return whether disks i and k (the engine's numbers) met on their straight paths, and how long
+    ago.
 
-    A straight path begins at a disk's last collision. A pair that already overlapped when the later of its two paths
-    began, because a third disk pushed it together, meets at that moment if it approached. Contacts that ended more
-    than two steps ago are ignored: whether they are found would depend on the lists.
+    A straight path begins at a disk's last collision. A pair that already overlapped when the later
+    of its two paths began, because a third disk pushed it together, meets at that moment if it
+    approached. Contacts that ended more than two steps ago are ignored: whether they are found
+    would depend on the lists.
     """
-    since, straight = time_since_contact(x, y, u, v, sigma2), now - max(w.straight_since[i], w.straight_since[k])
+    since, straight = (
+        time_since_contact(x, y, u, v, sigma2),
+        now - max(w.straight_since[i], w.straight_since[k]),
+    )
     if since < 0.0 or since > straight:
         since, start_x, start_y = straight, x - u * straight, y - v * straight
         if start_x * start_x + start_y * start_y >= sigma2 or start_x * u + start_y * v >= 0.0:
@@ -134,7 +168,9 @@ def meeting(
 
 @kernel
 def earlier(w: ws.Workspace, i: int, k: int) -> bool:
-    """Return whether contact i comes before contact k: by time, then by the numbers of the disks."""
+    """Return whether contact i comes before contact k: by time, then by the numbers of the
+    disks.
+    """
     if w.contact_time[i] != w.contact_time[k]:
         return w.contact_time[i] < w.contact_time[k]
     return w.contact_key[i] < w.contact_key[k]
@@ -142,7 +178,9 @@ def earlier(w: ws.Workspace, i: int, k: int) -> bool:
 
 @kernel
 def sort_contacts(w: ws.Workspace, m: int) -> None:
-    """Sort the first m contacts by time and disks: shell sort, D. L. Shell, Commun. ACM 2 (7), 30 (1959)."""
+    """Sort the first m contacts by time and disks: shell sort, D. L. Shell, Commun. ACM 2 (7), 30
+    (1959).
+    """
     gap = 1
     while 3 * gap + 1 < m:
         gap = 3 * gap + 1
@@ -167,9 +205,11 @@ def swap(values: np.ndarray, i: int, k: int) -> None:
 
 @kernel
 def collide(w: ws.Workspace, pair: int, now: float) -> None:
-    """Let a pair that met exchange momentum, eqs. (5)-(8): at contact, flying on from there until `now`, or late.
+    """Let a pair that met exchange momentum, eqs. (5)-(8): at contact, flying on from there until
+    `now`, or late.
 
-    An earlier collision of the same step may have changed a path; if the pair then no longer meets, nothing happens.
+    An earlier collision of the same step may have changed a path; if the pair then no longer meets,
+    nothing happens.
     """
     a, b, x, y, u, v, sigma2 = relative(w, pair)
     i, k, back = int(w.disk[a]), int(w.disk[b]), 0.0
@@ -195,8 +235,12 @@ def collide(w: ws.Workspace, pair: int, now: float) -> None:
 
 
 @kernel
-def deflect(w: ws.Workspace, i: int, fx: float, fy: float, gx: float, gy: float, back: float) -> float:
-    """Change the velocity of disk i by f + g, from a time `back` ago on; return how far this shifts it."""
+def deflect(
+    w: ws.Workspace, i: int, fx: float, fy: float, gx: float, gy: float, back: float
+) -> float:
+    """Change the velocity of disk i by f + g, from a time `back` ago on; return how far this shifts
+    it.
+    """
     ux, uy = w.vx[i], w.vy[i]
     w.vx[i] = ux + fx + gx
     w.vy[i] = uy + fy + gy
@@ -209,7 +253,9 @@ def deflect(w: ws.Workspace, i: int, fx: float, fy: float, gx: float, gy: float,
     w.x[i] = w.x[i] + dx
     w.y[i] = w.y[i] + dy
     box = w.box
-    w.counters[ws.BEYOND] += reaches_beyond(w.x[i], w.y[i], w.radius[i], box.x, box.right, box.y, box.top)
+    w.counters[ws.BEYOND] += reaches_beyond(
+        w.x[i], w.y[i], w.radius[i], box.x, box.right, box.y, box.top
+    )
     return math.sqrt(dx * dx + dy * dy)
 
 
@@ -225,11 +271,12 @@ def bounce(
     wall: int,
     now: float,
 ) -> None:
-    """Reflect disk i where it reaches beyond the wall that it moves towards: one velocity component, eqs. (9)-(10).
+    """Reflect disk i where it reaches beyond the wall that it moves towards: one velocity
+    component, eqs. (9)-(10).
 
-    `before` and `after` are the distances of its edge beyond the lower and the upper wall, `gap` is the distance that
-    its centre can move between them. Unless collisions are late, its path is folded into the gap: it may have met both
-    walls several times.
+    `before` and `after` are the distances of its edge beyond the lower and the upper wall, `gap` is
+    the distance that its centre can move between them. Unless collisions are late, its path is
+    folded into the gap: it may have met both walls several times.
     """
     v = velocity[i]
     beyond = before if v < 0.0 else after
@@ -271,22 +318,44 @@ def step(w: ws.Workspace) -> None:
     if w.counters[ws.BEYOND] > 0 and not box.periodic:
         for i in range(len(w.x)):
             x, y, r = w.x[i], w.y[i], w.radius[i]
-            bounce(w, w.x, w.vx, i, box.x - (x - r), x + r - box.right, box.right - box.x - 2.0 * r, 0, now)
-            bounce(w, w.y, w.vy, i, box.y - (y - r), y + r - box.top, box.top - box.y - 2.0 * r, 2, now)
+            bounce(
+                w,
+                w.x,
+                w.vx,
+                i,
+                box.x - (x - r),
+                x + r - box.right,
+                box.right - box.x - 2.0 * r,
+                0,
+                now,
+            )
+            bounce(
+                w, w.y, w.vy, i, box.y - (y - r), y + r - box.top, box.top - box.y - 2.0 * r, 2, now
+            )
     w.tally[ws.BUDGET] -= w.tally[ws.FASTEST] * w.step
     w.counters[ws.STEP] += 1
 
 
 @kernel
-def write_sample(w: ws.Workspace, i: int, rest: float, track: Samples, row: int, column: int) -> None:
-    """Write position, velocity and image of disk i, a time `rest` after the last step, to [row, column] of a track."""
+def write_sample(
+    w: ws.Workspace, i: int, rest: float, track: Samples, row: int, column: int
+) -> None:
+    """Write position, velocity and image of disk i, a time `rest` after the last step, to [row,
+    column] of a track.
+    """
     vx, vy = w.vx[i], w.vy[i]
     x, y = w.x[i] + vx * rest, w.y[i] + vy * rest
     track.velocity[row, column, 0], track.velocity[row, column, 1] = vx, vy
     if w.box.periodic:
-        across, up = verlet_lists.boxes_away(x, w.box.x, w.box.width), verlet_lists.boxes_away(y, w.box.y, w.box.height)
+        across, up = (
+            verlet_lists.boxes_away(x, w.box.x, w.box.width),
+            verlet_lists.boxes_away(y, w.box.y, w.box.height),
+        )
         x, y = x - across * w.box.width, y - up * w.box.height
-        track.image[row, column, 0], track.image[row, column, 1] = w.image_x[i] + across, w.image_y[i] + up
+        track.image[row, column, 0], track.image[row, column, 1] = (
+            w.image_x[i] + across,
+            w.image_y[i] + up,
+        )
     track.position[row, column, 0], track.position[row, column, 1] = x, y
 
 
@@ -305,9 +374,11 @@ def sample(w: ws.Workspace, r: ws.Recorder, rest: float) -> None:
 
 @entry_point
 def advance(w: ws.Workspace, r: ws.Recorder, most: int) -> int:
-    """Run until all samples are taken, `most` steps are done, or the lists are full; return DONE, PAUSED or LISTS_FULL.
+    """Run until all samples are taken, `most` steps are done, or the lists are full; return DONE,
+    PAUSED or LISTS_FULL.
 
-    Call it again to continue: in the last case with a workspace whose lists have twice the capacity.
+    Call it again to continue: in the last case with a workspace whose lists have twice the
+    capacity.
     """
     w, r = local_copy(w), local_copy(r)
     while w.counters[ws.SAMPLE] < len(r.step):

@@ -1,8 +1,9 @@
 """Verlet lists of the pairs that may touch, built from a cell list.
 
-A list holds every pair closer than contact plus a skin. It is complete until some disk has moved by half the skin since
-it was built (L. Verlet, Phys. Rev. 159, 98 (1967)). To build it, positions are copied in the order of the cells, row by
-row, so that the disks of neighbouring cells of a row are contiguous in memory.
+A list holds every pair closer than contact plus a skin. It is complete until some disk has moved by
+half the skin since it was built (L. Verlet, Phys. Rev. 159, 98 (1967)). To build it, positions are
+copied in the order of the cells, row by row, so that the disks of neighbouring cells of a row are
+contiguous in memory.
 """
 
 import math
@@ -14,20 +15,24 @@ from brownpipe.engines.kernels import kernel
 from brownpipe.engines.timestep import workspace as ws
 
 SAFE = 0.98  # part of the skin that is used; the rest covers round-off
-KEEP_ORDER = 16  # builds of the lists between two sorts of the disks by cell, which keep neighbours close in memory
+# builds of the lists between two sorts of the disks by cell, which keep neighbours close in memory
+KEEP_ORDER = 16
 WORTH = 0.25  # the lists are kept while at least this part of the skin is unused
 
 
 @kernel
 def set_fastest(w: ws.Workspace, speed: float) -> None:
-    """Set the upper bound on all speeds, and by how much r^2 then exceeds sigma^2 two steps after contact."""
+    """Set the upper bound on all speeds, and by how much r^2 then exceeds sigma^2 two steps after
+    contact.
+    """
     path = speed * w.step
     w.tally[ws.FASTEST], w.tally[ws.SLACK] = speed, 16.0 * path * path
 
 
 @kernel
 def renew(w: ws.Workspace) -> bool:
-    """Make sure that the lists hold for another step, building them if necessary; return False if they are full.
+    """Make sure that the lists hold for another step, building them if necessary; return False if
+    they are full.
 
     BUDGET becomes the distance that any disk may still move before the next call.
     """
@@ -70,7 +75,9 @@ def make(w: ws.Workspace) -> None:
 
 @kernel
 def finish_list(w: ws.Workspace, pairs: ws.PairList, number: int) -> None:
-    """Store sigma^2 of the listed pairs, and replace places in the sorted copies by places in memory."""
+    """Store sigma^2 of the listed pairs, and replace places in the sorted copies by places in
+    memory.
+    """
     for j in range(number):
         a, b = pairs.a[j], pairs.b[j]
         sigma = w.sorted_radius[a] + w.sorted_radius[b]
@@ -88,7 +95,8 @@ def reach(w: ws.Workspace) -> float:
 def cells_along_side(w: ws.Workspace, side: float) -> int:
     """Return how many cells fit along a side, none narrower than the reach.
 
-    All cells together are at most len(cell_start) - 1, also in a box so narrow that it has one row of cells.
+    All cells together are at most len(cell_start) - 1, also in a box so narrow that it has one row
+    of cells.
     """
     most = len(w.cell_start) - 1
     least = math.sqrt(w.box.width * w.box.height / most)
@@ -101,7 +109,10 @@ def wrap(w: ws.Workspace) -> None:
     if not w.box.periodic:
         return
     for i in range(len(w.x)):
-        across, up = boxes_away(w.x[i], w.box.x, w.box.width), boxes_away(w.y[i], w.box.y, w.box.height)
+        across, up = (
+            boxes_away(w.x[i], w.box.x, w.box.width),
+            boxes_away(w.y[i], w.box.y, w.box.height),
+        )
         if across != 0 or up != 0:
             w.x[i] = w.x[i] - across * w.box.width
             w.y[i] = w.y[i] - up * w.box.height
@@ -117,7 +128,9 @@ def boxes_away(place: float, low: float, side: float) -> int:
 
 @kernel
 def sort(w: ws.Workspace, columns: int, rows: int) -> None:
-    """Sort the disks by cell, big disks first (a stable counting sort), and copy positions and radii in this order."""
+    """Sort the disks by cell, big disks first (a stable counting sort), and copy positions and
+    radii in this order.
+    """
     n, cell_start, order = len(w.x), w.cell_start, w.order
     for cell in range(columns * rows + 1):
         cell_start[cell] = 0
@@ -140,7 +153,11 @@ def sort(w: ws.Workspace, columns: int, rows: int) -> None:
     if w.counters[ws.LISTS_BUILT] % KEEP_ORDER == 0:
         sort_in_memory(w)
     for i in range(n):
-        w.sorted_x[i], w.sorted_y[i], w.sorted_radius[i] = w.x[order[i]], w.y[order[i]], w.radius[order[i]]
+        w.sorted_x[i], w.sorted_y[i], w.sorted_radius[i] = (
+            w.x[order[i]],
+            w.y[order[i]],
+            w.radius[order[i]],
+        )
 
 
 @kernel
@@ -167,7 +184,9 @@ def permute(values: np.ndarray, order: np.ndarray, scratch: np.ndarray) -> None:
 
 @kernel
 def pairs_of_row(w: ws.Workspace, columns: int, rows: int, row: int) -> None:
-    """List the pairs of the disks in a row of cells: in the same cell, the next one, and the three in the row above."""
+    """List the pairs of the disks in a row of cells: in the same cell, the next one, and the three
+    in the row above.
+    """
     pairs, cell_start, m = w.within, w.cell_start, w.counters[ws.WITHIN]
     begin, end = row * columns, (row + 1) * columns
     x, y, radius, skin = w.sorted_x, w.sorted_y, w.sorted_radius, w.tally[ws.SKIN]
@@ -180,7 +199,9 @@ def pairs_of_row(w: ws.Workspace, columns: int, rows: int, row: int) -> None:
             w.counters[ws.OVERFULL] = 1
             return
         xi, yi, far = x[i], y[i], radius[i] + skin
-        for j in range(beside + number):  # one loop over two intervals: one branch misprediction at its end
+        for j in range(
+            beside + number
+        ):  # one loop over two intervals: one branch misprediction at its end
             k = i + 1 + j if j < beside else above + j - beside
             dx, dy, most = x[k] - xi, y[k] - yi, radius[k] + far
             pairs.a[m], pairs.b[m] = i, k
@@ -190,21 +211,37 @@ def pairs_of_row(w: ws.Workspace, columns: int, rows: int, row: int) -> None:
 
 @kernel
 def pairs_across_sides(w: ws.Workspace, columns: int, rows: int, column: int, row: int) -> None:
-    """List the pairs of the disks of a cell at a side with periodic images in the same directions as `pairs_of_row`."""
+    """List the pairs of the disks of a cell at a side with periodic images in the same directions
+    as `pairs_of_row`.
+    """
     cell_start, cell = w.cell_start, row * columns + column
-    wide, high = images_within_reach(reach(w), columns, w.box.width), images_within_reach(reach(w), rows, w.box.height)
+    wide, high = (
+        images_within_reach(reach(w), columns, w.box.width),
+        images_within_reach(reach(w), rows, w.box.height),
+    )
     for above in range(high + 1):
         for aside in range(-wide if above > 0 else 1, wide + 1):
             across, up = (column + aside) // columns, (row + above) // rows
             if across != 0 or up != 0:
                 other = (row + above - up * rows) * columns + column + aside - across * columns
                 for i in range(cell_start[cell], cell_start[cell + 1]):
-                    list_pairs(w, w.across, ws.ACROSS, i, cell_start[other], cell_start[other + 1], across, up)
+                    list_pairs(
+                        w,
+                        w.across,
+                        ws.ACROSS,
+                        i,
+                        cell_start[other],
+                        cell_start[other + 1],
+                        across,
+                        up,
+                    )
 
 
 @kernel
 def images_within_reach(distance: float, cells: int, side: float) -> int:
-    """Return how many cells on each side, those of periodic images included, are within a distance."""
+    """Return how many cells on each side, those of periodic images included, are within a
+    distance.
+    """
     return max(1, math.ceil(distance * cells / side))
 
 
@@ -219,24 +256,41 @@ def pairs_of_big(w: ws.Workspace, i: int) -> None:
         largest = max(largest, w.radius[k])
     far = w.radius[i] + largest + w.tally[ws.SKIN]
     x, y = w.x[i] - w.box.x, w.y[i] - w.box.y
-    for across in range(math.floor((x - far) / w.box.width), math.floor((x + far) / w.box.width) + 1):
-        for up in range(math.floor((y - far) / w.box.height), math.floor((y + far) / w.box.height) + 1):
+    for across in range(
+        math.floor((x - far) / w.box.width), math.floor((x + far) / w.box.width) + 1
+    ):
+        for up in range(
+            math.floor((y - far) / w.box.height), math.floor((y + far) / w.box.height) + 1
+        ):
             if across != 0 or up != 0:
                 list_pairs(w, w.across, ws.ACROSS, i, i + 1, len(w.x), across, up)
 
 
 @kernel
 def list_pairs(
-    w: ws.Workspace, pairs: ws.PairList, counter: int, i: int, begin: int, end: int, across: int, up: int
+    w: ws.Workspace,
+    pairs: ws.PairList,
+    counter: int,
+    i: int,
+    begin: int,
+    end: int,
+    across: int,
+    up: int,
 ) -> None:
-    """List the pairs of disk i with the sorted disks from begin to end - 1, shifted by (across, up) boxes."""
+    """List the pairs of disk i with the sorted disks from begin to end - 1, shifted by (across, up)
+    boxes.
+    """
     start = w.counters[counter]
     m = start
     if m + end - begin > len(pairs.a):
         w.counters[ws.OVERFULL] = 1
         return
     shift_x, shift_y = across * w.box.width, up * w.box.height
-    x, y, far = w.sorted_x[i] - shift_x, w.sorted_y[i] - shift_y, w.sorted_radius[i] + w.tally[ws.SKIN]
+    x, y, far = (
+        w.sorted_x[i] - shift_x,
+        w.sorted_y[i] - shift_y,
+        w.sorted_radius[i] + w.tally[ws.SKIN],
+    )
     for k in range(begin, end):
         dx, dy, most = w.sorted_x[k] - x, w.sorted_y[k] - y, w.sorted_radius[k] + far
         pairs.a[m], pairs.b[m] = i, k

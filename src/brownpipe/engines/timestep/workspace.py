@@ -1,7 +1,8 @@
-"""The arrays on which the time-stepping kernels work, in the engine's units, one array per quantity.
+"""The arrays on which the time-stepping kernels work, in the engine's units, one array per
+quantity.
 
-Real numbers are float64. Disks are stored roughly in the order of their cells, big ones first; `disk` has the engine's
-number of the disk at each place in memory.
+Real numbers are float64. Disks are stored roughly in the order of their cells, big ones first;
+`disk` has the engine's number of the disk at each place in memory.
 """
 
 from typing import NamedTuple
@@ -10,14 +11,15 @@ import numpy as np
 
 from brownpipe.engines.records import Samples, by_reference
 
-# w.counters: steps done, samples taken, the tracer's place in memory, pairs listed within the box and across its sides,
-# disks that reach beyond a wall, whether a list is too short for its pairs, how often lists were built
+# w.counters: steps done, samples taken, the tracer's place in memory, pairs listed within the box
+# and across its sides, disks that reach beyond a wall, whether a list is too short for its pairs,
+# how often lists were built
 STEP, SAMPLE, TRACER, WITHIN, ACROSS, BEYOND, OVERFULL, LISTS_BUILT, COUNTERS = range(9)
 # w.count: collisions of pairs, of the tracer, with walls, and missed ones
 PAIRS, TRACER_PAIRS, WALLS, MISSED, COUNTS = range(5)
-# w.tally: the distance a disk may move before the lists are checked, an upper bound on all speeds, the skin, by how
-# much the squared distance of candidates may exceed sigma^2, the least squared distance of a pair / sigma^2, the
-# virial, the impulses given to the walls left, right, bottom, top
+# w.tally: the distance a disk may move before the lists are checked, an upper bound on all speeds,
+# the skin, by how much the squared distance of candidates may exceed sigma^2, the least squared
+# distance of a pair / sigma^2, the virial, the impulses given to the walls left, right, bottom, top
 BUDGET, FASTEST, SKIN, SLACK, NEAREST, VIRIAL, WALL_IMPULSE = range(7)
 TALLY = WALL_IMPULSE + 4
 
@@ -39,7 +41,9 @@ class EngineBox(NamedTuple):
 
 @by_reference
 class PairList(NamedTuple):
-    """Pairs of disks that may touch before the list is built again; w.counters has their number. Shape (capacity,)."""
+    """Pairs of disks that may touch before the list is built again; w.counters has their number.
+    Shape (capacity,).
+    """
 
     a: np.ndarray  # uint32, places of the disks in memory
     b: np.ndarray  # uint32
@@ -50,11 +54,14 @@ class PairList(NamedTuple):
 
 @by_reference
 class Workspace(NamedTuple):
-    """All that a run reads and writes, except the samples. N disks; capacity C of each list of pairs."""
+    """All that a run reads and writes, except the samples. N disks; capacity C of each list of
+    pairs.
+    """
 
     box: EngineBox
     step: float  # the time step
-    late: bool  # disks collide where they overlap each other or a wall at the end of a step, not at contact
+    # disks collide where they overlap each other or a wall at the end of a step, not at contact
+    late: bool
     skin: float  # listed pairs are closer than contact plus this; more if disks are very fast
     common_radius: float  # the largest radius except those of big disks, which are numbered first
     big: int  # number of big disks
@@ -81,7 +88,9 @@ class Workspace(NamedTuple):
     within: PairList  # pairs of disks in the box
     across: PairList  # pairs of a disk and a periodic image
     candidate: np.ndarray  # (2 C,) uint32, listed pairs close enough to have met
-    contact_time: np.ndarray  # (2 C,) float64, time of contact of pairs that met, 0 at the end of the step
+    contact_time: (
+        np.ndarray
+    )  # (2 C,) float64, time of contact of pairs that met, 0 at the end of the step
     contact_key: np.ndarray  # (2 C,) int64, the numbers i, k of both disks in one: i N + k
     contact_pair: np.ndarray  # (2 C,) uint32
     counters: np.ndarray  # (COUNTERS,) int64
