@@ -238,7 +238,14 @@ def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):
     assert placed == (
         "scene, N = 75: random placement is expected to fail in every run (packing fraction 0.589)"
     )
-    assert cure == "must be fewer or smaller disks, or `placement: auto` with `equilibrate`"
+    placements = "`placement: auto` with `equilibrate`, or `placement: lattice`"
+    assert cure == f"must be fewer or smaller disks, or {placements}"
+    grown = crowd(75, placement="auto")
+    (caution,) = cautions(report(tmp_path, grown))
+    assert caution.endswith("(packing fraction 0.589): no equilibrium; add `equilibrate`")
+    assert cautions(report(tmp_path, grown | {"equilibrate": 50})) == []
+    (caution,) = cautions(report(tmp_path, grown | {"equilibrate": 0.2}))
+    assert "equilibrate.time 0.2 is short" in caution
     (caution,) = cautions(report(tmp_path, crowd(66)))
     assert "expected to fail in some of the runs (packing fraction 0.518)" in caution
 

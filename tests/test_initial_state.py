@@ -21,6 +21,7 @@ from brownpipe.engines.placement import (
     SOME_FAIL,
     TRIES_PER_SWEEP,
     crowding,
+    placement_caution,
     tries_to_place,
 )
 from brownpipe.errors import PlacementError, RequestError
@@ -254,6 +255,27 @@ def test_what_cannot_be_placed_ends_with_a_message(number, radius, placement, me
     assert placement == "lattice" or crowding(scene) > ALL_FAIL  # for the large ones
     with pytest.raises(RequestError, match=message):  # no run of it could be made
         simulate(scene, [0])
+
+
+@pytest.mark.parametrize("placement", ["auto", "random"])
+@pytest.mark.parametrize(("sides", "fits"), [((1.0, 1.0), False), ((1.0, 0.75**0.5), True)])
+def test_only_a_placement_that_can_succeed_is_advised(sides, fits, placement):
+    """Rows of a lattice are a factor of sqrt(3)/2 nearer to each other than the sites in a row: a
+    square has no 144 places at a packing fraction of 0.86, a box of 12 rows of 12 has them.
+    """
+    number, phi = 144, 0.86
+    unit = math.sqrt(number * math.pi * 0.25 / phi / (sides[0] * sides[1]))
+    where = box(sides[0] * unit, sides[1] * unit, P)
+    scene = dense(where, [(number, 0.5, 1)], placement)
+    with pytest.raises(PlacementError) as refusal:
+        draw(scene, 3)
+    _, _, advice = str(refusal.value).partition("; ")
+    lattice = ", or `placement: lattice`" if fits else ""
+    assert advice == f"must be fewer or smaller disks{lattice}"
+    if fits:
+        assert_sound(scene, draw(dense(where, [(number, 0.5, 1)], "lattice"), 3))
+    if placement == "random":
+        assert placement_caution(scene).endswith(advice)
 
 
 # side of the box, (number, radius, mass) of each species, and a tracer: packing fractions of 0.65

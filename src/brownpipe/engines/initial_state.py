@@ -19,7 +19,7 @@ from brownpipe.engines.insertion import (
     push_apart,
     register,
 )
-from brownpipe.engines.placement import JAMMED, is_grown, lattice_sites
+from brownpipe.engines.placement import JAMMED, is_grown, lattice_sites, other_placements
 from brownpipe.engines.units import State, common_radius
 from brownpipe.errors import PlacementError
 from brownpipe.scene import Scene
@@ -199,15 +199,10 @@ def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np
             if outcome != OUT_OF_NUMBERS:
                 break
     if outcome == STUCK:
-        others = (
-            "`placement: lattice`"
-            if scene.placement == "auto"
-            else "`placement: auto` or `lattice`"
-        )
         raise PlacementError(
             f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} "
-            "tries (packing "
-            f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or {others}"
+            f"tries (packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller "
+            f"disks{other_placements(scene)}"
         )
     return (p.position + scene.box.origin).take(back, axis=0)
 
@@ -229,9 +224,8 @@ def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
             return p.position + scene.box.origin
     raise PlacementError(
         f"disks: {scene.particles} disks still overlap after they were pushed apart {MOST_SWEEPS} "
-        "times (packing "
-        f"fraction {scene.packing_fraction:.3g}); must be fewer or smaller disks, or `placement: "
-        "lattice`"
+        f"times (packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller "
+        f"disks{other_placements(scene)}"
     )
 
 

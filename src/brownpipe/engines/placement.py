@@ -103,20 +103,50 @@ def never_placed(scene: Scene) -> bool:
 def placement_caution(scene: Scene) -> str | None:
     """Return one line of caution if random insertion is expected to fail in some runs of a scene;
     otherwise None.
+
+    Disks that grow instead are no mistake where the scene then equilibrates.
     """
     share = crowding(scene)
-    if share < SOME_FAIL:
+    grows = scene.placement == "auto"
+    if share < SOME_FAIL or (grows and scene.equilibrate.time > 0):
         return None
     where = (
         f"{'every run' if share > ALL_FAIL else 'some of the runs'} (packing fraction "
         f"{scene.packing_fraction:.3g})"
     )
     case = f"{scene.name}, N = {scene.particles}"
-    if scene.placement == "auto":
-        settled = "" if scene.equilibrate.time else "; add `equilibrate`"
-        return f"{case}: smaller disks are inserted and grow in {where}: no equilibrium{settled}"
-    cure = "must be fewer or smaller disks, or `placement: auto` with `equilibrate`"
-    return f"{case}: random placement is expected to fail in {where}; {cure}"
+    if grows:
+        return (
+            f"{case}: smaller disks are inserted and grow in {where}: no equilibrium; add "
+            "`equilibrate`"
+        )
+    return (
+        f"{case}: random placement is expected to fail in {where}; must be fewer or smaller "
+        f"disks{other_placements(scene)}"
+    )
+
+
+def other_placements(scene: Scene) -> str:
+    """Return the end of a refusal of a scene whose disks find no places: what else may place them,
+    if anything.
+
+    example: ", or `placement: auto` with `equilibrate`"
+    """
+    placements = []
+    if scene.placement == "random" and scene.packing_fraction <= JAMMED:
+        placements.append(", or `placement: auto` with `equilibrate`")
+    if has_lattice(scene):
+        placements.append(", or `placement: lattice`")
+    return "".join(placements)
+
+
+def has_lattice(scene: Scene) -> bool:
+    """Return whether some triangular lattice in the box has places for all disks of a scene."""
+    try:
+        lattice_sites(scene)
+    except RequestError:
+        return False
+    return True
 
 
 # -- a triangular lattice --------------------------------------------------------------------------
