@@ -15,6 +15,7 @@ from brownpipe import theory
 from brownpipe.analysis.pairs import NORMAL
 from brownpipe.figures import style
 from brownpipe.figures.cases import estimate_of, has
+from brownpipe.observables.pairs import BINS_PER_CONTACT
 
 NAME = "pair_distribution"
 LABELS = ("pair distribution function $g(r)$",)
@@ -24,7 +25,9 @@ CONTACTS = {
     "contact_value_rate": ("at contact, from the collision rate", style.MODEL, "s"),
 }  # label, colour, marker
 LARGEST_ERROR = 0.02  # relative error of g(r) above which neighbouring bins are pooled
-WIDEST = 0.25  # width of a pooled bin, in contact distances
+# Bins in a pooled one: a tenth of the smallest contact distance in the scene. g(r) of large disks
+# among small ones has structure of the size of the small ones, too (depletion).
+MOST_POOLED = BINS_PER_CONTACT // 10
 DILUTE = 0.2  # packing fraction below which the first order in the density is drawn
 
 
@@ -43,7 +46,7 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
         axes.axvline(contact, color=style.GREY, linestyle=style.DOTTED, linewidth=1)
     single = len(pairs) == 1 and not looks
     for pair, line in style.told_apart(pairs, partial(_in_words, single), looks):
-        style.band(axes, _pooled(pair), NAME, **line)
+        style.band(axes, _pooled(pair, _bins_pooled(pair)), NAME, **line)
         for name in (name for name in CONTACTS if has(pair, name)):
             words, colour, marker = CONTACTS[name]
             label = f"{words}: {estimate_of(pair, name)}" if single else "_"
@@ -56,11 +59,11 @@ def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
 
 
 def _in_words(single: bool, pair: Dataset) -> str:
-    return (
-        f"{int(pair.runs):,} runs, 95 % band"
-        if single
-        else f"g(contact) = {estimate_of(pair, 'contact_value')}"
-    )
+    """Return the number of runs or, of several pairs, g at contact; and the width of the bins."""
+    width = _bins_pooled(pair) * _bin_width(pair)
+    if single:
+        return f"{int(pair.runs):,} runs, 95 % band, bins of {width:.3g}"
+    return f"g(contact) = {estimate_of(pair, 'contact_value')}, bins of {width:.3g}"
 
 
 def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
@@ -84,18 +87,30 @@ def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
             axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=words)
 
 
-def _pooled(pair: Dataset) -> Dataset:
-    """Return g(r) in bins as wide as LARGEST_ERROR asks for, weighted by the area of their rings.
+def _bin_width(pair: Dataset) -> float:
+    """Return the width [length] of the bins of g(r) in the dataset."""
+    return float(pair.distance[1] - pair.distance[0])
+
+
+def _bins_pooled(pair: Dataset) -> int:
+    """Return how many neighbouring bins are pooled: as many as LARGEST_ERROR asks for, but at most
+    MOST_POOLED.
 
     Errors of bins are taken as independent: the error of their mean falls as the root of their
     number.
     """
-    g, error, area = pair[NAME], pair[f"{NAME}_standard_error"], pair.distance.rename("area")
+    g, error = pair[NAME], pair[f"{NAME}_standard_error"]
     relative = float((error / g.where(g > 0)).median())
     if not relative > LARGEST_ERROR:
+        return 1
+    return min(int(np.ceil((relative / LARGEST_ERROR) ** 2)), MOST_POOLED)
+
+
+def _pooled(pair: Dataset, number: int) -> Dataset:
+    """Return g(r) with `number` neighbouring bins in one, weighted by the area of their rings."""
+    if number == 1:
         return pair
-    widest = WIDEST * float(pair.contact_distance / (pair.distance[1] - pair.distance[0]))
-    number = min(int(np.ceil((relative / LARGEST_ERROR) ** 2)), max(1, int(widest)))
+    g, error, area = pair[NAME], pair[f"{NAME}_standard_error"], pair.distance.rename("area")
     sums = (
         values.coarsen(distance=number, boundary="trim").sum()
         for values in (area * g, (area * error) ** 2, area)
