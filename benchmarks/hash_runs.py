@@ -307,23 +307,27 @@ def arrays_of(file):
     if "runs_digest" not in file.attrs:
         return found
     whole = [path for path in found if path.startswith("disks/") and found[path].ndim == 4]
-    events = [
-        path
-        for path in found
-        if path.startswith("events/") and path not in ("events/event", "events/event_seed")
-    ]
+    events = [path for path in found if path.startswith("events/") and not found[path].is_scale]
     stopped = file["stopped"].asstr()[()] if "stopped" in file else [""] * len(file["seed"])
     arrays = {path: item for path, item in found.items() if "/" not in path and not item.is_scale}
     for column, seed in enumerate(file["seed"][()]):
         if not stopped[column]:
-            own = file["events/event_seed"][()] == seed if events else []
             arrays |= {
                 path.replace("disks", f"seed_{seed:05d}"): found[path][:, column] for path in whole
             }
             arrays |= {
-                path.replace("events", f"seed_{seed:05d}"): found[path][()][own] for path in events
+                path.replace("events", f"seed_{seed:05d}"): as_logged(path, found[path][column])
+                for path in events
             }
     return arrays
+
+
+def as_logged(path, values):
+    """The values of a run's collisions as the engine logs them: NaN stands behind the last one, and
+    disks are integers.
+    """
+    log = values[: np.count_nonzero(~np.isnan(values.reshape(len(values), -1)[:, 0]))]
+    return log.astype(np.int32) if path in ("events/a", "events/b") else log
 
 
 def hash_of(item):

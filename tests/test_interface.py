@@ -94,9 +94,7 @@ def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, run
     first, second = runs.isel(seed=slice(4)), runs.isel(seed=slice(4, None))
     bp.save(second, folder / "second.h5")
     assert bp.analyse([first, str(folder / "second.h5")]).identical(result)
-    assert (
-        len(bp.open(folder / "second.h5").events.event_seed) == (runs.events.event_seed >= 4).sum()
-    )
+    assert bp.open(folder / "second.h5").events.a.count() == second.events.a.count()
 
 
 @pytest.mark.parametrize(
@@ -115,6 +113,10 @@ def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, run
         ),
         (lambda runs: runs.sel(seed=3), r" a selection of its seeds, as in sel\(seed=\[3\]\)"),
         (lambda runs: runs.isel(disk=slice(5)), "of disk it must hold all 20"),
+        (
+            lambda runs: runs.isel(event=slice(30)),
+            "of event it must hold all collisions of each run",
+        ),
     ],
 )
 def test_another_selection_is_neither_analysed_nor_saved(runs, tmp_path, part, message):
@@ -127,7 +129,7 @@ def test_another_selection_is_neither_analysed_nor_saved(runs, tmp_path, part, m
     ):
         bp.save(selected, tmp_path / "part.h5")
     assert not (tmp_path / "part.h5").exists()
-    if "of disk" not in message:
+    if "of disk" not in message and "of event" not in message:
         with pytest.raises(RequestError, match=message):
             bp.analyse(selected)
 
@@ -161,22 +163,54 @@ def test_variables_that_a_user_adds_are_neither_analysed_nor_saved(runs, result,
             bp.save(added, tmp_path / "added.h5")
 
 
-def test_collisions_of_runs_in_any_order_are_those_of_each_run(runs, tmp_path):
-    backwards = runs.isel(seed=slice(None, None, -1))
-    shuffled = np.random.default_rng(1).permutation(10)
-    events = runs.events.to_dataset(inherit=False)
-    parts = [
-        events.isel(event=np.flatnonzero(events.event_seed.values == seed)) for seed in shuffled
-    ]
-    backwards["events"] = xarray.DataTree(xarray.concat(parts, "event"))
-    bp.save(backwards, tmp_path / "backwards.h5")
-    found = bp.open(tmp_path / "backwards.h5")
-    for seed in range(10):
-        of_seed = [
-            tree.events.event_time.values[tree.events.event_seed.values == seed]
-            for tree in (found, runs)
-        ]
-        assert np.array_equal(*of_seed)
+COLLIDING = {"box": {"x": (0, 3), "y": (0, 3)}, "duration": 4.0, "sample_interval": 1.0}
+
+
+@pytest.fixture(scope="module")
+def colliding(tmp_path_factory):
+    """Runs 3 to 7 of eight disks between walls, and their file."""
+    species = [{"name": "bath", "count": 8, "radius": 0.2, "mass": 1.0}]
+    scene = bp.Scene(**COLLIDING, disks={"species": species}, velocities={"temperature": 1.0})
+    runs = bp.simulate(scene, range(3, 8), record=["tracer", "events"], quiet=True)
+    path = tmp_path_factory.mktemp("colliding") / "colliding.h5"
+    bp.save(runs, path)
+    return scene, runs, path
+
+
+def log_of(events):
+    """The collisions of a run, without coordinates."""
+    return events.to_dataset().reset_coords(drop=True).dropna("event")
+
+
+@pytest.mark.parametrize("route", ["simulate", "open", "open_datatree"])
+@pytest.mark.parametrize("seeds", [6, [6], [7, 4], [4, 7, 3]], ids=str)
+def test_a_selection_of_seeds_has_the_collisions_of_these_runs_alone(colliding, route, seeds):
+    scene, runs, path = colliding
+    if route == "simulate":
+        tree = runs
+    elif route == "open":
+        tree = bp.open(path)
+    else:
+        with xarray.open_datatree(path) as opened:
+            tree = opened.load()
+    by_label = tree.sel(seed=seeds).events
+    by_place = tree.isel(seed=np.array(seeds) - 3).events
+    assert by_label.identical(by_place)
+    for seed in np.atleast_1d(seeds).tolist():
+        alone = bp.simulate(scene, [seed], record=["tracer", "events"], quiet=True)
+        log = log_of(alone.events.isel(seed=0))
+        assert log_of(by_label.sel(seed=seed) if np.ndim(seeds) else by_label).equals(log)
+        assert log.sizes["event"] == alone.pair_collisions + alone.wall_collisions > 20
+    walls = int((by_label.b < 0).sum())
+    assert walls == int(runs.wall_collisions.sel(seed=np.atleast_1d(seeds)).sum())
+
+
+def test_a_saved_selection_has_the_collisions_of_its_runs(colliding, tmp_path):
+    scene, runs, _ = colliding
+    bp.save(runs.sel(seed=[7, 4]), tmp_path / "two.h5")
+    alone = bp.simulate(scene, [4], record=["tracer", "events"], quiet=True)
+    bp.save(bp.open(tmp_path / "two.h5").sel(seed=[4]), tmp_path / "one.h5")
+    assert bp.open(tmp_path / "one.h5").identical(alone)
 
 
 @pytest.mark.parametrize("stream", [None, type("Stream", (), {"write": print, "flush": print})()])

@@ -91,7 +91,8 @@ def by_brownpipe(scene: Scene, state: State) -> Run:
     box, interval = {"x": scene.box.x, "y": scene.box.y}, float(scene.times[1])
     same = bp.Scene(box=box, disks=given, duration=scene.duration, sample_interval=interval)
     runs = bp.simulate(same, record="all,events", quiet=True)
-    disks, events = runs["disks"].to_dataset().isel(seed=0), runs["events"].to_dataset()
+    run = runs.isel(seed=0)
+    disks, events = run["disks"].to_dataset(), run["events"].to_dataset()
     pair = np.sort(np.stack([events.a, np.maximum(events.b, WALL)], axis=1), axis=1)
     return Run(disks.position.values, disks.velocity.values, events.event_time.values, pair)
 

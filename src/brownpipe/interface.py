@@ -134,10 +134,11 @@ def simulate(
     Returns a tree with `position` (time, seed, component) of the tracer [length], `velocity` if
     recorded, and the engine's report on each run (seed): `failed`, `worst_overlap`, `energy_drift`,
     numbers of collisions, ... With `record="all"`, `disks` holds position and velocity (time, seed,
-    disk, component) of all disks; with `record="events"`, `events` the collisions (event) of all
-    runs. Displacements are differences of `unwrapped`, which in a periodic box goes on where
-    `position` comes back from the other side. `box_size` (component) is width and height of the box
-    [length].
+    disk, component) of all disks; with `record="events"`, `events` the collisions (seed, event) of
+    each run, with NaN behind its last one: `runs.events.sel(seed=17).to_dataset().dropna("event")`
+    are those of one run. Displacements are differences of `unwrapped`, which in a periodic box goes
+    on where `position` comes back from the other side. `box_size` (component) is width and height
+    of the box [length].
 
     Raises RequestError for what `brownpipe simulate` refuses, RunError if the friction of the
     langevin engine cannot be measured. Warns of runs that failed their health check or could not go

@@ -45,7 +45,7 @@ PROCESS = 140e6  # bytes of memory of a process besides its runs: Python, packag
 BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the engine
 # of a disk that is recorded, during its run: its samples, sorted by disk, intermediate arrays
 BYTES_PER_SAMPLE = 120
-BYTES_PER_EVENT = 32  # of a collision in memory, and some two thirds of that in a file
+BYTES_PER_EVENT = 40  # of a collision in memory, and some two thirds of that in a file
 BYTES_PER_NUMBER = 8
 SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
 # in units of (1 + m_b/m)/gamma: then a hot tracer's excess kinetic energy has fallen by e^-10

@@ -16,8 +16,8 @@ E collisions:
                 disks), variables (JSON: the numbers and arrays of the runs), command (that makes
                 the runs again), versions, source_digest, runs_digest
     /disks      if recorded: position, velocity, image (T, S, N, 2) of all disks; radius, mass (N,)
-    /events     if recorded, the collisions of all runs: event_seed, event_time, a, b (E,), impulse
-    (E, 2)
+    /events     if recorded: event_time, a, b (S, E), impulse (S, E, 2) of the collisions of each
+                run, NaN behind its last one; E is the largest number of collisions of a run
 
 Unwrapped position = position + image * (width, height) of the box. Every variable has attributes
 `units` (reduced units of the scene) and `long_name` (its meaning). Numbers are stored with gzip 4

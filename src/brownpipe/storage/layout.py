@@ -18,6 +18,7 @@ AXES = {
     "component": Axis("1", "Cartesian component", lambda _: ["x", "y"]),
 }
 SAMPLED = ("time", "seed", "component")
+LOGGED = ("seed", "event")  # event: number of the collision in its run
 # For each variable: units, long_name and dimensions; without these it is one number for each run.
 VARIABLES: dict[str, tuple[str, ...]] = {
     "seed": ("1", "seed of the run"),
@@ -36,11 +37,10 @@ VARIABLES: dict[str, tuple[str, ...]] = {
     "box_size": ("length", "width and height of the box", "component"),
     "radius": ("length", "radius", "disk"),
     "mass": ("mass", "mass", "disk"),
-    "event_seed": ("1", "seed of the run of the collision", "event"),
-    "event_time": ("time", "time of the collision", "event"),
-    "a": ("1", "colliding disk", "event"),
-    "b": ("1", "its partner: a disk, or a wall: -1 left, -2 right, -3 bottom, -4 top", "event"),
-    "impulse": ("mass*length/time", "momentum transferred to disk a", "event", "component"),
+    "event_time": ("time", "time of the collision; NaN behind the last one of a run", *LOGGED),
+    "a": ("1", "colliding disk; NaN behind the last collision of a run", *LOGGED),
+    "b": ("1", "its partner: a disk, or a wall: -1 left, -2 right, -3 bottom, -4 top", *LOGGED),
+    "impulse": ("mass*length/time", "momentum transferred to disk a", *LOGGED, "component"),
     "pair_collisions": ("1", "collisions between disks"),
     "wall_collisions": ("1", "collisions of disks with walls"),
     "tracer_collisions": ("1", "collisions of the tracer with disks"),
@@ -81,7 +81,7 @@ LOG = ("event_time", "a", "b", "impulse")  # the fields of Events
 PLACES = {  # the variables of each group; in the root those of the runs' observables, too
     "/": {*SCALES, *Track._fields, "stopped"},
     "/disks": {"disk", "radius", "mass", *Track._fields},
-    "/events": {"event_seed", *LOG},
+    "/events": {*LOG},
 }
 
 Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the root first
@@ -124,12 +124,7 @@ def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
         sizes = {"disk": np.arange(scene.particles), "radius": scene.radius, "mass": scene.mass}
         groups["/disks"] = sizes | _recorded(_side_by_side(ensemble))
     if ensemble.events:
-        logs = zip(*ensemble.events.values(), strict=True)
-        seeds = np.repeat([*ensemble.events], [len(log.time) for log in ensemble.events.values()])
-        groups["/events"] = {
-            "event_seed": seeds,
-            **dict(zip(LOG, map(np.concatenate, logs), strict=True)),
-        }
+        groups["/events"] = _logs_side_by_side(ensemble)
     return groups
 
 
@@ -156,6 +151,23 @@ def _side_by_side(ensemble: Ensemble) -> Track:
     return Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
 
 
+def _logs_side_by_side(ensemble: Ensemble) -> dict[str, np.ndarray]:
+    """Return the collisions of all runs (S, E) or (S, E, 2), E those of the run that has most.
+
+    Each run has its row, so that whoever selects a seed gets its collisions and no others. Behind
+    the last one the row is NaN, which no count, mean or histogram takes for a collision; hence the
+    disks are floats, too.
+    """
+    longest = max(len(log.time) for log in ensemble.events.values())
+    rows = (len(ensemble.seeds), longest)
+    shapes = {"event_time": rows, "a": rows, "b": rows, "impulse": (*rows, 2)}
+    logs = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+    for row, seed in enumerate(ensemble.seeds.tolist()):
+        for name, values in zip(LOG, ensemble.events.get(seed, ()), strict=False):
+            logs[name][row, : len(values)] = values
+    return logs
+
+
 def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
     """Return the runs of such variables."""
     root = groups["/"]
@@ -173,23 +185,20 @@ def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
         if disks
         else {}
     )
-    events = (
-        _events(groups["/events"], [seed for seed in seeds if seed not in stopped])
-        if "/events" in groups
-        else {}
-    )
+    events: dict[int, Events] = {}
+    if "/events" in groups:
+        events = {
+            seed: _log_of(groups["/events"], row)
+            for row, seed in enumerate(seeds)
+            if seed not in stopped
+        }
     return Ensemble(
         root["seed"], root["time"], tracer, observables, whole, events, stopped, dict(own), average
     )
 
 
-def _events(variables: dict[str, np.ndarray], seeds: list[int]) -> dict[int, Events]:
-    """Return the collisions of each run, in the order in which they are listed."""
-    order = np.argsort(variables["event_seed"], kind="stable")
-    ends = (
-        np.searchsorted(variables["event_seed"][order], seeds, side) for side in ("left", "right")
-    )
-    rows = {seed: order[first:end] for seed, first, end in zip(seeds, *ends, strict=True)}
-    return {
-        seed: Events(*(variables[name][of_run] for name in LOG)) for seed, of_run in rows.items()
-    }
+def _log_of(variables: dict[str, np.ndarray], row: int) -> Events:
+    """Return the collisions of the run in a row of `_logs_side_by_side`."""
+    is_collision = ~np.isnan(variables["a"][row])
+    time, a, b, impulse = (variables[name][row][is_collision] for name in LOG)
+    return Events(time, a.astype(np.int32), b.astype(np.int32), impulse)

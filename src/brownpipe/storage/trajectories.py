@@ -322,8 +322,8 @@ def from_tree(tree: "DataTree", strict: bool = False) -> Trajectories:
 
 
 def _refuse_part(scene: Scene, groups: Groups) -> None:
-    """Raise ValueError for a selection of other things than seeds, and for positions without the
-    images they need.
+    """Raise ValueError for a selection of other things than seeds, for a part of the collisions,
+    and for positions without the images they need.
     """
     for dim, values in (
         item for group in groups.values() for item in group.items() if item[0] in AXES
@@ -339,3 +339,7 @@ def _refuse_part(scene: Scene, groups: Groups) -> None:
         raise ValueError("its seeds must be one or several different integers")
     if "position" in root and scene.box.periodic and "image" not in root:
         raise ValueError("lacks image, which a periodic box needs")
+    if "/events" in groups:
+        collisions = root["pair_collisions"] + root["wall_collisions"]
+        if not np.array_equal((~np.isnan(groups["/events"]["a"])).sum(axis=1), collisions):
+            raise ValueError("of event it must hold all collisions of each run")
