@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import time
+from fractions import Fraction
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -34,6 +35,7 @@ from brownpipe.errors import (
     RunError,
     StorageError,
 )
+from brownpipe.observables.displacement import displacement
 from brownpipe.scene import parse_scene
 from synthetic import render
 from test_workflow import ROOT, environment
@@ -306,6 +308,41 @@ def test_positions_go_on_where_a_periodic_box_ends(runs):
     )
     assert wrapped.disks.unwrapped.sel(disk=0).variable.equals(wrapped.unwrapped.variable)
     assert runs.unwrapped.variable.equals(runs.position.variable)
+
+
+def test_displacements_of_far_disks_keep_their_digits():
+    """A single disk crosses some 4 million boxes, in steps of 15. From t = 0 `unwrapped` is as
+    exact as the analysis, to a few roundings of the whole way; the difference of two late samples
+    has no more digits either, while that of positions and images has those of the step.
+    """
+    disk = {"position": [0.4, 0.1], "velocity": [911.3, -2777.7], "radius": 0.1, "mass": 1.0}
+    box = {"x": (0, 0.9), "y": (0, 0.7), "boundary": "periodic"}
+    scene = bp.Scene(box=box, disks=[disk], duration=1000.0, sample_interval=0.0055)
+    run = bp.simulate(scene, quiet=True).isel(seed=0)
+    rational = np.vectorize(Fraction, otypes=[object])
+    crossed = run.image.values.astype(object)
+    whole = run.position.copy(
+        data=rational(run.position.values) + crossed * rational(run.box_size.values)
+    )
+    from_start = whole - whole.isel(time=0)
+    analysed = displacement(
+        run.position.values[:, None], run.image.values[:, None], tuple(run.box_size.values)
+    )[:, 0]
+    moved = run.unwrapped - run.unwrapped.isel(time=0)
+    step = whole.diff("time").astype(float)
+    by_parts = run.position.diff("time") + run.image.diff("time") * run.box_size
+
+    def error(found, expected):
+        return float(abs(found - expected.astype(float)).max())
+
+    of_way = np.spacing(float(abs(moved).max())) / 2  # one rounding: 2.3e-10
+    of_step = np.spacing(float(abs(step).max())) / 2  # 0.9e-15
+    assert error(analysed, from_start) <= 2 * of_way  # product, sum
+    assert error(moved, from_start) <= 4 * of_way  # product, sum, difference, the expected one
+    assert of_way / 4 < error(run.unwrapped.diff("time"), step) <= 4 * of_way
+    assert error(by_parts, step) <= 4 * of_step
+    assert "inside the box" in run.position.long_name
+    assert "unwrapped" in run.position.long_name
 
 
 @pytest.mark.parametrize("boundary", ["periodic", "reflecting"])

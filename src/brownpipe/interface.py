@@ -138,7 +138,8 @@ def simulate(
     each run, with NaN behind its last one: `runs.events.sel(seed=17).to_dataset().dropna("event")`
     are those of one run. Displacements are differences of `unwrapped`, which in a periodic box goes
     on where `position` comes back from the other side. `box_size` (component) is width and height
-    of the box [length].
+    of the box [length]. Of disks that travel millions of boxes, differences of `position` and of
+    `image` times `box_size`, added afterwards, keep the digits that `unwrapped` loses.
 
     Raises RequestError for what `brownpipe simulate` refuses, RunError if the friction of the
     langevin engine cannot be measured. Warns of runs that failed their health check or could not go

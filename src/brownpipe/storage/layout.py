@@ -22,7 +22,11 @@ LOGGED = ("seed", "event")  # event: number of the collision in its run
 # For each variable: units, long_name and dimensions; without these it is one number for each run.
 VARIABLES: dict[str, tuple[str, ...]] = {
     "seed": ("1", "seed of the run"),
-    "position": ("length", "position of the disk's centre", *SAMPLED),
+    "position": (
+        "length",
+        "position of the disk's centre, inside the box; displacements are differences of unwrapped",
+        *SAMPLED,
+    ),
     "velocity": ("length/time", "velocity", *SAMPLED),
     "image": (
         "1",
@@ -31,7 +35,8 @@ VARIABLES: dict[str, tuple[str, ...]] = {
     ),
     "unwrapped": (
         "length",
-        "position of the disk's centre, as if not brought back into a periodic box",
+        "position of the disk's centre, as if not brought back into a periodic box; rounded to the "
+        "last digit of the way from the box, which differences of position and of image are not",
         *SAMPLED,
     ),
     "box_size": ("length", "width and height of the box", "component"),
