@@ -363,12 +363,29 @@ def test_the_mean_of_an_own_array_is_that_of_the_analysis(boundary):
     np.testing.assert_allclose(
         bp.mean(square.sel(time=1)).value, found.value.sel(time=1), rtol=1e-14
     )  # round-off
-    one = square.copy()
-    one[{"seed": 3}] = np.nan
     failed = square.assign_coords(failed=("seed", np.arange(20) == 3))
     without = square.isel(seed=np.arange(20) != 3)
-    assert bp.mean(one).identical(bp.mean(without))
     assert bp.mean(failed[::-1, ::-1]).identical(bp.mean(without[::-1]))
+
+
+def test_a_run_without_a_number_leaves_no_mean_by_either_route(colliding):
+    """First passages, of which one did not happen in time, and a curve with one point missing."""
+
+    def passages(scene, run):
+        number = next(numbers)
+        curve = [run.tracer.position[-1, 0, 0], number, 2.0 * number]
+        return {"passage": number, "curve": ("x", curve)}
+
+    numbers = iter([2.5, 3.5, np.nan, 5.5, *np.arange(8.0)])
+    runs = bp.simulate(colliding[0], 12, observables=[passages], quiet=True)
+    result = bp.analyse(runs, quiet=True).squeeze()
+    for name in ("passage", "curve"):
+        mean = bp.mean(runs[name])
+        for part, end in (("value", ""), ("standard_error", "_standard_error"), ("low", "_low")):
+            np.testing.assert_array_equal(mean[part], result[f"{name}{end}"])
+    assert np.isnan(bp.mean(runs.passage).value)
+    assert np.isnan(bp.mean(runs.curve).value).values.tolist() == [False, True, True]
+    assert bp.mean(runs.passage.dropna("seed")).value == pytest.approx(39.5 / 11)
 
 
 def test_a_table_has_a_row_for_each_case_in_the_order_given(runs):

@@ -293,8 +293,9 @@ def mean(array: DataArray) -> Dataset:
     The Dataset has `value`, `standard_error` and the 95 % interval, `low` to `high`, with
     coordinates and attributes of the array, as `analyse` estimates them: by a bootstrap over runs,
     not over time points (docs/theory.md, section 5). Failed runs are left out if the array has the
-    coordinate `failed`, as every array calculated from the tracer has; so are runs whose value is
-    NaN.
+    coordinate `failed`, as every array calculated from the tracer has. Where a run has no number,
+    NaN, there is no mean, as in `analyse`: leave such runs out yourself, by
+    `array.dropna("seed")`, if that is what you want to know the mean of.
 
         square = ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2).sum("component")
         msd = bp.mean(square)
@@ -309,9 +310,7 @@ def mean(array: DataArray) -> Dataset:
             "array: must have every seed once; take the mean of each scene and engine by itself"
         )
     values = ordered.values.astype(float)
-    is_kept = ~np.isnan(values.reshape(len(seeds), -1)).all(axis=1) & np.equal(
-        ordered.coords.get("failed", 0), 0
-    )
+    is_kept = np.broadcast_to(np.equal(ordered.coords.get("failed", 0), 0), len(seeds))
     parts = zip(
         ("value", "standard_error", "low", "high"),
         resample(values[is_kept], seeds[is_kept]),
