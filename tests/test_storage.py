@@ -10,13 +10,15 @@ import xarray
 
 import brownpipe
 from brownpipe import inspection, provenance
+from brownpipe.analysis import aggregate
+from brownpipe.cli import main
 from brownpipe.engines import Engine, requested
-from brownpipe.errors import StorageError
+from brownpipe.errors import FAILED, StorageError
 from brownpipe.storage import files
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import write_file
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
-from ensembles import make_scene
+from ensembles import make_runs, make_scene, write
 
 SEEDS = (0, 1, 2, 7)
 EVERYTHING = {"tracer", "all", "events"}
@@ -217,3 +219,42 @@ def test_a_failed_write_keeps_the_old_file_and_nothing_else(call, failure, tmp_p
     assert os.listdir(tmp_path) == ["x"] and (tmp_path / "x").read_bytes() == b"old"
     if isinstance(failure, OSError):
         assert f"{tmp_path / 'x'}: not written: {failure.strerror}" in str(error.value)
+
+
+def add_attribute(file):
+    file.attrs["note"] = "mine"
+
+
+def change_number(file):
+    file["time" if "time" in file else "msd"][0] = 3.0
+
+
+def add_variable(file):
+    file["mine"] = np.arange(3000.0)
+
+
+@pytest.mark.parametrize("mode", ["r+", "a"])
+@pytest.mark.parametrize("change", [lambda file: None, add_attribute, change_number, add_variable])
+@pytest.mark.parametrize("kind", ["runs.h5", "study.nc"])
+def test_a_file_that_was_opened_for_writing_is_told_from_a_damaged_one(
+    kind, change, mode, tmp_path, capsys
+):
+    """What it holds is never taken for the runs, as it may have been changed."""
+    path = tmp_path / kind
+    runs = write(tmp_path, make_runs(make_scene(), range(12)))
+    if kind == "runs.h5":
+        runs.rename(path)
+    else:
+        write_dataset(path, aggregate([runs]))
+    with h5py.File(path, mode) as file:
+        change(file)
+    for verb in (["inspect", str(path)], ["verify", str(path)], ["verify", str(tmp_path)]):
+        assert main(verb) == FAILED
+        said = "".join(capsys.readouterr())
+        assert f"{kind}: has lost its seal, the last line, as when another program opens" in said
+        assert "put a copy in its place, or move it away and run the study" in said
+        assert "damaged;" not in said and "delete" not in said
+    contents = path.read_bytes()
+    path.write_bytes(contents[: len(contents) - 100])
+    assert main(["inspect", str(path)]) == FAILED
+    assert "is damaged, cut short or edited" in capsys.readouterr().err

@@ -54,6 +54,10 @@ class StorageError(BrownpipeError):
     """
 
 
+class UnsealedError(StorageError):
+    """A file has lost its seal, so that its contents can no longer be verified."""
+
+
 class WrongFileError(StorageError):
     """The file does not exist or is of another kind; nothing is known to be damaged."""
 

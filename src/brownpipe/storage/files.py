@@ -19,11 +19,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from brownpipe.errors import RequestError, StorageError, WrongFileError
+from brownpipe.errors import RequestError, StorageError, UnsealedError, WrongFileError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
 SEAL = b"# brownpipe-sha256:"
 TRAJECTORIES, CHECKPOINT, DATASET = "runs_digest", "checkpoint", "dataset"
+SOURCE = "source_digest"  # an attribute of every trajectory file and dataset
 KINDS = {  # of HDF5 files, by the attribute that marks them; datasets have none
     TRAJECTORIES: "a trajectory file (of `brownpipe simulate`)",
     CHECKPOINT: (
@@ -31,6 +32,11 @@ KINDS = {  # of HDF5 files, by the attribute that marks them; datasets have none
     ),
     DATASET: "a dataset (of `brownpipe aggregate`)",
 }
+UNSEALED = (
+    "has lost its seal, the last line, as when another program opens it for writing; whether its "
+    "numbers are still those of the runs cannot be verified: put a copy in its place, or move it "
+    "away and run the study, or brownpipe {verb}, again; let others open a file for reading only"
+)
 MALFORMED = (
     ArithmeticError,
     AttributeError,
@@ -130,8 +136,9 @@ def verified(path: str | Path) -> str | Path:
     """Return the path of a file after its seal is verified, with some of its bytes at a time in
     memory.
 
-    Raises OSError if it cannot be read and, without the name of the file, StorageError if it is
-    damaged, WrongFileError if it has neither a seal nor the first bytes of HDF5.
+    Raises OSError if it cannot be read and, without the name of the file, UnsealedError if the seal
+    alone is lost, StorageError if the file is damaged, WrongFileError if it has neither a seal nor
+    the first bytes of HDF5.
     """
     with Path(path).open("rb") as file:
         start, end = file.read(len(HDF5)), os.fstat(file.fileno()).st_size - len(SEAL) - 65
@@ -140,11 +147,27 @@ def verified(path: str | Path) -> str | Path:
             digest.update(block)
         seal = file.read()
     if seal != SEAL + f"{digest.hexdigest()}\n".encode():
+        if has_lost_its_seal(path):
+            raise UnsealedError(UNSEALED)
         is_ours = seal.startswith(SEAL) or HDF5.startswith(start)
         raise (StorageError if is_ours else WrongFileError)(
             "is damaged, cut short or edited, or no file of brownpipe"
         )
     return path
+
+
+def has_lost_its_seal(path: str | Path) -> bool:
+    """Return whether a file does not end with a seal and is for the rest what brownpipe writes, a
+    complete HDF5 file.
+
+    HDF5 cuts off what is behind its own end whenever it opens a file for writing, mode r+ or a,
+    even if nothing is written. A file without other bytes missing cannot be told from that.
+    """
+    if not os.path.getsize(path) or seal_of(path):
+        return False
+    with suppress(OSError), h5py.File(path, locking=False) as file:
+        return CHECKPOINT in file.attrs or SOURCE in file.attrs
+    return False
 
 
 @contextmanager
@@ -156,6 +179,8 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
     """
     try:
         yield
+    except UnsealedError as error:
+        raise UnsealedError(f"{path}: {str(error).format(verb=verb)}") from error
     except (WrongFileError, OSError) as error:
         raise WrongFileError(
             f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"

@@ -14,7 +14,7 @@ from brownpipe.scene.reading import AtLeastOne, Count, Positive
 from brownpipe.storage.datasets import read_contents
 from brownpipe.storage.export import FORMATS
 from brownpipe.storage.export import export as exported
-from brownpipe.storage.files import write_file
+from brownpipe.storage.files import UNSEALED, has_lost_its_seal, write_file
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, read_trajectories
 from brownpipe.study.verification import verify_results
 from brownpipe.text import counted, in_bytes
@@ -111,6 +111,13 @@ def add_verify(add: Callable) -> None:
     add("paths", nargs="+", metavar="RESULTS", help=what)
 
 
+def _harm(path: str) -> str:
+    """Return what has happened to a file that is not intact, and the cure."""
+    if has_lost_its_seal(path):
+        return UNSEALED.format(verb="simulate")
+    return "is damaged; delete it and run the study again"
+
+
 def verify(arguments: Namespace) -> int:
     """Read every trajectory file, dataset and figure of a study and verify its checksum.
 
@@ -125,9 +132,7 @@ def verify(arguments: Namespace) -> int:
             try:
                 if Path(path).is_dir():
                     intact, damaged, missing = verify_results(path)
-                    wrong = [
-                        f"{file}: is damaged; delete it and run the study again" for file in damaged
-                    ]
+                    wrong = [f"{file}: {_harm(file)}" for file in damaged]
                     wrong += [f"{file}: is missing; run the study again" for file in missing]
                     show(
                         *wrong,
