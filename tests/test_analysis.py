@@ -8,9 +8,7 @@ import pytest
 
 from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution
-from brownpipe.analysis.displacement import initial_square_speed
 from brownpipe.engines.ensemble import Track
-from brownpipe.engines.initial_state import draw
 from brownpipe.errors import AnalysisError
 from brownpipe.observables.displacement import displacement as moved
 from brownpipe.observables.displacement import squared
@@ -67,26 +65,6 @@ def test_rings_are_half_open_and_count_everybody():
         3,
         3,
     ]
-
-
-# --- the tracer's first steps
-
-
-@pytest.mark.parametrize("velocities", [
-    {"standard_deviation": 2.0},
-    {"temperature": 1.6},
-    {"standard_deviation": 2.0, "zero_momentum": True},
-    {"temperature": 1.6, "zero_momentum": True},
-])  # fmt: skip
-def test_initial_square_speed_is_that_of_drawn_states(velocities):
-    scene = make_scene(particles=4, velocities=velocities)
-    v2 = np.array([np.square(draw(scene, seed).velocity[0]).sum() for seed in range(1500)])
-    assert abs(v2.mean() - initial_square_speed(scene)) < SIGMAS * v2.std() / np.sqrt(v2.size)
-
-
-def test_initial_square_speed_of_a_hot_tracer_that_cools_is_not_known():
-    assert np.isnan(initial_square_speed(make_scene(equilibrate={"time": 1.0, "tracer": "free"})))
-    assert initial_square_speed(make_scene(equilibrate={"time": 1.0, "tracer": "pinned"})) == 8.0
 
 
 def one_disk():

@@ -9,6 +9,7 @@ import brownpipe as bp
 from brownpipe import theory
 from brownpipe.engines import friction
 from brownpipe.figures.summary import summary
+from brownpipe.scene import motion
 from brownpipe.scene.reading import yaml_text
 from brownpipe.study.check import describe_scene_or_study
 
@@ -46,8 +47,8 @@ def test_the_centre_of_mass_rests_in_a_periodic_box_unless_asked_otherwise(
     velocities = {"temperature": 1.0} | ({} if asked is None else {"zero_momentum": asked})
     one, rests = scene(boundary, velocities, disks=disks), found and boundary == "periodic"
     assert one.velocities.zero_momentum is found
-    assert friction.moving_disks(one) == one.particles - rests  # walls give momentum back
-    assert (friction.bath_share(one) < 1) == rests
+    assert motion.moving_disks(one) == one.particles - rests  # walls give momentum back
+    assert (motion.bath_share(one) < 1) == rests
 
 
 @pytest.mark.parametrize("start", [0.0, {"time": 100.0, "tracer": "pinned"}])

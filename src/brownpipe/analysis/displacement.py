@@ -26,7 +26,7 @@ from brownpipe.analysis.variables import (
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DECAY_TIMES, are_inside, diffusive_from
 from brownpipe.observables.displacement import displacement, squared
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 
 # relative distance from the centre, or difference of the sides, that counts as round-off
 CENTRED = 1e-12
@@ -68,35 +68,6 @@ def labels(windows: Sequence[tuple[float, float]]) -> list[str]:
 
 
 # --- what is known before any run: box, disks, initial state of the tracer
-
-
-def initial_square_speed(scene: Scene) -> float:
-    """Return <v0^2> [length^2/time^2] of the tracer as the scene prescribes it: the coefficient of
-    ballistic flight.
-
-    2 s^2 for components of standard deviation s, 2 kT/m for a temperature, the squared speed of
-    explicit disks. With zero total momentum the subtracted centre-of-mass velocity is accounted
-    for. NaN if it is not known beforehand: a tracer that exchanges energy before t = 0 with a bath
-    of another temperature.
-    """
-    if scene.velocities is None or not scene.particles:
-        return float(np.square(scene.listed[0].velocity).sum()) if scene.listed else np.nan
-    if (
-        scene.equilibrate.time
-        and scene.equilibrate.tracer == "free"
-        and scene.velocities.temperature is None
-    ):
-        return np.nan
-    kt, share = (
-        scene.velocities.temperature,
-        scene.velocities.zero_momentum * scene.mass / scene.mass.sum(),
-    )
-    variance = (
-        np.full(scene.particles, scene.velocities.standard_deviation**2)
-        if kt is None
-        else kt / scene.mass
-    )
-    return float(2.0 * (variance[0] * (1 - 2 * share[0]) + (share**2 * variance).sum()))
 
 
 def accessible_half_width(scene: Scene) -> float:
@@ -166,7 +137,7 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "box_width": scene.box.width,
         "duration": times[-1],
         "packing_fraction": scene.packing_fraction,
-        "initial_square_speed": initial_square_speed(scene),
+        "initial_square_speed": motion.mean_square_speed_of_tracer(scene),
         "diffusive_from": DECAY_TIMES / friction if friction > 0 else diffusive_from(scene),
         "accessible_half_width": accessible_half_width(scene),
     }

@@ -16,11 +16,10 @@ from brownpipe.engines.friction import (
     DENSEST,
     drift_diffusion,
     mean_root,
-    moving_disks,
     rate_at_temperature,
 )
 from brownpipe.observables.species import species_table
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 
 
 def temperature(scene: Scene, energy: np.ndarray) -> np.ndarray:
@@ -29,7 +28,7 @@ def temperature(scene: Scene, energy: np.ndarray) -> np.ndarray:
     In a periodic box with zero total momentum, which is conserved, two degrees of freedom are
     missing: N - 1 disks.
     """
-    return energy / (moving_disks(scene) or np.nan)
+    return energy / (motion.moving_disks(scene) or np.nan)
 
 
 def compressibility(
@@ -73,9 +72,9 @@ def enskog(scene: Scene) -> dict[str, float]:
     At the mean density of the box, with or without walls; {} without a temperature or beyond the
     packing fraction DENSEST. The tracer's rate and contact value are those of the langevin engine
     (`friction.partners_of`), and so is its diffusion coefficient f^2 kT/(m gamma), f of
-    `friction.bath_share`.
+    `motion.bath_share`.
     """
-    kt = scene.velocities and scene.velocities.temperature
+    kt = motion.temperature(scene)
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
         return {}
     _, number, radius, mass, _ = species_table(scene)
@@ -90,7 +89,7 @@ def enskog(scene: Scene) -> dict[str, float]:
         "enskog_tracer_collision_rate": partners.rate.sum(),
         "enskog_contact_value": partners.contact_value[np.argmax(friction.bath_of(scene).number)],
         "enskog_compressibility": theory.mixture_compressibility(n, 2 * radius),
-        "enskog_diffusion": friction.bath_share(scene) ** 2 * kt / (mass[0] * gamma),
+        "enskog_diffusion": motion.bath_share(scene) ** 2 * kt / (mass[0] * gamma),
     }
 
 
@@ -112,7 +111,7 @@ def columns(case: Case, runs: Ensemble) -> Columns:
         means["compressibility_rate"] = compressibility_from_rate(
             scene, means["collision_rate"], hot
         )
-    if scene.velocities and scene.velocities.temperature and scene.particles > 1:
+    if motion.temperature(scene) and scene.particles > 1:
         for name in ("collision_rate", "tracer_collision_rate"):
             means[f"{name}_at_temperature"] = rate_at_temperature(scene, means[name], hot)
     means |= {

@@ -24,7 +24,7 @@ from brownpipe.analysis.variables import (
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import partners_of
 from brownpipe.observables import AXES
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 
 # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
 EARLY = 0.25
@@ -123,7 +123,7 @@ def expected_slope(case: Case, averages: Averages) -> float:
         return np.nan
     rate = averages.mean("tracer_collisions") / case.times[-1]
     share = 2 * theory.reduced_mass(scene.mass[0], partners[0]) / scene.mass[0]
-    balanced = scene.velocities is not None and scene.velocities.zero_momentum
+    balanced = motion.starts_with_zero_momentum(scene)
     square_speed = averages.mean("velocity_autocorrelation")[0] / (
         1 - balanced * scene.mass[0] / scene.mass.sum()
     )

@@ -23,7 +23,7 @@ from brownpipe.engines.units import SMALLEST_NORMAL, cell_width, common_radius
 from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.observables.species import equal_disks, species_table
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 from brownpipe.scene.scene import HEXAGONAL_PACKING
 
 # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
@@ -118,9 +118,8 @@ def of_run(
     seconds = EACH_RUN * (0.5 if alone else 1 + (scene.equilibrate.time > 0))
     seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
     seconds += seconds_to_measure(scene, observables, average)
-    seconds += (
-        SECONDS_PER_VELOCITY * scene.particles * bool(alone and scene.velocities.zero_momentum)
-    )
+    if alone and motion.starts_with_zero_momentum(scene):
+        seconds += SECONDS_PER_VELOCITY * scene.particles
     if not alone:
         each = SECONDS_PER_EVENT * max(1.0, disks_in_cells(scene) / DISKS_PER_EVENT)
         seconds += each * (collisions + time * crossing_rate(scene) + 5 * scene.particles)
@@ -217,12 +216,12 @@ def speeds(scene: Scene) -> np.ndarray:
             (scene.mass * np.sum((velocity / unit) ** 2, axis=1)).sum() / 2 / max(len(velocity), 1)
         )
         return unit * np.sqrt(energy / mass)
-    if scene.velocities.temperature is not None:
+    if motion.is_thermal(scene):
         return np.sqrt(scene.velocities.temperature / mass)
     ratio, speed = mass[:, None] / mass, np.full(len(mass), scene.velocities.standard_deviation)
     last = np.sqrt(
         number
-        * (1 - bool(scene.velocities.zero_momentum) / (number @ ratio))
+        * (1 - motion.starts_with_zero_momentum(scene) / (number @ ratio))
         @ ratio
         / number.sum()
     )
@@ -361,7 +360,7 @@ def settling_time(scene: Scene) -> float:
     ].min()  # of single disks if there is no other species
     flight = math.sqrt(scene.box.area / scene.particles) / slowest
     diffusion = flight * flight * rate if _is_ordered(scene) else 0.0
-    is_hot = scene.velocities.temperature is None
+    is_hot = not motion.is_thermal(scene)
     heavier = (
         1 + bath_of(scene).mass / scene.mass[0]
     )  # a light tracer forgets its velocity long before its energy
@@ -394,9 +393,7 @@ def settling_in_words(scene: Scene) -> str | None:
         )
     basis = "to move to a neighbour's place" + (" by diffusion" if _is_ordered(scene) else "")
     hot = (
-        ""
-        if scene.velocities.temperature is not None
-        else f", {FRICTION_TIMES:g} (1 + m_b/m)/gamma of the tracer"
+        "" if motion.is_thermal(scene) else f", {FRICTION_TIMES:g} (1 + m_b/m)/gamma of the tracer"
     )
     return (
         f"some {needed:.2g} should be enough ({basis}{hot}; Enskog's theory of the fluid, not of "

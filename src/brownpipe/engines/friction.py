@@ -12,7 +12,7 @@ from brownpipe import theory
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
-from brownpipe.scene import Scene, Species
+from brownpipe.scene import Scene, Species, motion
 
 # in units of 1/gamma of the tracer: from then on its displacements count as diffusive
 DECAY_TIMES = 3.0
@@ -47,11 +47,6 @@ def followed(scene: Scene) -> Species:
     return next(species for species in scene.species if species.count)
 
 
-def moves(scene: Scene) -> bool:
-    """Return whether the velocities of a scene of species are not all zero."""
-    return bool(scene.velocities.temperature or scene.velocities.standard_deviation)
-
-
 def bath_of(scene: Scene) -> Bath:
     """Return the bath of a scene of species: all disks but the tracer."""
     table = species_table(scene)
@@ -59,31 +54,7 @@ def bath_of(scene: Scene) -> Bath:
         np.arange(len(table.number)) == 0
     )  # the tracer is of the first species
     number, radius, mass = (values[counts > 0] for values in (counts, table.radius, table.mass))
-    temperature = scene.velocities.temperature
-    if temperature is None:
-        unit = math.ldexp(
-            1.0, math.frexp(mass.max(initial=0.0))[1] - 1
-        )  # many masses of 1e300 add up to infinity
-        mean = float((number * (mass / unit)).sum() / number.sum()) * unit
-        temperature = (
-            scene.velocities.standard_deviation * scene.velocities.standard_deviation * mean
-        )
-    return Bath(number, radius, mass, temperature)
-
-
-def bath_share(scene: Scene) -> float:
-    """Return the bath's share of the mass of all disks, 1 - m/M, where their total momentum stays
-    zero; otherwise 1.
-
-    In such a box the bath recoils: in equilibrium <v^2> of the tracer is 2kT/m times this share,
-    its velocity decays at gamma divided by it, and its diffusion coefficient is kT/(m gamma) times
-    its square. docs/theory.md, section 3.
-    """
-    if not (scene.box.periodic and scene.velocities and scene.velocities.zero_momentum):
-        return 1.0
-    tracer, bath = followed(scene), bath_of(scene)
-    others = float((bath.number * (bath.mass / tracer.mass)).sum())
-    return others / (1.0 + others)
+    return Bath(number, radius, mass, motion.bath_temperature(scene))
 
 
 def diffusive_from(scene: Scene) -> float:
@@ -97,7 +68,7 @@ def diffusive_from(scene: Scene) -> float:
     if scene.listed or scene.particles < 2:
         return math.nan
     gamma = float(partners_of(scene).friction.sum())
-    return DECAY_TIMES * bath_share(scene) / gamma if gamma > SMALLEST_NORMAL else math.nan
+    return DECAY_TIMES * motion.bath_share(scene) / gamma if gamma > SMALLEST_NORMAL else math.nan
 
 
 def default_windows(scenes: Sequence[Scene]) -> tuple[tuple[float, float], ...]:
@@ -139,15 +110,6 @@ def window_caution(window: tuple[float, float], starts: Mapping[str, float]) -> 
     return f"the fit window {begins}{where}: D there is not yet that of diffusion"
 
 
-def moving_disks(scene: Scene) -> int:
-    """Return half of the degrees of freedom of the velocities: N, or N - 1 where the total momentum
-    is kept at zero.
-    """
-    return scene.particles - (
-        scene.box.periodic and scene.velocities is not None and scene.velocities.zero_momentum
-    )
-
-
 def rate_at_temperature(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
     """Return collision rates (n,) of runs with kinetic temperatures `kt` (n,), scaled to the mean
     at the scene's.
@@ -165,7 +127,7 @@ def mean_root(scene: Scene) -> float:
     """Return the mean of sqrt(kT_run/kT) over runs with velocities drawn at kT:
     `theory.mean_root_chi_square`.
     """
-    return theory.mean_root_chi_square(2 * moving_disks(scene))
+    return theory.mean_root_chi_square(2 * motion.moving_disks(scene))
 
 
 def drift_diffusion(scene: Scene) -> float:
@@ -174,29 +136,10 @@ def drift_diffusion(scene: Scene) -> float:
 
     NaN unless species are in a periodic box and their total momentum is not zero.
     """
-    velocities = scene.velocities
-    if (
-        not scene.box.periodic
-        or velocities is None
-        or velocities.zero_momentum
-        or not scene.particles
-    ):
+    is_drawn = scene.velocities is not None and scene.particles > 0
+    if not scene.box.periodic or not is_drawn or motion.starts_with_zero_momentum(scene):
         return math.nan
-    relative = scene.mass / scene.mass.max()
-    if velocities.temperature is not None:
-        square_speed = 2 * velocities.temperature / scene.mass.max() / relative.sum()
-    else:
-        square = relative**2
-        if (
-            scene.equilibrate.time > 0
-            and scene.equilibrate.tracer == "pinned"
-            and scene.particles > 1
-        ):
-            square[1:] = (
-                relative[1:] * relative[1:].mean()
-            )  # around a held tracer the bath keeps its energy alone
-        square_speed = 2 * velocities.standard_deviation**2 * square.sum() / relative.sum() ** 2
-    return float(square_speed * scene.duration / 2)
+    return motion.mean_square_speed_of_centre(scene) * scene.duration / 2
 
 
 def friction_rate(scene: Scene, friction: str, measured: float | None = None) -> float:
@@ -216,7 +159,7 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
     gamma = partners.friction.sum()
     if friction == "measured" and gamma > 0:
         gamma *= measured / partners.rate.sum()
-    if not (math.isfinite(gamma) and (gamma >= SMALLEST_NORMAL or not moves(scene))):
+    if not (math.isfinite(gamma) and (gamma >= SMALLEST_NORMAL or not motion.moves(scene))):
         raise RequestError(
             f"{scene.name}, N = {scene.particles}: --engine langevin needs a friction rate from "
             f"{SMALLEST_NORMAL:.3g} to 1.8e308, found {gamma:g}; choose another unit of time"

@@ -22,7 +22,7 @@ from brownpipe.engines.insertion import (
 from brownpipe.engines.placement import JAMMED, is_grown, lattice_sites, other_placements
 from brownpipe.engines.units import State, common_radius
 from brownpipe.errors import PlacementError
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 
 ROOT_SEED = 2020  # of all streams of random numbers; the year of Harrison's note
 BEFORE_GROWTH = 0.4  # packing fraction of the smaller disks that are inserted, and then grow
@@ -58,14 +58,15 @@ def draw_tracer(
 
     The velocity is that of `draw` for the same seed, where the tracer's is drawn first. With
     `zero_momentum` the other disks' velocities are drawn, too, to subtract that of the centre of
-    mass. If the scene gives no position of the tracer, it is drawn from `stream`, uniform over the
-    accessible box.
+    mass, with the speeds that they have after equilibration (`motion.speed_ratios`). If the scene
+    gives no position of the tracer, it is drawn from `stream`, uniform over the accessible box.
     """
     zero_momentum = scene.velocities.zero_momentum
     velocity = _velocities(
         scene, mass if zero_momentum else mass[:1], _stream(ROOT_SEED, scene, seed)
     )
     if zero_momentum and scene.equilibrate.time > 0:
+        velocity = velocity * motion.speed_ratios(scene)[:, None]
         velocity = without_total_momentum(velocity, mass)
     tracer = next(species for species in scene.species if species.count)
     if tracer.position is not None:

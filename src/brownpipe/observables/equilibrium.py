@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from brownpipe.observables.observable import Axis, RunArray
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 from brownpipe.scene.scene import SAME
 
 MOST_ORIGINS = 20_000  # which have 2e8 pairs
@@ -44,7 +44,7 @@ def why_not_stationary(scene: Scene) -> str | None:
     """
     if scene.velocities is None:
         return "its disks are listed one by one"
-    if scene.velocities.temperature is None:
+    if not motion.is_thermal(scene):
         return "velocities.temperature is not given"
     if scene.equilibrate.time == 0:
         return "equilibrate.time is 0"
@@ -61,14 +61,12 @@ def claims_equilibrium(scene: Scene) -> bool:
     it the claim needs a temperature and a periodic box. Between walls a total momentum set to zero
     at t = 0 is no equilibrium.
     """
-    velocities, periodic = scene.velocities, scene.box.periodic
-    if (
-        velocities is None
-        or scene.equilibrate.time == 0
-        or (velocities.zero_momentum and not periodic)
-    ):
+    periodic = scene.box.periodic
+    if scene.velocities is None or scene.equilibrate.time == 0:
         return False
-    return scene.equilibrate.tracer == "free" or (velocities.temperature is not None and periodic)
+    if motion.starts_with_zero_momentum(scene) and not periodic:
+        return False
+    return scene.equilibrate.tracer == "free" or (motion.is_thermal(scene) and periodic)
 
 
 def ends_of_quarters(times: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from brownpipe.observables.displacement import averaged, dot
 from brownpipe.observables.equilibrium import lags
 from brownpipe.observables.observable import Axis, Observable, RunArray, Track
 from brownpipe.observables.species import bath_disks, species_table
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
 # velocity component, either sign, in these units; the outermost bins include all values beyond
@@ -98,8 +98,9 @@ def _temperature(scene: Scene, velocity: np.ndarray) -> float:
     """Return kT [energy]: the scene's, or the mean kinetic energy per disk of the samples (T, N,
     2).
     """
-    if scene.velocities is not None and scene.velocities.temperature is not None:
-        return scene.velocities.temperature
+    drawn = motion.temperature(scene)
+    if drawn is not None:
+        return drawn
     return float(
         np.mean([(scene.mass / 2 * np.sum(sample**2, axis=-1)).mean() for sample in velocity])
     )

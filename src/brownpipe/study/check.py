@@ -9,7 +9,7 @@ from brownpipe.engines.friction import DECAY_TIMES, diffusive_from
 from brownpipe.engines.placement import is_grown
 from brownpipe.figures.cases import aligned
 from brownpipe.observables.equilibrium import claims_equilibrium
-from brownpipe.scene import Scene, parse_scene
+from brownpipe.scene import Scene, motion, parse_scene
 from brownpipe.scene.reading import read_yaml
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import describe_workload, run_sets
@@ -81,9 +81,9 @@ def _momentum(scene: Scene) -> str | None:
     """
     if not scene.box.periodic or scene.listed or scene.particles < 2:
         return None
-    if scene.velocities.zero_momentum:
+    if motion.starts_with_zero_momentum(scene):
         return (
-            f"zero in total: D is (1 - m/M)^2 = {friction.bath_share(scene) ** 2:.3g} times that "
+            f"zero in total: D is (1 - m/M)^2 = {motion.bath_share(scene) ** 2:.3g} times that "
             "without recoil"
         )
     growth = friction.drift_diffusion(scene)

@@ -18,15 +18,14 @@ from brownpipe.engines.forecast import Definition
 from brownpipe.engines.friction import (
     DENSEST,
     bath_of,
-    bath_share,
     followed,
     friction_rate,
-    moves,
     partners_of,
 )
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables import of_tracer
+from brownpipe.scene import motion
 from brownpipe.scene.reading import key
 from brownpipe.scene.scene import Scene
 
@@ -72,7 +71,7 @@ def refuse_unfit(
         _refuse(scene, f"is for a heavy tracer: {ratio}; must be at least {LIGHTEST:g}")
     energy = bath_of(scene).temperature
     if (
-        moves(scene)
+        motion.moves(scene)
         and not SMALLEST_NORMAL <= min(energy, energy / followed(scene).mass) <= energy < math.inf
     ):
         _refuse(
@@ -113,7 +112,7 @@ def _model(scenes: Sequence[Scene], settings: Settings) -> str:
     """Return the model in a few words, with the range of the scenes' friction rates."""
     friction = settings.friction
     known = scenes if friction != "measured" else []
-    rates = sorted(friction_rate(scene, friction) / bath_share(scene) for scene in known)
+    rates = sorted(friction_rate(scene, friction) / motion.bath_share(scene) for scene in known)
     gamma = (
         " to ".join(dict.fromkeys(f"{rate:.3g}" for rate in rates[:1] + rates[-1:]))
         or "as measured"

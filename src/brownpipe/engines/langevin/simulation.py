@@ -4,7 +4,7 @@
     1930)
 
 Where the total momentum stays zero, the bath recoils: friction acts on the velocity relative to the
-bath, v/f, with f of `friction.bath_share`. The rate is then gamma/f and <v^2> of equilibrium 2 f
+bath, v/f, with f of `motion.bath_share`. The rate is then gamma/f and <v^2> of equilibrium 2 f
 kT/m; the noise is the same.
 
 The step is exact for any length (D. T. Gillespie, Phys. Rev. E 54, 2084 (1996)), so one step leads
@@ -30,10 +30,8 @@ from brownpipe.engines.ensemble import Ensemble, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import (
     bath_of,
-    bath_share,
     followed,
     friction_rate,
-    moving_disks,
     rate_at_temperature,
 )
 from brownpipe.engines.initial_state import draw_tracer, noise
@@ -42,7 +40,7 @@ from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unf
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
 from brownpipe.observables.observable import Run, Track
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 
 FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) cancels and is summed as a power series
 MOST_BOXES = 2.0**30  # greatest distance of the free path from the box, in sides of the box
@@ -76,7 +74,7 @@ def simulate(
             f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308"
         )
     weights = step_weights(
-        steps, gamma, bath_share(scene) * bath_of(scene).temperature / followed(scene).mass
+        steps, gamma, motion.bath_share(scene) * bath_of(scene).temperature / followed(scene).mass
     )
     batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
@@ -105,7 +103,7 @@ def rate_of(scene: Scene, friction: str) -> float:
     gamma = friction_rate(
         scene, friction, None if rate_scene is None else _collision_rate(rate_scene)
     )
-    return gamma / bath_share(scene)
+    return gamma / motion.bath_share(scene)
 
 
 def _collision_rate(scene: Scene) -> float:
@@ -121,7 +119,7 @@ def _collision_rate(scene: Scene) -> float:
             "enskog"
         )
     reports = runs.observables
-    kt = reports["kinetic_energy"] / moving_disks(scene)  # of each run
+    kt = reports["kinetic_energy"] / motion.moving_disks(scene)  # of each run
     return float(
         rate_at_temperature(scene, reports["tracer_collisions"] / scene.duration, kt).mean()
     )

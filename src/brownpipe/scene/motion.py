@@ -1,0 +1,152 @@
+"""How the disks of a scene move at first: their velocities at t = 0, before any run is made.
+
+The components of drawn velocities are normal: of variance kT/m at a temperature kT, or of one
+standard deviation s for all disks, whatever their mass; listed disks have the velocities listed.
+Engines draw them (`engines.initial_state`); theory, forecasts and estimators that depend on them
+ask here. docs/theory.md, section 4.
+"""
+
+import math
+
+import numpy as np
+
+from brownpipe.scene.scene import Scene
+
+
+def temperature(scene: Scene) -> float | None:
+    """Return the kT [energy] at which all velocities are drawn; None if they are not."""
+    return None if scene.velocities is None else scene.velocities.temperature
+
+
+def is_thermal(scene: Scene) -> bool:
+    """Return whether the velocities of all disks are drawn at one temperature."""
+    return temperature(scene) is not None
+
+
+def moves(scene: Scene) -> bool:
+    """Return whether the velocities of a scene of species are not all zero."""
+    return bool(scene.velocities.temperature or scene.velocities.standard_deviation)
+
+
+# -- the total momentum ----------------------------------------------------------------------------
+
+
+def starts_with_zero_momentum(scene: Scene) -> bool:
+    """Return whether the velocity of the centre of mass is subtracted from all at t = 0."""
+    return scene.velocities is not None and bool(scene.velocities.zero_momentum)
+
+
+def keeps_momentum_zero(scene: Scene) -> bool:
+    """Return whether the total momentum is zero at all times: walls would change it."""
+    return scene.box.periodic and starts_with_zero_momentum(scene)
+
+
+def moving_disks(scene: Scene) -> int:
+    """Return half of the degrees of freedom of the velocities: N, or N - 1 where the total momentum
+    stays zero.
+    """
+    return scene.particles - keeps_momentum_zero(scene)
+
+
+def mean_square_speed_of_centre(scene: Scene) -> float:
+    """Return <V^2> [length^2/time^2] of the centre of mass at t = 0: sum of m^2 <v^2>, over M^2."""
+    if not scene.particles or starts_with_zero_momentum(scene):
+        return 0.0
+    share = _share_of_mass(scene)
+    return float(2 * (share**2 * _component_variance(scene)).sum())
+
+
+# -- tracer and bath -------------------------------------------------------------------------------
+
+
+def bath_temperature(scene: Scene) -> float:
+    """Return kT [energy] of the bath: the mean kinetic energy of all disks but the tracer."""
+    if is_thermal(scene):
+        return scene.velocities.temperature
+    number, mass = _bath(scene)
+    largest = mass.max(initial=0.0)
+    unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)  # many masses of 1e300 add up to infinity
+    mean_mass = float((number * (mass / unit)).sum() / number.sum()) * unit
+    deviation = scene.velocities.standard_deviation
+    return deviation * deviation * mean_mass
+
+
+def bath_share(scene: Scene) -> float:
+    """Return the bath's share of the mass of all disks, 1 - m/M, where their total momentum stays
+    zero; otherwise 1.
+
+    In such a box the bath recoils: in equilibrium <v^2> of the tracer is 2kT/m times this share,
+    its velocity decays at gamma divided by it, and its diffusion coefficient is kT/(m gamma) times
+    its square. docs/theory.md, section 3.
+    """
+    if not keeps_momentum_zero(scene):
+        return 1.0
+    number, mass = _bath(scene)
+    bath_mass = float((number * (mass / scene.mass[0])).sum())  # in units of the tracer's
+    return bath_mass / (1.0 + bath_mass)
+
+
+def mean_square_speed_of_tracer(scene: Scene) -> float:
+    """Return <v0^2> [length^2/time^2] of the tracer at t = 0: the coefficient of ballistic flight.
+
+    From its velocity of component variance w_0 that of the centre of mass is subtracted if the
+    total momentum is to be zero: with shares f_i = m_i/M of the mass, and no correlations between
+    disks,
+
+        <v0^2> = 2 (w_0 (1 - 2 f_0) + sum_i f_i^2 w_i).
+
+    A listed disk has its squared speed. NaN if it is not known: without disks, and where a tracer
+    of another temperature than its bath exchanges energy with it before t = 0.
+    """
+    if not scene.particles:
+        return math.nan
+    if scene.listed:
+        return float(np.square(scene.listed[0].velocity).sum())
+    before = scene.equilibrate
+    if before.time > 0 and before.tracer == "free" and not is_thermal(scene):
+        return math.nan
+    variance = _component_variance(scene)
+    if not starts_with_zero_momentum(scene):
+        return float(2 * variance[0])
+    share = _share_of_mass(scene)
+    return float(2 * (variance[0] * (1 - 2 * share[0]) + (share**2 * variance).sum()))
+
+
+def speed_ratios(scene: Scene) -> np.ndarray:
+    """Return the rms speed (N,) of each disk at t = 0 over that of its drawn velocity.
+
+    Disks that start with one standard deviation, and equilibrate around a pinned tracer, share the
+    energy of the bath equally by then: with the mean mass m_b of the bath it is sqrt(m_b/m_i).
+    Otherwise 1, also around a free tracer: how far such disks have come is not known, but they keep
+    the mean square of their total momentum.
+    """
+    ratio = np.ones(scene.particles)
+    is_pinned = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "pinned"
+    if is_pinned and not is_thermal(scene):
+        bath_mass = scene.mass[1:] / scene.mass.max()  # no sum of masses overflows
+        ratio[1:] = np.sqrt(bath_mass.sum() / max(len(bath_mass), 1) / bath_mass)
+    return ratio
+
+
+def _component_variance(scene: Scene) -> np.ndarray:
+    """Return the variances (N,) [length^2/time^2] of velocity components of drawn disks at t = 0,
+    before the velocity of the centre of mass is subtracted.
+    """
+    if is_thermal(scene):
+        return scene.velocities.temperature / scene.mass
+    return (scene.velocities.standard_deviation * speed_ratios(scene)) ** 2
+
+
+def _share_of_mass(scene: Scene) -> np.ndarray:
+    """Return the share (N,) of each disk in the mass of all."""
+    relative = scene.mass / scene.mass.max()  # no sum of masses overflows
+    return relative / relative.sum()
+
+
+def _bath(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return numbers (K,) and masses (K,) of the disks of each species, the tracer left out."""
+    present = [species for species in scene.species if species.count]
+    number = np.array([species.count for species in present])
+    mass = np.array([species.mass for species in present])
+    number[:1] -= 1  # the tracer is the first disk of the first species
+    return number[number > 0], mass[number > 0]
