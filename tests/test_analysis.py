@@ -3,12 +3,17 @@
 Tolerances are in standard errors: 4.5 is a false alarm in 1 of 150,000 comparisons.
 """
 
+import itertools
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution
+from brownpipe.engines import DEFINITIONS, Engine, requested
 from brownpipe.engines.ensemble import Track
+from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import AnalysisError
 from brownpipe.observables.displacement import displacement as moved
 from brownpipe.observables.displacement import squared
@@ -248,6 +253,48 @@ def test_runs_of_another_source_or_average_are_not_averaged():
     for second, what in ((other._replace(source="another"), "source code"), (averaged, "average")):
         with pytest.raises(AnalysisError, match=rf"^runs\[1\]: has another {what} than runs\[0\]"):
             aggregate([first, second])
+
+
+class Settings(NamedTuple):
+    """Settings of a time-stepping engine with two further numbers, both with defaults."""
+
+    time_step: float
+    collisions: str = "at_contact"
+    skin: float = 1.0
+    margin: float = 1.0
+
+
+VALUES = itertools.product((0.01, 2.0), ("at_contact", "late"), (1.0, 2.0, 0.5), (1.0, 2.0, 0.5))
+ENGINES = [
+    Engine("timestep", tuple(zip(Settings._fields, values, strict=True))) for values in VALUES
+]
+
+
+def test_engines_that_differ_in_a_setting_are_never_one(monkeypatch):
+    """A value alone, such as 2.0, does not say of which setting it is."""
+    monkeypatch.setitem(DEFINITIONS, "timestep", TIMESTEP._replace(settings=Settings))
+    labels = [engine.label for engine in ENGINES]
+    assert len(set(labels)) == len(ENGINES) == 36
+    assert {"timestep-0.01", "timestep-2.0", "timestep-0.01-collisions=late-skin=2.0"} <= {*labels}
+    runs = make_runs(make_scene(), range(20))
+    parts = [
+        runs._replace(engine=engine)
+        for engine in ENGINES
+        if engine.label in ("timestep-0.01-skin=2.0", "timestep-0.01-margin=2.0")
+    ]
+    found = aggregate(parts)
+    assert found.engine.values.tolist() == ["timestep-0.01-margin=2.0", "timestep-0.01-skin=2.0"]
+    assert found.runs.values.ravel().tolist() == [20, 20]
+
+
+def test_runs_of_engines_with_other_settings_are_not_averaged_whatever_their_label(monkeypatch):
+    monkeypatch.setattr(Engine, "label", "timestep")
+    runs = make_runs(make_scene(), range(20))
+    parts = [
+        runs._replace(engine=requested("timestep", {"time_step": step})) for step in (0.01, 0.02)
+    ]
+    with pytest.raises(AnalysisError, match=r"^runs\[1\]: has another setting of the engine than"):
+        aggregate(parts)
 
 
 def test_windows_that_say_nothing(tmp_path):

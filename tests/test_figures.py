@@ -1065,7 +1065,7 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
         engine=requested("timestep", {"time_step": 0.01, "collisions": "late"})
     )
     text = summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
-    assert "plain, N = 20, timestep-0.01-late: missing: 4 of 20 seeds (5-8)" in text
+    assert "plain, N = 20, timestep-0.01-collisions=late: missing: 4 of 20 seeds (5-8)" in text
     assert "engine" in text.splitlines()[0]
     fewer = full._replace(ensemble=make_runs(make_scene(), range(12)).ensemble)
     dataset = aggregate([write(tmp_path, fewer), write(tmp_path, coarse)])

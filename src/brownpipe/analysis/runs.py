@@ -111,6 +111,7 @@ def _kind(contents: Trajectories) -> list[tuple[str, object]]:
     scene, recorded = contents.scene, contents.record & {"tracer", "velocity"}
     common = [
         (f"scene {scene.name!r}", scene.digest),
+        ("setting of the engine", contents.engine.settings),
         ("--record", recorded),
         ("source code", contents.source),
     ]

@@ -39,13 +39,19 @@ class Engine(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name in folders, datasets and figures, like timestep-0.001-late, without settings at
-        their default.
+        """The name in folders, datasets and figures, like timestep-0.001-collisions=late: the
+        settings that must be given, in their order, then those not at their default by name.
+
+        Engines with different settings have different labels.
         """
         defaults = self.definition.settings._field_defaults
-        return "-".join(
-            [self.name, *(str(value) for key, value in self.settings if defaults.get(key) != value)]
-        )
+        required = [str(value) for key, value in self.settings if key not in defaults]
+        chosen = [
+            f"{key}={value}"
+            for key, value in self.settings
+            if key in defaults and value != defaults[key]
+        ]
+        return "-".join([self.name, *required, *chosen])
 
     @property
     def options(self) -> str:

@@ -2,7 +2,7 @@
 the same as text.
 
 An engine with its settings is named by its label, as in studies and result folders
-(`timestep-0.001-late`).
+(`timestep-0.001-collisions=late`).
 """
 
 from __future__ import annotations
