@@ -2,6 +2,7 @@
 nobody else.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -204,15 +205,56 @@ def test_the_level_is_nominal_for_stationary_numbers(draw):
 def test_the_power_stated_is_that_of_the_test():
     """A drift of the size that is said to be found with 90 %; 1,000 families, false alarm: 1e-4."""
     rng = np.random.default_rng(2)
-    size = drift.found_with_power(np.array([np.sqrt(2 / 40)]), 40, 3) * np.array(
-        [-0.5, 0.0, 0.0, 0.5]
-    )
+    (size,) = drift.found_with_power(np.array([np.sqrt(2 / 40)]), 40, 3)
+    shape = size * np.array([-0.5, 0.0, 0.0, 0.5])
     found = 0
     for _ in range(1000):
         quarters = rng.normal(size=(3, 40, 4)) + 1.0
-        quarters[0] += size
+        quarters[0] += shape
         found += holm(drift.drift_of(dict(zip("abc", quarters, strict=True))).p)[0] < drift.LEVEL
     assert found / 1000 == pytest.approx(0.9, abs=3.9 * np.sqrt(0.09 / 1000))
+
+
+HOT_TRACER = {
+    "box": {"x": [0, 12], "y": [0, 12], "boundary": "reflecting"},
+    "disks": {
+        "tracer": {"radius": 0.4, "mass": 50.0},
+        "species": [{"name": "bath", "count": 80, "radius": 0.4, "mass": 1.0}],
+    },
+    "velocities": {"standard_deviation": 1.0},
+    "equilibrate": {"time": 0.3, "tracer": "free"},
+    "duration": 3.0,
+    "sample_interval": 0.1,
+}
+
+
+def test_the_power_stated_covers_the_tracer_whose_energy_is_tested_worst():
+    """Its mean kinetic energy is some 25 times that of the bath; it is one disk, over 12 runs: a
+    drift must exceed its mean, though 6 % of the pressure would be seen.
+    """
+    text = " ".join(summary(aggregate([runs_of(HOT_TRACER, range(12))])).split())
+    found = re.search(
+        r"90% of drifts by ([\d.]+) % of the pressure are found, "
+        r"and, at worst, by ([\d.]+) % of the kinetic energy of tracer; changes that take",
+        text,
+    )
+    assert found, text
+    of_pressure, of_tracer = map(float, found.groups())
+    assert of_pressure < 20 and of_tracer > 40
+
+
+def test_the_summary_says_that_the_structure_of_large_disks_is_not_tested():
+    def says_so(observables, **keys):
+        found = runs_of(MIXTURE | keys, range(8), observables=observables)
+        return "Not tested is g(r) of large disks among small ones" in summary(aggregate([found]))
+
+    assert says_so(("pair_distribution",))
+    assert not says_so(())
+    lone = MIXTURE["disks"] | {
+        "tracer": {"radius": 0.6, "mass": 5.0},
+        "species": MIXTURE["disks"]["species"][1:],
+    }
+    assert not says_so(("pair_distribution",), disks=lone)
 
 
 def test_the_family_is_all_cases_of_a_dataset():

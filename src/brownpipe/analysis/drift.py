@@ -101,16 +101,14 @@ def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
     return Drift([*quarters], change / size, error / size, 2 * stdtr(runs - 1, -np.abs(t)))
 
 
-def found_with_power(error: np.ndarray, runs: int, tests: int) -> float:
-    """Return the pressure's drift that is found with probability POWER, at the first step of Holm's
-    procedure.
-
-    `error` (Q,) are the standard errors of the drifts over that number of `runs`, the pressure's
-    first.
+def found_with_power(error: np.ndarray, runs: int, tests: int) -> np.ndarray:
+    """Return the drifts (Q,) that are found with probability POWER, at the first step of Holm's
+    procedure, from their standard errors (Q,) over that number of `runs`.
     """
     from scipy.special import stdtrit
 
-    return float(error[0] * (stdtrit(runs - 1, 1 - LEVEL / (2 * tests)) + stdtrit(runs - 1, POWER)))
+    rejected = stdtrit(runs - 1, 1 - LEVEL / (2 * tests))
+    return error * (rejected + stdtrit(runs - 1, POWER))
 
 
 def time_to_try(scene: Scene) -> float:
