@@ -28,10 +28,11 @@ def test_scene():
     assert lines[0].endswith("harrison2020.yaml: a valid scene")
     assert said["box"] == "box         6 x 6, reflecting"
     disks = (
-        "150: 1 tracer (radius 0.3, mass 1), 149 bath (radius 0.1, mass 0.4); packing fraction "
-        "0.1379"
+        "150: 1 tracer (radius 0.3, mass 1, starts at (0, 0)), 149 bath (radius 0.1, mass 0.4); "
+        "packing fraction 0.1379"
     )
     assert disks in said["disks"]
+    assert said["velocities"].endswith("normal, standard deviation 2 of each component")
     assert "t = 0 to 1, 101 samples" in said["run"]
     assert "563 between disks, 111 with walls per run" in said["collisions"]
     assert said["cost"].endswith(" of memory") and "of the exact engine" in said["cost"]

@@ -131,7 +131,12 @@ def check(text):
 def test_the_page_is_well_formed_and_loads_nothing(written):
     assert "N = 10, 20; 72 runs" in written  # 18 of 20 in each of four cases
     elements = check(written)
-    assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
+    assert [text for _, text in elements.named("h2")] == [
+        "Answer: MSD(t = 1), D, eq. (18)",
+        "Figures",
+        "Make it again",
+    ]
+    assert '<p class="setup">Varied: number of disks = 10, 20; described is' in written
     assert (
         elements.named("h1")[0][1] == "Two baths"
         and '<p class="note">Second &lt;part&gt;.</p>' in written
@@ -259,7 +264,11 @@ def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     )
     assert main(["figures", "t.nc", "--output", "figures", "--page", "figures/report.html"]) == DONE
     elements = check((tmp_path / "figures/report.html").read_text(encoding="utf-8"))
-    assert [text for _, text in elements.named("h2")] == ["Answer", "Figures", "Make it again"]
+    assert [text for _, text in elements.named("h2")] == [
+        "Answer: error and CPU time of every engine",
+        "Figures",
+        "Make it again",
+    ]
     assert (
         len({text for _, text in elements.named("table")[:2]}) == 2
     )  # each scene has its own numbers

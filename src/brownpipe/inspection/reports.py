@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,7 @@ from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
 from brownpipe.observables.displacement import displacement
 from brownpipe.provenance import made_with
+from brownpipe.report.description import setup_in_words
 from brownpipe.scene.reading import yaml_text
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage.datasets import read_contents, read_dataset
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 DIGITS = 12  # shown of a digest
+LINE, INDENT = 100, 13  # characters of a line, and of its heading
 PRODUCTS = (
     ".png",
     ".svg",
@@ -217,8 +220,13 @@ def lines_on_results(dataset: Dataset) -> list[str]:
         f"worst {name.removeprefix('worst_').replace('_', ' ')} {size:.2g}"
         for name, size in worst.items()
     )
+    simulated = "\n".join(
+        textwrap.fill(paragraph, LINE, subsequent_indent=" " * INDENT, initial_indent=" " * INDENT)
+        for paragraph in setup_in_words(dataset)
+    )
     return [
         f"title        {dataset.attrs.get('title', '-')}",
+        *f"simulated    {simulated.lstrip()}".splitlines(),
         f"dimensions   {', '.join(f'{name} {size}' for name, size in dataset.sizes.items())}",
         f"variables    {len(dataset.data_vars)}; --variables lists them with units and meaning",
         *([f"health       {'; '.join(words)}"] if worst else []),

@@ -17,8 +17,9 @@ from xarray import Dataset
 from brownpipe.figures import tradeoff
 from brownpipe.figures.origin import Record
 from brownpipe.figures.render import Drawing
-from brownpipe.figures.summary import answer
+from brownpipe.figures.summary import Answer, answer
 from brownpipe.provenance import PACKAGE
+from brownpipe.report.description import setup_in_words
 from brownpipe.text import counted, printable
 
 
@@ -53,6 +54,8 @@ def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record)
     return filled(
         "page.html",
         title=record.get("title", "Brownian motion of hard disks"),
+        asked=asked_in_words(found),
+        setup=setup_in_words(dataset),
         lead=f"{scenes}; N = {counts}; {counted(int(dataset.runs.sum()), 'run')}",
         answers={"": [*zip(*found.columns, strict=True)]},
         warnings=[*found.drifting, *found.missing],
@@ -68,6 +71,8 @@ def page_of_tradeoff(dataset: Dataset, drawings: Sequence[Drawing], record: Reco
     return filled(
         "page.html",
         title=title,
+        asked="error and CPU time of every engine",
+        setup=setup_in_words(dataset),
         lead=", ".join(scenes),
         answers={
             scene: [*zip(*tradeoff.columns_of(dataset, scene), strict=True)] for scene in scenes
@@ -76,6 +81,13 @@ def page_of_tradeoff(dataset: Dataset, drawings: Sequence[Drawing], record: Reco
         figures=[(one, scene, paragraphs) for one, scene in zip(drawings, scenes, strict=True)],
         record=record,
     )
+
+
+def asked_in_words(found: Answer) -> str:
+    """Return the quantities of an answer, each once: `MSD(t = 1), D, eq. (18)`."""
+    headings = [column[0] for column in found.columns[found.labels + 1 :]]  # after the runs
+    names = [heading.partition(", ")[0] for heading in headings]
+    return ", ".join(dict.fromkeys(names))
 
 
 def caption_of(name: str) -> tuple[str, list[str]]:

@@ -127,6 +127,7 @@ def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: s
     ]  # defaults
     return {
         "command": f"brownpipe simulate {runs.scene.name}.yaml {' '.join(words)}",
+        "name": runs.scene.name,
         "scene_digest": runs.scene.digest,
         "scene": json.loads(runs.scene.text),
         "source_digest": runs.source,

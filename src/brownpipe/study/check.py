@@ -6,9 +6,13 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 
 from brownpipe.engines import forecast, friction
 from brownpipe.engines.friction import DECAY_TIMES, diffusive_from
-from brownpipe.engines.placement import is_grown
 from brownpipe.figures.cases import aligned
-from brownpipe.observables.equilibrium import claims_equilibrium
+from brownpipe.report.description import (
+    disks_in_words,
+    start_in_words,
+    times_in_words,
+    velocities_in_words,
+)
 from brownpipe.scene import Scene, motion, parse_scene
 from brownpipe.scene.reading import read_yaml
 from brownpipe.study import Study, read_study
@@ -33,19 +37,15 @@ def _scene(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
     cost, start = forecast.of_run(scene), diffusive_from(scene)
     theory = "Enskog" if scene.packing_fraction <= friction.DENSEST else "free volume of a crystal"
-    species = [
-        f"{s.count} {s.name} (radius {s.radius:g}, mass {s.mass:g})"
-        for s in scene.species
-        if s.count
-    ]
     said = {
         "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
-        "disks": f"{scene.particles}: {', '.join(species) or 'listed'}; packing fraction "
+        "disks": f"{scene.particles}: {disks_in_words(scene)}; packing fraction "
         f"{scene.packing_fraction:.4g}",
-        "start": _start(scene),
+        "start": start_in_words(scene),
         "settle": forecast.settling_in_words(scene),
         "momentum": _momentum(scene),
-        "run": f"from t = 0 to {scene.duration:g}, {len(scene.times)} samples",
+        "velocities": velocities_in_words(scene),
+        "run": times_in_words(scene),
         "diffusion": f"from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"
         if start > 0
         else None,
@@ -58,21 +58,6 @@ def _scene(scene: Scene) -> list[str]:
     window = friction.window_caution(friction.default_windows([scene])[0], {scene.name: start})
     cautions = [forecast.caution(scene), forecast.settling_caution(scene), window]
     return [*(f"{name:12}{text}" for name, text in said.items() if text), *_cautions(cautions)]
-
-
-def _start(scene: Scene) -> str:
-    """Return how disks are placed and equilibrated."""
-    if scene.velocities is None:
-        return "as listed"
-    placed = "on a lattice" if scene.placement == "lattice" else "placed at random"
-    placed += " as smaller disks that grow" if is_grown(scene) else ""
-    if not scene.equilibrate.time:
-        return placed
-    unsettled = "" if claims_equilibrium(scene) else ", which is not equilibrium"
-    return (
-        f"{placed}; equilibrated for {scene.equilibrate.time:g}, tracer "
-        f"{scene.equilibrate.tracer}{unsettled}"
-    )
 
 
 def _momentum(scene: Scene) -> str | None:

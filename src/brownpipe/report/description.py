@@ -1,0 +1,167 @@
+"""What is simulated, in plain words: box, disks, start, times, seeds and engines."""
+
+import json
+from collections.abc import Sequence
+
+from xarray import Dataset
+
+from brownpipe.analysis.variables import VARIED
+from brownpipe.engines.placement import is_grown
+from brownpipe.observables.equilibrium import claims_equilibrium
+from brownpipe.scene import Scene, parse_scene
+from brownpipe.scene.seeds import brief_seed_text
+from brownpipe.scene.variation import is_number
+from brownpipe.text import counted
+
+SUBJECTS = ("disks", "start", "velocities", "run")  # in this order
+MOST_VALUES = 8  # of a varied key that are listed one by one
+
+
+def disks_in_words(scene: Scene) -> str:
+    """Return the species of a scene with their numbers, radii and masses, and the place of the
+    tracer.
+
+    >>> import brownpipe as bp
+    >>> disk = {"position": [1, 1], "velocity": [1, 0], "radius": 0.5, "mass": 1}
+    >>> disks_in_words(bp.Scene(box={"x": [0, 4], "y": [0, 4]}, disks=[disk], duration=9))
+    'listed'
+    """
+    words = []
+    for species in scene.species:
+        place = species.position
+        start = f", starts at ({place[0]:g}, {place[1]:g})" if place is not None else ""
+        size = f"radius {species.radius:g}, mass {species.mass:g}{start}"
+        if species.count:
+            words.append(f"{species.count} {species.name} ({size})")
+    return ", ".join(words) or "listed"
+
+
+def start_in_words(scene: Scene) -> str:
+    """Return how disks are placed and equilibrated, and whether that leaves out equilibrium."""
+    if scene.velocities is None:
+        return "as listed"
+    placed = "on a lattice" if scene.placement == "lattice" else "placed at random"
+    placed += " as smaller disks that grow" if is_grown(scene) else ""
+    if not scene.equilibrate.time:
+        return placed
+    has_tracer = any(species.name == "tracer" for species in scene.species)
+    tracer = f" with the tracer {scene.equilibrate.tracer}" if has_tracer else ""
+    unsettled = "" if claims_equilibrium(scene) else ", which is not equilibrium"
+    return f"{placed}, then equilibrated for {scene.equilibrate.time:g}{tracer}{unsettled}"
+
+
+def velocities_in_words(scene: Scene) -> str:
+    """Return the distribution of the initial velocities, and whether the total momentum is zero."""
+    velocities = scene.velocities
+    if velocities is None:
+        return "as listed"
+    if velocities.temperature is not None:
+        width = f"temperature kT = {velocities.temperature:g}"
+    else:
+        width = f"standard deviation {velocities.standard_deviation:g} of each component"
+    momentum = "; the total momentum is zero" if velocities.zero_momentum else ""
+    return f"normal, {width}{momentum}"
+
+
+def times_in_words(scene: Scene) -> str:
+    """Return the duration of a run and its samples."""
+    return f"from t = 0 to {scene.duration:g}, {len(scene.times):,} samples"
+
+
+def sentences(scene: Scene) -> dict[str, str]:
+    """Return a sentence for each of SUBJECTS."""
+    box = f"{scene.box.width:g} x {scene.box.height:g}"
+    place = f"a periodic box {box}" if scene.box.periodic else f"a box {box} with reflecting walls"
+    return {
+        "disks": f"{counted(scene.particles, 'disk')} in {place}, packing fraction "
+        f"{scene.packing_fraction:.4g}: {disks_in_words(scene)}.",
+        "start": f"Start: {start_in_words(scene)}.",
+        "velocities": f"Initial velocities: {velocities_in_words(scene)}.",
+        "run": f"A run: {times_in_words(scene)}.",
+    }
+
+
+def setup_in_words(dataset: Dataset) -> list[str]:
+    """Return paragraphs on what the runs of a dataset simulate.
+
+    What all scenes share is said once, then of each scene what it does not share. Of a scene with
+    several particle counts or values of varied keys the first is described, and what varies is
+    named before.
+    """
+    records = json.loads(dataset.attrs.get("made_from", "[]"))
+    first = dict[str, dict]()
+    for record in records:
+        first.setdefault(_file_of(record), record)
+    described = {
+        name: sentences(parse_scene(record["scene"], name, name=name))
+        for name, record in first.items()
+    }
+    if not described:
+        return []
+    shared = list[str]()
+    for subject in SUBJECTS:
+        of_scenes = {scene[subject]: None for scene in described.values()}
+        if len(of_scenes) == 1:
+            shared += of_scenes
+    beginning = []
+    if varied := _varied_in_words(dataset, records):
+        beginning.append(f"Varied: {varied}; described is the first of them.")
+    if len(described) > 1:
+        beginning.append("All scenes:")
+    paragraphs = [" ".join([*beginning, *shared, _runs_in_words(dataset, len(records))]).strip()]
+    for name, scene in described.items():
+        own = [sentence for sentence in scene.values() if sentence not in shared]
+        if own:
+            paragraphs.append(f"{name}: {' '.join(own)}")
+    return paragraphs
+
+
+def _file_of(record: dict) -> str:
+    """Return the name of the scene file of some runs, without the values of varied keys."""
+    return record["name"].partition(",")[0]
+
+
+def _varied_in_words(dataset: Dataset, records: Sequence[dict]) -> str:
+    """Return the varied keys and the number of disks with their values; "" if nothing varies."""
+    keys = dataset.attrs.get(VARIED, "").split()
+    together = len({dataset[key].dims for key in keys}) < len(keys)
+    words = []
+    for key in keys:
+        values = _values_in_words(dataset[key].values.tolist())
+        words.append(f"{dataset[key].attrs['long_name']} = {values}")
+    varied = (" together with " if together else "; ").join(words)
+    alike = [record for record in records if record["name"] == records[0]["name"]]
+    counts = {record["scene"]["particles"] for record in alike if "particles" in record["scene"]}
+    if len(counts) > 1:
+        numbers = f"number of disks = {_values_in_words(sorted(counts))}"
+        varied = f"{varied}; {numbers}" if varied else numbers
+    return varied
+
+
+def _values_in_words(values: Sequence[float | str]) -> str:
+    """Return values as a list or, if there are more than MOST_VALUES, the first, last and number.
+
+    >>> _values_in_words([0.1, 0.2])
+    '0.1, 0.2'
+    >>> _values_in_words([*range(20)])
+    '0, ..., 19 (20 values)'
+    """
+    words = [f"{value:g}" if is_number(value) else f"{value}" for value in values]
+    if len(words) > MOST_VALUES:
+        return f"{words[0]}, ..., {words[-1]} ({len(words)} values)"
+    return ", ".join(words)
+
+
+def _runs_in_words(dataset: Dataset, cases: int) -> str:
+    """Return a sentence with the numbers of runs, seeds and engines; "" for a trade-off, whose
+    table has them.
+    """
+    if not {"engine", "seed"} <= {*dataset.dims}:
+        return ""
+    numbers = sorted({*(dataset.runs + dataset.failed_runs).values.ravel().tolist()} - {0})
+    several = f"{numbers[0]:,} to {numbers[-1]:,} runs"
+    runs = several if len(numbers) > 1 else counted(numbers[0], "run")
+    engines = ", ".join(dataset.engine.values.tolist())
+    engine = f"the engine {engines}" if dataset.sizes["engine"] == 1 else f"the engines {engines}"
+    each = " of each case" if cases > 1 else ""
+    return f"{runs}{each} by {engine}; seeds {brief_seed_text(dataset.seed.values)}."
