@@ -247,13 +247,78 @@ def test_a_packing_keeps_its_neighbours(gap):
     assert abs(result.observables["energy_drift"][0]) <= 2e-13
 
 
+def row(number, side=1.0, moving=1, direction=(1.0, 0.0), mass=None):
+    """Disks in a row that fill a side of the box, of which the first ones move."""
+    radius = side / number / 2
+    along = radius + 2 * radius * np.arange(number) - side / 2
+    velocity = np.zeros((number, 2))
+    velocity[:moving] = direction
+    mass = np.ones(number) if mass is None else mass
+    position = np.stack([along, np.zeros(number)], axis=1)
+    return State(position, velocity, np.full(number, radius), mass)
+
+
+def upright(state):
+    return state._replace(position=state.position[:, ::-1], velocity=state.velocity[:, ::-1])
+
+
+def block(columns):
+    """Two rows of disks, one upon the other, that fill a box of width 1."""
+    below = row(columns, moving=columns, direction=(0.3, -0.8))
+    lift = np.array([0.0, below.radius[0]])
+    low = below._replace(position=below.position - lift)
+    high = below._replace(position=below.position + lift, velocity=-0.7 * below.velocity)
+    return State(*(np.concatenate(pair) for pair in zip(low, high, strict=True)))
+
+
+def crowded_row():
+    """A row from wall to wall, and 60 disks that are free above it."""
+    first = row(11)
+    free = state_of([(0.015 * k - 0.45, 1.0, math.cos(k), math.sin(k)) for k in range(60)], 0.005)
+    return State(*(np.concatenate(pair) for pair in zip(first, free, strict=True)))
+
+
+UNLIKE = np.random.default_rng(5).uniform(0.1, 8.0, 14)
+JAMMED = {
+    "crystal": crystal(6, 0.0, 1.0),
+    "row": explicit(box(1, 1, W), row(8), 1.0),
+    "row, oblique": explicit(box(1, 1, W), row(13, direction=(1.0, 0.01)), 1.0),
+    "column": explicit(box(1, 1, W), upright(row(12)), 1.0),
+    "all move": explicit(box(2, 1, W), row(27, 2.0, 27), 1.0),
+    "unlike masses": explicit(box(1, 2, W), row(14, mass=UNLIKE), 1.0),
+    "ring": explicit(box(3, 3, P), row(17, 3.0, 5), 1.0),
+    "block": explicit(box(1, 2 / 6, W), block(6), 1.0),
+    "slit": explicit(box(0.3, 4, W, (0.25, 0)), state_of([(0.25, 0, 1, 0.7)], 0.15), 1.0),
+    "free disks beside": explicit(box(1, 3, W), crowded_row(), 1.0),
+}
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("record", [set(), {"events"}], ids=str)
-def test_disks_that_touch_all_round_end_with_an_error(record):
-    """Others run for ever at time 0: then an alarm ends the process."""
-    signal.alarm(30)
-    stopped = simulate(crystal(6, 0.0, 1.0), [7], record).stopped
+@pytest.mark.parametrize("name", JAMMED)
+def test_disks_that_touch_all_round_end_with_an_error(name, record):
+    """At time 0 for ever, or by the last bits of their gaps for days: then an alarm ends the
+    process.
+    """
+    signal.alarm(60)
+    stopped = simulate(JAMMED[name], [7], record).stopped
     signal.alarm(0)
     assert stopped.keys() == {7} and "no progress at t = " in stopped[7]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [1e-12, 1e-13])
+def test_narrow_gaps_are_no_standstill(gap):
+    """Some 4,000,000 collisions, which are examined twice: of 100 disks all round, and of two
+    beside each other in a box of their width.
+    """
+    shots = crystal(10, gap, gap * 40_000)
+    pair = state_of([(-0.5 - gap / 3, 0, 1.1, 0), (0.5 + gap / 3, 0, -0.3, 0)], 0.5)
+    beside = explicit(box(2 + 2 * gap, 4, W), pair, gap * 4_000_000)
+    for scene in (shots, beside):
+        seen = simulate(scene, [0]).observables
+        assert not seen["failed"][0]
+        assert seen["pair_collisions"][0] + seen["wall_collisions"][0] > 3_000_000
 
 
 # -- masses, speeds, times -------------------------------------------------------------------------

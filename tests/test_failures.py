@@ -133,7 +133,7 @@ def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(mon
     scene = parse_scene(yaml.safe_load(CROWD) | {"particles": 30}, "crowd.yaml")
     whole = simulate(scene, SEEDS)
     monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 100)
-    monkeypatch.setattr(exact_run, "SHORTEST_PATH", 0.3)
+    monkeypatch.setattr(exact_run, "SHORTEST_PATH", 0.045 / 2**-51)
     batch = simulate(scene, SEEDS)
     assert 0 < len(batch.stopped) < len(SEEDS)
     assert all(reason.startswith("no progress at t = ") for reason in batch.stopped.values())
