@@ -133,9 +133,8 @@ def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied,
     monkeypatch.setattr(kernels, "PACKAGE", copied)
     with open(copied / "engines" / "units.py", "a") as file:
         file.write("# edited\n")
-    assert kernels._folder().parent == copied / "__pycache__" and not [
-        *kernels._folder().rglob("*.nb?")
-    ]
+    folder, _ = kernels._folder()
+    assert folder.parent == copied / "__pycache__" and not [*folder.rglob("*.nb?")]
 
 
 def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(
@@ -146,9 +145,44 @@ def test_where_the_package_cannot_be_written_to_the_users_cache_is_taken(
     monkeypatch.setattr(kernels, "PACKAGE", copied)
     monkeypatch.setattr(kernels.config, "CACHE_DIR", "")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "own"))
-    assert kernels._folder().parent == tmp_path / "own" / "brownpipe"
+    folder, _ = kernels._folder()
+    assert folder.parent == tmp_path / "own" / "brownpipe"
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
-    assert kernels._folder() is None
+    assert kernels._folder() == (None, "/dev/null/brownpipe: Not a directory")
+
+
+def test_a_folder_without_file_locks_is_named_with_the_cure(tmp_path, monkeypatch):
+    """As on some network file systems; the folder that the user has set is writable."""
+    own = tmp_path / "own"
+
+    def flock(*_):
+        raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
+
+    monkeypatch.setattr(kernels.fcntl, "flock", flock)
+    monkeypatch.setattr(kernels.config, "CACHE_DIR", str(own))
+    folder, problem = kernels._folder()
+    assert folder is None and problem == f"{own}: Operation not supported"
+    remarks = []
+    monkeypatch.setattr(kernels, "FOLDER", folder)
+    monkeypatch.setattr(kernels, "NO_FOLDER", problem)
+    monkeypatch.setattr(kernels, "_say_once", remarks.append)
+    kernels._Compiling().on_start(None)
+    assert remarks[1:] == [
+        f"machine code cannot be kept, every process compiles: {problem}; NUMBA_CACHE_DIR must be "
+        "a folder of yours with file locks"
+    ]
+
+
+def test_a_user_without_a_home_needs_no_cache(copied, monkeypatch):
+    def no_home():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(kernels, "PACKAGE", copied)
+    monkeypatch.setattr(kernels.config, "CACHE_DIR", "")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(kernels.Path, "home", no_home)
+    folder, _ = kernels._folder()
+    assert folder.parent == copied / "__pycache__"
 
 
 @pytest.fixture

@@ -101,9 +101,9 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def _folder() -> Path | None:
-    """Return the folder of machine code: the first place that can be written to; None if there is
-    none.
+def _folder() -> tuple[Path | None, str]:
+    """Return the folder of machine code, the first place that can be written to and has file locks;
+    None if there is none, and why.
 
     It is named after a digest of all that kernels are made from. Numba itself compares the source
     of the file with the entry point alone, and would execute outdated code after an edit of another
@@ -112,22 +112,27 @@ def _folder() -> Path | None:
     sources = sorted(PACKAGE.glob("engines/**/*.py"))
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()
     name = f"kernels-{digest[:16]}"
-    of_user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser(), "brownpipe")
-    for place in (
-        [Path(config.CACHE_DIR)] if config.CACHE_DIR else [PACKAGE / "__pycache__", of_user]
-    ):
-        with suppress(OSError):
+    places = [Path(config.CACHE_DIR)] if config.CACHE_DIR else [PACKAGE / "__pycache__"]
+    with suppress(RuntimeError):  # the user has no home
+        if not config.CACHE_DIR:
+            of_user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+            places.append(Path(of_user, "brownpipe"))
+    problem = ""
+    for place in places:
+        try:
             folder = place.absolute() / name
             folder.mkdir(parents=True, exist_ok=True)
             os.utime(folder)  # the newest from now on
             with _locked(folder):
                 for old in sorted(place.glob("kernels-*"), key=os.path.getmtime)[:-NEWEST]:
                     shutil.rmtree(old, ignore_errors=True)
-            return folder
-    return None
+            return folder, ""
+        except OSError as error:
+            problem = f"{place}: {error.strerror}"
+    return None, problem
 
 
-FOLDER = _folder()
+FOLDER, NO_FOLDER = _folder()
 
 
 def compile_all(*calls: Callable[[], object]) -> None:
@@ -157,8 +162,8 @@ class _Compiling(event.Listener):
         _say_once("compiling the kernels for this kind of scene, once per machine: about 8 s")
         if FOLDER is None:
             _say_once(
-                "machine code cannot be kept: every process compiles; set NUMBA_CACHE_DIR to a "
-                "folder of yours"
+                f"machine code cannot be kept, every process compiles: {NO_FOLDER}; "
+                "NUMBA_CACHE_DIR must be a folder of yours with file locks"
             )
 
     def on_end(self, _: event.Event) -> None:
