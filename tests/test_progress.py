@@ -251,35 +251,35 @@ def test_chatter_is_left_out_and_no_warning_and_no_error(monkeypatch, message, m
     assert screen.getvalue() == f"{message}\n"
 
 
+RUNNING = "brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\n"
+EXIT = "CalledProcessError in file {}:\nCommand 'bash -c x' {}"
+NO_LETTER = "UnicodeEncodeError in file {}:\n'ascii' codec can't encode character '\\u03b7'"
+
+
 @pytest.mark.parametrize(
-    ("log", "reason"),
+    ("log", "exception", "reason"),
     [
-        (
-            "brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\nbrownpipe: no\n",
-            "brownpipe: no",
-        ),
-        ("", "brownpipe: killed, most likely out of memory, or the disk is full; "),
-        (
-            "brownpipe: compiling\nsimulate: 10 of 100 runs (10 %), 30 s\n",
-            "brownpipe: killed, most likely out of me",
-        ),
+        (RUNNING + "brownpipe: no\n", EXIT.format("a", "returned non-zero exit status 1."), "no"),
+        ("", EXIT.format("a", "returned non-zero exit status 137."), "killed, most likely out of "),
+        (RUNNING, EXIT.format("a", "died with <Signals.SIGKILL: 9>."), "killed, most likely"),
+        (RUNNING, "", "ended without a message; Snakemake's own are in its log"),
+        ("", NO_LETTER.format("b"), NO_LETTER.format("b")),
+        ("", EXIT.format("c", "returned non-zero exit status 2."), EXIT.format("c", "returned")),
     ],
 )
-def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path, log, reason):
+def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path, log, exception, reason):
+    """That it was killed only if it was; what Snakemake knows if the job itself left nothing."""
     handler, screen = display(monkeypatch)
     (tmp_path / "log").write_text(log)
     begin(handler, 1, log=tmp_path / "log")
+    if exception:
+        send(handler, LogEvent.ERROR, f"RuleException:\n{exception}", ERROR)
     fail(handler, 1, log=tmp_path / "log")
-    send(
-        handler,
-        LogEvent.ERROR,
-        'RuleException:\nCalledProcessError in file "Snakefile", line 3',
-        ERROR,
-    )
     handler.close()
-    command, explained = screen.getvalue().splitlines()
+    command, *explained = screen.getvalue().splitlines()
     assert command == "brownpipe: the rule simulate failed: brownpipe simulate x.yaml"
-    assert explained.startswith(f"    {reason}")
+    lines = "\n".join(line.strip() for line in explained)
+    assert lines.removeprefix("brownpipe: ").startswith(reason)
 
 
 def test_what_a_command_says_is_passed_on(capsys):

@@ -42,6 +42,9 @@ KILLED = (
     "brownpipe: killed, most likely out of memory, or the disk is full; try -j 1, a smaller "
     "`batch:` or more room"
 )
+# in Snakemake's message on a command that ended by signal 9, as bash or Python report it
+KILL = re.compile(r"exit status 137\b|SIGKILL")
+UNKNOWN = "brownpipe: ended without a message; Snakemake's own are in its log below .snakemake/log"
 MOST_FAILURES = 3  # that are explained at the end
 LONGEST_REASON = 8  # lines of a log, its last ones
 LOOK_INTERVAL = 0.5  # seconds between two looks at the logs of running jobs
@@ -67,6 +70,7 @@ class LogHandler(LogHandlerBase):
         self.failures: dict[
             int, str
         ] = {}  # an explanation of each failed job, by its number, shown at the end
+        self.exceptions: dict[int, str] = {}  # Snakemake's latest one, by its thread
         self.closed = threading.Event()
         threading.Thread(target=self.watch, daemon=True).start()
 
@@ -85,12 +89,16 @@ class LogHandler(LogHandlerBase):
             self.shares |= dict.fromkeys(self.running.pop(record.job_id).output, 1.0)
         elif event == LogEvent.JOB_ERROR:
             self.running.pop(record.jobid, None)
+            exception = self.exceptions.pop(record.thread, "")
             if record.log:  # otherwise it said on the screen what is wrong
-                self.failures[record.jobid] = explanation(record)
+                self.failures[record.jobid] = explanation(record, exception)
         elif record.levelno > logging.INFO or event is None:
             if hasattr(record, "seconds"):  # said by the Snakefile
                 self.runs, self.seconds = record.runs, record.seconds
-            self.tell(self.format(record))
+            text = self.format(record)
+            if text.startswith("RuleException"):  # told just before the job is said to have failed
+                self.exceptions[record.thread] = text
+            self.tell(text)
 
     def tell(self, text: str) -> None:
         """Show a message that concerns the user."""
@@ -159,11 +167,24 @@ def log_of(job: Any) -> str:
     return log.read_text(errors="replace") if log.is_file() else ""
 
 
-def explanation(job: Any) -> str:
-    """Return the command of a failed job and why it failed: what the queue and its log say."""
+def explanation(job: Any, exception: str) -> str:
+    """Return the command of a failed job and why it failed: what the queue and its log say, or else
+    Snakemake's exception.
+    """
     said = f"{getattr(job, 'rule_msg', None) or ''}\n{log_of(job)}".splitlines()
     reason = [line for line in said if line and not PASSING.match(line)][-LONGEST_REASON:]
     command = " ".join(str(job.shellcmd).split())
     return "\n    ".join(
-        [f"brownpipe: the rule {job.rule_name} failed: {command}", *(reason or [KILLED])]
+        [
+            f"brownpipe: the rule {job.rule_name} failed: {command}",
+            *(reason or reason_of(exception)),
+        ]
     )
+
+
+def reason_of(exception: str) -> list[str]:
+    """Return the lines that say why a job failed that left nothing in its log."""
+    _, *lines = exception.splitlines() or [""]
+    if KILL.search(exception):
+        return [KILLED]
+    return lines[:LONGEST_REASON] or [UNKNOWN]
