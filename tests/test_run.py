@@ -5,6 +5,7 @@ test_workflow.)
 import os
 import re
 import shlex
+import shutil
 import sys
 from pathlib import Path
 
@@ -95,6 +96,43 @@ def test_run_starts_the_workflow_of_this_installation_and_passes_other_options_o
     own, _, rest = environment["PATH"].partition(":")
     assert rest == "/nowhere" and os.access(f"{own}/brownpipe", os.X_OK)
     assert said("run", study) == (DONE, "", "") and started[1][0][-2:] == ["--cores", "all"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "works"),
+    [
+        *((name, False) for name in ("{7}", "runs {3rd}", "{ 12 }", "{b,(c}", "{²}/below")),
+        *(
+            (name, True)
+            for name in ("{}", "{rule}", "{x}{x}", "{x,y}", "a{b", "x{{y}}", "{input[0]}", "{é}")
+        ),
+    ],
+)
+def test_folders_with_braces(said, study, started, monkeypatch, folder, works):
+    """Snakemake takes some of them for wildcards, of whose names or patterns it makes no sense."""
+    scene = shutil.copytree(Path(study).parent, Path(folder) / "studies")
+    monkeypatch.chdir(folder)
+    status, _, err = said("run", str(scene.relative_to(folder) / "first.yaml"))
+    if works:
+        assert (status, err) == (DONE, "") and len(started) == 1
+        return
+    assert status == WRONG_REQUEST and err.count("\n") == 1 and not started
+    assert "Snakemake cannot run in a folder with such braces in its path" in err
+
+
+def test_caches_are_kept_here_where_homes_cannot_be_written_to(said, study, started, monkeypatch):
+    here = str(Path.cwd() / ".snakemake" / "cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(Path.cwd() / "mine"))
+    said("run", study)
+    assert started[-1][1]["XDG_CACHE_HOME"] == str(Path.cwd() / "mine")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/1/no")
+    said("run", study)
+    assert started[-1][1]["XDG_CACHE_HOME"] == here
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    for home in ("/dev/null", "/proc/nowhere/me"):
+        monkeypatch.setenv("HOME", home)
+        said("run", study)
+        assert started[-1][1]["XDG_CACHE_HOME"] == here
 
 
 def test_run_refuses_at_once(said, study, started, monkeypatch):

@@ -184,6 +184,30 @@ def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_ot
         assert np.concatenate(joined, axis=1).tobytes() == position.tobytes()
 
 
+def test_a_study_from_the_shell_of_a_notebook_without_a_home_in_a_locale_without_its_letters(
+    tmp_path,
+):
+    """A backend that is not installed here, a home that cannot be made, and file names in ASCII."""
+    (tmp_path / "hot.yaml").write_text(SCENE)
+    texts = "title: ζ in the Ærø box\nnote: '\"ζ\" is 0.2'\n"
+    study = "scenes: hot.yaml\nseeds: 3\nfigures: [msd]\n"
+    (tmp_path / "odd.yaml").write_text(study + texts, "utf-8")
+    apart = environment(
+        MPLBACKEND="module://no_such_package.backend_inline",
+        HOME="/dev/null/nobody",
+        LC_ALL="C",
+        PYTHONCOERCECLOCALE="0",
+        PYTHONUTF8="0",
+    )
+    apart.pop("XDG_CACHE_HOME", None)
+    run = [Path(sys.executable).parent / "brownpipe", "run", "odd.yaml", "-j1"]
+    done = subprocess.run(run, cwd=tmp_path, env=apart, capture_output=True, timeout=300)
+    assert done.returncode == DONE and b"Traceback" not in done.stderr, done.stderr.decode()
+    page = (tmp_path / "results/odd/report.html").read_text("utf-8")
+    assert "ζ in the Ærø box" in page and "ζ&#34; is 0.2" in page.replace("&quot;", "&#34;")
+    assert (tmp_path / ".snakemake/cache/snakemake").is_dir()
+
+
 # -- what is made again: by content, not by times or Snakemake's records ---------------------------
 
 

@@ -36,6 +36,7 @@ def main(argv: list[str] | None = None) -> int:
             return _status(argv)
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
         os.environ["OPENBLAS_NUM_THREADS"] = "1"  # no verb gains from more
+        os.environ["MPLBACKEND"] = "agg"  # that of a notebook's shell may not be installed here
         gc.set_threshold(GARBAGE)
         status = _status(sys.argv[1:])
     for number in processes.SIGNALS:  # ignored from now on: the work is done

@@ -2,9 +2,11 @@
 and for a shell.
 """
 
+import json
 import os
 import shlex
 from collections.abc import Iterable
+from contextlib import suppress
 
 
 def printable(text: object) -> str:
@@ -27,6 +29,19 @@ def shell_path(path: str | os.PathLike) -> str:
     """Return a path as one word of a command for bash, which no program takes for an option."""
     text = os.fspath(path)
     return shlex.quote(f"./{text}" if text.startswith("-") else text)
+
+
+def in_ascii(text: str) -> str:
+    """Return a text as it is or, if it has letters beyond ASCII, in JSON: "\\u03b7"."""
+    return text if text.isascii() else json.dumps(text)
+
+
+def from_ascii(text: str) -> str:
+    """Return the text of `in_ascii`; other texts as they are."""
+    with suppress(ValueError):
+        if text.startswith('"'):
+            return str(json.loads(text))
+    return text
 
 
 def in_time(seconds: float) -> str:

@@ -31,7 +31,7 @@ from brownpipe.storage.store import (
     without,
 )
 from brownpipe.study.study import REFERENCE, Study
-from brownpipe.text import counted, in_bytes, in_time, shell_path
+from brownpipe.text import counted, in_ascii, in_bytes, in_time, shell_path
 
 SECONDS = 30.0  # CPU time of a job of `batch: auto`: starting one takes 2 % of it
 OFTEN = 20.0  # plus this many times the CPU time of what a job computes only once
@@ -158,15 +158,17 @@ def listed_runs(study: Study) -> list[str]:
 
 
 def figure_options(study: Study) -> list[str]:
-    """Return the options of `brownpipe figures` for a study."""
+    """Return the options of `brownpipe figures` for a study, in ASCII: a locale may lack a letter
+    of title or note.
+    """
     options = {
         "--figures": ",".join(study.figures if "figures" in study.model_fields_set else ()),
         "--particles": study.shown_particles,
         "--panel": ",".join(
             short_name(name) if name in study.vary else name for name in study.panel
         ),
-        "--title": study.title,
-        "--note": study.note,
+        "--title": study.title and in_ascii(study.title),
+        "--note": study.note and in_ascii(study.note),
     }
     return [f"{option}={value}" for option, value in options.items() if value]
 

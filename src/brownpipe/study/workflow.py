@@ -7,6 +7,7 @@ its top.
 import fcntl
 import json
 import os
+import re
 import shlex
 import sys
 import sysconfig
@@ -26,6 +27,7 @@ from brownpipe.study.study import Study, read_study
 from brownpipe.text import counted, in_time, shell_path
 
 LOCKS = Path(".snakemake/locks")
+WILDCARD = re.compile(r"\{\s*(\w+)\s*(?:,([^{}]*))?\}")  # in a path, as Snakemake understands it
 _held: list[int] = []  # the open file that says that a Snakemake is alive in this folder
 
 
@@ -135,7 +137,8 @@ def run_study(
     the jobs run (`profile_folder`); None: on this machine. further: other arguments of Snakemake,
     such as targets.
     Raises RequestError for a file that is no YAML, a second study and a profile that cannot be
-    used, PermissionError if the folder cannot be written to. The Snakefile refuses all other
+    used, or in a folder whose name Snakemake takes for a wrong wildcard, PermissionError if the
+    folder cannot be written to. The Snakefile refuses all other
     mistakes.
     """
     read_yaml(study_file)
@@ -148,6 +151,14 @@ def run_study(
         raise PermissionError(
             f"{Path.cwd()}: cannot be written to; run the study from another folder"
         )
+    try:
+        for name, pattern in WILDCARD.findall(str(Path.cwd())):
+            re.compile(f"(?P<{name}>{pattern})")
+    except re.error:
+        raise RequestError(
+            f"{Path.cwd()}: Snakemake cannot run in a folder with such braces in its path; run the "
+            "study from another folder"
+        ) from None
     place = ["--cores", str(cores or "all")]
     if profile is not None:
         place = [
@@ -167,8 +178,25 @@ def run_study(
     os.execve(
         command[0],
         [*command, "--configfile", study_file, *place, *further],
-        os.environ | {"PATH": path},
+        os.environ | {"PATH": path} | cache_folder(profile is not None),
     )
+
+
+def cache_folder(is_shared: bool) -> dict[str, str]:
+    """Return the setting of the environment that has Snakemake and Matplotlib keep their caches in
+    the current folder, where the user's home cannot be written to; {} where it can.
+
+    is_shared: whether jobs run on other machines, whose homes are not known here.
+    """
+    here = {"XDG_CACHE_HOME": str(LOCKS.parent.absolute() / "cache")}
+    if is_shared:
+        return here
+    with suppress(OSError, RuntimeError):  # RuntimeError: the user has no home
+        usual = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "snakemake")
+        usual.mkdir(parents=True, exist_ok=True)
+        if os.access(usual, os.W_OK):
+            return {}
+    return here
 
 
 def profile_folder(profile: str) -> Path:

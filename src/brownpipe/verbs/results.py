@@ -17,7 +17,7 @@ from brownpipe.study import Study, read_study
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import digests, files_of, listed_runs
 from brownpipe.study.study import Window
-from brownpipe.text import counted, shell_path
+from brownpipe.text import counted, from_ascii, shell_path
 from brownpipe.verbs.options import add_config, add_particles, several, typed
 from brownpipe.verbs.output import FILES, NETCDF, PAGE, show, suffix, writable
 
@@ -107,8 +107,10 @@ def add_figures(add: Callable) -> None:
         metavar="NAMES",
         help="draw what differs in these labels in panels of its own",
     )
-    add("--title", metavar="TEXT", help="of the study, above the answer and the page")
-    add("--note", metavar="TEXT", help="what the study is about, at the top of the page")
+    above = "of the study, above the answer and the page"
+    add("--title", type=from_ascii, metavar="TEXT", help=above)
+    about = "what the study is about, at the top of the page"
+    add("--note", type=from_ascii, metavar="TEXT", help=about)
     add(
         "--planned",
         metavar="SHA256",
