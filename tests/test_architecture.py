@@ -21,6 +21,7 @@ LAYERS = [  # each may import those before it
 ]
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
 HELPERS = (
+    "errors.py",
     "provenance.py",
     "progress.py",
     "processes.py",

@@ -19,6 +19,7 @@ from brownpipe import analysis, progress
 from brownpipe.engines import requested
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
+from brownpipe.errors import RequestError, RunError
 from brownpipe.processes import calculated
 from brownpipe.storage.trajectories import write_trajectories
 from snakemake_logger_plugin_brownpipe import LogHandler
@@ -49,13 +50,30 @@ def test_what_is_reported_within_a_piece_is_a_fraction_of_it(reported):
     ]
 
 
-def test_what_a_killed_process_leaves_is_done_here():
-    def tenfold(item):
-        if item == 3 and multiprocessing.parent_process():
+def test_a_killed_process_is_said_and_its_work_not_done_again():
+    def halved(item):
+        assert multiprocessing.parent_process(), "the parent is the next to be killed"
+        if item == 5:
             os.kill(os.getpid(), signal.SIGKILL)
-        return 10 * item
+        return item / 2
 
-    assert calculated(tenfold, range(6), "pieces", 2) == [0, 10, 20, 30, 40, 50]
+    with pytest.raises(RunError, match="one of 3 processes was killed, most likely out of memory"):
+        calculated(halved, range(9), "pieces", 3)
+
+
+@pytest.mark.parametrize(
+    "error", [RequestError("disks: no"), MemoryError(), ZeroDivisionError("by 0")], ids=repr
+)
+def test_an_error_of_a_process_is_raised_and_its_work_not_done_again(error):
+    def fail(item):
+        assert multiprocessing.parent_process()
+        if item >= 2:
+            raise error
+        return item
+
+    with pytest.raises(type(error)) as raised:
+        calculated(fail, range(7), "pieces", 2)
+    assert str(raised.value) == str(error)
 
 
 @pytest.mark.parametrize("engine", [EXACT, STEPS], ids=lambda engine: engine.name)

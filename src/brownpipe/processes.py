@@ -12,12 +12,15 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import Any, NoReturn, TypeVar
 
 from brownpipe import progress
+from brownpipe.errors import RunError
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SEND_AGAIN = 0.01  # s after a signal that was ignored
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 _inherited: list[tuple[Callable, Sequence]] = []  # in a forked process: the work and its items
@@ -30,6 +33,22 @@ class Terminated(SystemExit):
 def terminate(*_: object) -> NoReturn:
     """Raise Terminated, as Ctrl-C raises KeyboardInterrupt."""
     raise Terminated(128 + signal.SIGTERM)
+
+
+def send_again(ignored: Any) -> None:
+    """In place of `sys.unraisablehook`: send a signal once more that arrived while an object was
+    destroyed.
+
+    Python ignores any exception there, and would go on after the words "Exception ignored in".
+    """
+    numbers = {KeyboardInterrupt: signal.SIGINT, Terminated: signal.SIGTERM}
+    number = numbers.get(ignored.exc_type)
+    if number is None:
+        sys.__unraisablehook__(ignored)
+        return
+    later = threading.Timer(SEND_AGAIN, os.kill, (os.getpid(), number))
+    later.daemon = True
+    later.start()
 
 
 @contextmanager
@@ -72,27 +91,29 @@ def calculated(
     progress messages.
 
     Where processes cannot be forked (on macOS its own libraries may fail then), one core does the
-    work.
+    work. Raises the first error of the work, in the order of the items, and RunError if one of the
+    processes was killed.
     """
-    if min(cores, len(items)) < 2 or sys.platform != "linux":
+    cores = min(cores, len(items))
+    if cores < 2 or sys.platform != "linux":
         return [work(item) for item in progress.tracked(items, unit)]
-    fork, results = multiprocessing.get_context("fork"), list[Result]()
-    pool, others = (
-        ProcessPoolExecutor(min(cores, len(items)), fork, _begin, (work, items)),
-        {*fork.active_children()},
-    )
+    fork = multiprocessing.get_context("fork")
+    others = {*fork.active_children()}
+    pool = ProcessPoolExecutor(cores, fork, _begin, (work, items))
+    results = list[Result]()
     try:
-        with suppress(
-            Exception
-        ):  # an error of the work, which is raised again below; or a process was killed
-            for result in pool.map(_do, range(len(items))):
-                results.append(result)
-                progress.report(unit, len(results), len(items))
+        for result in pool.map(_do, range(len(items))):
+            results.append(result)
+            progress.report(unit, len(results), len(items))
+    except BrokenProcessPool:
+        raise RunError(
+            f"one of {cores} processes was killed, most likely out of memory; try fewer cores"
+        ) from None
     finally:
         for process in {*multiprocessing.active_children()} - others:
             process.kill()
         pool.shutdown(cancel_futures=True)
-    return results + [work(item) for item in items[len(results) :]]
+    return results
 
 
 def _begin(work: Callable, items: Sequence) -> None:
