@@ -50,6 +50,38 @@ def test_ctrl_c_waits_for_the_compiler_in_the_main_thread():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+IN_A_DESTRUCTOR = """
+import signal, sys, time
+from brownpipe import cli
+from brownpipe.verbs import files
+
+class Late:
+    def __del__(self):
+        signal.raise_signal({number})
+
+def main(arguments):
+    late = Late()
+    del late
+    time.sleep({seconds})
+
+files.verify = main
+sys.argv = ["brownpipe", "verify", "anything"]
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize(("number", "status", "word"), ENDS)
+@pytest.mark.parametrize("seconds", [0, 20])
+def test_a_signal_while_an_object_is_destroyed_is_not_lost(number, status, word, seconds):
+    """There Python ignores any exception; at the end of the work that is right, without a word."""
+    code = IN_A_DESTRUCTOR.format(number=int(number), seconds=seconds)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    if seconds:
+        assert (done.returncode, done.stderr) == (status, f"brownpipe: {word}\n")
+    else:
+        assert (done.returncode, done.stderr) == (DONE, "")
+
+
 BATH = {"name": "bath", "count": 999, "radius": 0.5, "mass": 1.0}
 CROWD = {
     "box": {"x": [0.0, 55.0], "y": [0.0, 55.0], "boundary": "periodic"},

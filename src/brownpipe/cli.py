@@ -31,14 +31,16 @@ def main(argv: list[str] | None = None) -> int:
     """Run one verb; return the exit status. Without `argv` the process serves this command
     alone.
     """
-    with processes.handled({signal.SIGTERM: processes.terminate}):
-        if argv is not None:
+    if argv is not None:
+        with processes.handled({signal.SIGTERM: processes.terminate}):
             return _status(argv)
-        sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
-        os.environ["OPENBLAS_NUM_THREADS"] = "1"  # no verb gains from more
-        os.environ["MPLBACKEND"] = "agg"  # that of a notebook's shell may not be installed here
-        gc.set_threshold(GARBAGE)
-        status = _status(sys.argv[1:])
+    signal.signal(signal.SIGTERM, processes.terminate)
+    sys.unraisablehook = processes.send_again
+    sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # print any path in any encoding
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # no verb gains from more
+    os.environ["MPLBACKEND"] = "agg"  # that of a notebook's shell may not be installed here
+    gc.set_threshold(GARBAGE)
+    status = _status(sys.argv[1:])
     for number in processes.SIGNALS:  # ignored from now on: the work is done
         signal.signal(number, signal.SIG_IGN)
     gc.freeze()  # no collection at exit
