@@ -177,6 +177,40 @@ def test_a_tracer_that_does_not_move_has_no_relative_error(
         tradeoff.compare(runs, runs, (0.1, 0.5), 1.0)
 
 
+CONFINED = """\
+box: {x: [0.0, 2.4], y: [0.0, 2.4]}
+disks:
+  tracer: {radius: RADIUS, mass: 1.5}
+  species: [{name: bath, count: 10, radius: 0.12, mass: 1.0}]
+velocities: {temperature: 1.2}
+duration: 80.0
+sample_interval: 1.0
+"""
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.32, 0.45])  # +0.4, -1.9 and +1.8 standard errors
+def test_a_tracer_that_has_filled_its_box_has_no_d_to_plan_for(study_file, here, capsys, radius):
+    (here / "scenes" / "few.yaml").write_text(CONFINED.replace("RADIUS", str(radius)))
+    path = str(study_file(tolerance="4%", target="d"))
+    for words in (["--count", "p.yaml"], [], ["--write", "my.yaml"]):
+        assert cli.main(["plan", path, *words]) == WRONG_REQUEST
+        said = capsys.readouterr().err
+        assert "few, N = 11: the 400 pilot runs do not tell D from zero, " in said
+        assert "in the window [" in said and "target: msd, or seeds\n" in said
+        assert said.count("\n") == 1
+    assert not Path("p.yaml").exists() and not Path("my.yaml").exists()
+    assert cli.main(["plan", path, "--target", "msd"]) == DONE
+
+
+def test_an_expensive_d_has_pilots_enough_to_tell_it_from_zero(study_file, here, monkeypatch):
+    monkeypatch.setattr("brownpipe.study.plan.PILOT_SECONDS", 0.0)
+    sizes = {}
+    for target in ("msd", "d"):
+        _, (pilot,) = plan.write_plan(read_study(study_file(tolerance="9%", target=target)), "p")
+        sizes[target] = len(pilot.runs.seeds)
+    assert sizes == {"msd": 10, "d": 100}
+
+
 def test_a_study_that_stores_no_displacements_has_no_plan_for_them(study_file, here):
     for target, measured in (
         ("msd", "species_energy"),

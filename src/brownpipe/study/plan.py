@@ -11,7 +11,8 @@ further runs do not depend on the pilot, and the variance of a normal quantity s
 mean of the pilot, so that the mean over all runs has no bias. For r^2, as skewed as an exponential
 variable, that was tried with pilots of 10 to 400 runs and n of 90 to 1,100: the bias is below a
 fiftieth of the standard error, and the 95 % interval covers the mean in 93 to 97 % of some 300
-studies.
+studies. The tolerance is relative, though: a pilot whose D is too small asks for more further runs.
+With a spread of 1.3 times D, that makes D too large by 0.1 tolerances of 5 % (pilots of 400 runs).
 
 `write_plan` is for a study with a tolerance, of the exact engine alone. `performance_of` and what
 follows are for `brownpipe plan`, a table of the study's engines. The squared error of n runs is
@@ -31,7 +32,7 @@ from brownpipe.analysis.dataset import refuse_windows
 from brownpipe.engines import Engine, forecast
 from brownpipe.engines.ensemble import joined, select
 from brownpipe.errors import RequestError
-from brownpipe.figures.cases import aligned
+from brownpipe.figures.cases import aligned, plus_minus
 from brownpipe.inspection.reports import equilibrium
 from brownpipe.observables.own import is_own
 from brownpipe.progress import tracked
@@ -47,6 +48,10 @@ from brownpipe.text import counted, in_lines, in_time
 
 PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
 FEWEST_PILOT_RUNS, MOST_PILOT_RUNS = 10, 400
+# For D, whose standard deviation over runs is 1.1 to 2 times its mean where motion is diffusive: it
+# is then 5 to 9 standard errors from zero.
+FEWEST_FOR_D = 100
+RESOLVED = 3.0  # standard errors from zero, of a D whose relative error can be planned
 SQUARES, DISTRIBUTION = (
     "square_displacement",
     "displacement_distribution",
@@ -87,7 +92,8 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
             f"{study.name}: the target {target} needs record: tracer, or {SQUARES} for msd and d"
         )
     cost, first = engine.forecast(scene, *study.recording), study.seeds[0]
-    number = int(np.clip(PILOT_SECONDS / cost.seconds, FEWEST_PILOT_RUNS, MOST_PILOT_RUNS))
+    fewest = min(FEWEST_FOR_D if target == "d" else FEWEST_PILOT_RUNS, MOST_PILOT_RUNS)
+    number = int(np.clip(PILOT_SECONDS / cost.seconds, fewest, MOST_PILOT_RUNS))
     wanted = run_set(study, scene, engine, range(first, first + number))
     seeds = np.asarray(wanted.seeds)
     parts = stored_runs(scene, engine, wanted.digest, seeds)
@@ -105,6 +111,21 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     ensemble = select(every, np.isin(every.seeds, seeds))
     runs = tradeoff.runs_of(scene, engine, ensemble, squares)
     return Pilot(runs, cost, len(missing), equilibrium(Trajectories(scene, engine, ensemble)))
+
+
+def refuse_unresolved(runs: tradeoff.EngineRuns, window: tuple[float, float]) -> None:
+    """Raise RequestError if D of exact pilot runs in a fit window is not told from zero, or is
+    negative: the number of runs for a relative error is then noise.
+    """
+    mean, error = tradeoff.diffusion_of(runs, window)
+    if mean > RESOLVED * error:
+        return
+    start, end = window
+    raise RequestError(
+        f"{case_title(runs.scene)}: the {counted(len(runs.seeds), 'pilot run')} do not tell D from "
+        f"zero, {plus_minus(mean, error)} in the window [{start:g}, {end:g}], and a tolerance is "
+        "relative to it; choose a fit window in which the MSD grows, target: msd, or seeds"
+    )
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
@@ -212,7 +233,8 @@ def performance_of(
     runs.
 
     Approximate engines are compared with pilot runs of the exact engine, also if the study does
-    without it. Raises AnalysisError, before any run, for D without three samples in its window.
+    without it. Raises AnalysisError, before any run, for D without three samples in its window,
+    RequestError for one that the pilot does not tell from zero.
     """
     quantity = "displacement" if target == DISTRIBUTION else target
     names = [
@@ -229,6 +251,8 @@ def performance_of(
         of_engine = {
             engine: pilot_of(study, case, engine, target) for engine in tracked(every, "engines")
         }
+        if target == "d":
+            refuse_unresolved(of_engine[REFERENCE].runs, study.fit_windows[0])
         for engine in engines:
             runs, cost, *_ = of_engine[engine]
             values = tradeoff.compare(

@@ -48,7 +48,7 @@ ANALYSIS = 300e6  # bytes of a process that analyses or draws, besides data
 REPLICATES = 10_000  # memory of the bootstrap's sums, in units of one run's data
 COPIES = 5  # in memory, of a file while it is read
 ANALYSIS_TIME = 1800.0  # CPU seconds, enough for 1e10 bytes of runs
-RUNS_TRIED = 30  # of each engine and case in the trade-off, and in a plan
+RUNS_TRIED = 100  # of each engine and case in the trade-off, and in a plan
 
 
 class RunSet(NamedTuple):

@@ -5,8 +5,16 @@ cost of a run.
 `timing` measures CPU times, `front` finds the Pareto front, and `dataset` joins all results.
 """
 
-from brownpipe.tradeoff.compare import EngineRuns, compare, runs_of
+from brownpipe.tradeoff.compare import EngineRuns, compare, diffusion_of, runs_of
 from brownpipe.tradeoff.dataset import is_tradeoff, measure
 from brownpipe.tradeoff.front import runs_for
 
-__all__ = ["EngineRuns", "compare", "is_tradeoff", "measure", "runs_for", "runs_of"]
+__all__ = [
+    "EngineRuns",
+    "compare",
+    "diffusion_of",
+    "is_tradeoff",
+    "measure",
+    "runs_for",
+    "runs_of",
+]

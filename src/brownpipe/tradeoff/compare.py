@@ -163,6 +163,13 @@ def _per_run(runs: EngineRuns, window: tuple[float, float]) -> np.ndarray:
     return np.concatenate([runs.squared[:, -1:], slope], axis=1)
 
 
+def diffusion_of(runs: EngineRuns, window: tuple[float, float]) -> tuple[float, float]:
+    """Return the mean over runs of D, slope/4 in a window of time, and its standard error."""
+    slopes = _per_run(runs, window)[:, TARGET_COLUMNS["d"]]
+    error = slopes.std(ddof=1) / np.sqrt(len(slopes))
+    return float(slopes.mean()) / 4, float(error) / 4
+
+
 def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Estimate]:
     """g(r) near contact; {} without pair counts, or if the two sets of runs have different bins."""
     counts, reference = runs.pair_counts, exact.pair_counts
