@@ -326,7 +326,8 @@ def as_logged(path, values):
     """The values of a run's collisions as the engine logs them: NaN stands behind the last one, and
     disks are integers.
     """
-    log = values[: np.count_nonzero(~np.isnan(values.reshape(len(values), -1)[:, 0]))]
+    is_collision = ~np.isnan(values if values.ndim == 1 else values[:, 0])
+    log = values[is_collision]
     return log.astype(np.int32) if path in ("events/a", "events/b") else log
 
 

@@ -15,6 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 import xarray
 import yaml
@@ -366,6 +367,31 @@ def test_the_mean_of_an_own_array_is_that_of_the_analysis(boundary):
     failed = square.assign_coords(failed=("seed", np.arange(20) == 3))
     without = square.isel(seed=np.arange(20) != 3)
     assert bp.mean(failed[::-1, ::-1]).identical(bp.mean(without[::-1]))
+
+
+def test_times_are_selected_as_one_writes_them(tmp_path):
+    """In runs, in an analysis by its windows, and in tables that other programs read."""
+    species = [{"name": "bath", "count": 30, "radius": 0.2, "mass": 1.0}]
+    scene = bp.Scene(
+        box={"x": (0, 6), "y": (0, 5)},
+        disks={"species": species},
+        velocities={"temperature": 1.0},
+        duration=7.0,
+        sample_interval=0.07,
+    )
+    runs = bp.simulate(scene, 2, record="all", quiet=True)
+    assert runs.position.sel(time=0.21).dims == ("seed", "component")
+    result = bp.analyse(runs, fit_windows=[(1.05, 7), (4.2, 7)], quiet=True)
+    assert result.window_start.values.tolist() == [1.05, 4.2]
+    assert result.msd.sel(time=result.window_start).sizes["window"] == 2
+    file = tmp_path / "runs.h5"
+    bp.save(runs, file)
+    for kind in ("csv", "xyz"):
+        target = str(file.with_suffix(f".{kind}"))
+        assert main(["export", str(file), "--to", kind, "--output", target]) == 0
+    table = pandas.read_csv(tmp_path / "runs.csv")
+    assert len(table[table.time == 0.49]) == 2 * 30
+    assert "Time=0.49\n" in (tmp_path / "runs.xyz").read_text()
 
 
 def test_a_run_without_a_number_leaves_no_mean_by_either_route(colliding):

@@ -3,6 +3,8 @@
 import json
 import math
 import tempfile
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -64,7 +66,7 @@ def test_note_as_published():
     assert scene.packing_fraction == pytest.approx(math.pi * (0.09 + 149 * 0.01) / 36, rel=1e-15)
     assert scene.radius.tolist() == [0.3] + 149 * [0.1]
     assert scene.mass.tolist() == [1.0] + 149 * [0.4]
-    assert scene.times.tolist() == [k * 0.01 for k in range(100)] + [1.0]
+    assert scene.times.tolist() == [float(f"0.{k:02}") for k in range(100)] + [1.0]
 
 
 # -- defaults, text and digest ---
@@ -158,7 +160,9 @@ def test_times_are_multiples_and_end_at_the_duration(interval, intervals):
     scene = explicit(duration=interval * intervals, sample_interval=interval)
     times = scene.times
     assert times[-1] == scene.duration
-    assert np.all(times[:-1] == np.arange(len(times) - 1) * interval)
+    rounded_once = [float(k * Fraction(repr(interval))) for k in range(len(times) - 1)]
+    product = np.arange(len(times) - 1) * interval  # of intervals that no short decimal is
+    assert times[:-1].tolist() in (rounded_once, product.tolist())
     assert np.all(np.diff(times) > 0)
     assert np.all(np.diff(times) < interval * (1 + 2e-6))
 
@@ -169,6 +173,32 @@ def test_times_are_multiples_and_end_at_the_duration(interval, intervals):
 )
 def test_number_of_samples(duration, interval, count):
     assert len(explicit(duration=duration, sample_interval=interval).times) == count
+
+
+@pytest.mark.parametrize(
+    "interval",
+    ["0.1", "0.07", "0.001", "1e-3", "0.15", "2.3e-7", "0.123456789012", "1700.3", "3e41"],
+)
+def test_sample_times_are_what_one_writes(interval):
+    """To the bit, whatever the number of samples: a longer run has the times of a shorter one."""
+    duration = float(2345 * Decimal(interval))
+    times = explicit(duration=duration, sample_interval=float(interval)).times
+    assert times.tolist() == [float(k * Decimal(interval)) for k in range(2346)]
+    longer = explicit(duration=9 * duration, sample_interval=float(interval)).times
+    assert longer[:2346].tolist() == times.tolist()
+
+
+def test_sample_times_of_thirds_are_multiples_of_the_third():
+    times = explicit(duration=700.0, sample_interval=1 / 3).times
+    assert times[[3, 6, 300]].tolist() == [1.0, 2.0, 100.0]
+
+
+@pytest.mark.parametrize("first", ["0.07", "3e-4", "0.0125", "1.1e-6"])
+def test_whole_decades_of_logarithmic_times_are_what_one_writes(first):
+    times = explicit(duration=100.0, samples={"per_decade": 7, "first": float(first)}).times
+    decades = times[1:-1:7].tolist()
+    assert decades == [float(Decimal(first).scaleb(k)) for k in range(len(decades))]
+    assert len(decades) > 3
 
 
 @given(st.floats(1e-150, 1e150), st.floats(1e-12, 0.99999), st.integers(1, 300))

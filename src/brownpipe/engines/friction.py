@@ -13,6 +13,7 @@ from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene, Species, motion
+from brownpipe.scene.times import decimal_of
 
 # in units of 1/gamma of the tracer: from then on its displacements count as diffusive
 DECAY_TIMES = 3.0
@@ -80,8 +81,9 @@ def default_windows(scenes: Sequence[Scene]) -> tuple[tuple[float, float], ...]:
     """
     slowest = float(f"{np.nanmax([0.0, *(diffusive_from(scene) for scene in scenes)]):.2g}")
     shortest = min(scene.duration for scene in scenes)
-    first = min(max(slowest, 0.1 * shortest), 0.5 * shortest)
-    second = min(max(2 * slowest, 0.5 * shortest), 0.75 * shortest)
+    three_quarters = float(decimal_of(shortest) * 3 / 4)  # as one writes it: 0.3 of 0.4
+    first = min(max(slowest, float(decimal_of(shortest) / 10)), shortest / 2)
+    second = min(max(2 * slowest, shortest / 2), three_quarters)
     return (first, shortest), (second, shortest)
 
 

@@ -30,6 +30,7 @@ from brownpipe.scene.reading import (
     key,
     refuse,
 )
+from brownpipe.scene.times import decimal_of, logarithmic, multiples
 from brownpipe.text import shell_path
 
 MOST_SAMPLES = 10_000_000
@@ -234,7 +235,7 @@ class Scene(Record):
         if self.samples is not None:
             if self.sample_interval is not None:
                 refuse("must not be given with sample_interval; give one of the two", "samples")
-            first = self.samples.first or self.duration * 1e-4
+            first = self.samples.first or float(decimal_of(self.duration) / 10_000)
             if first >= self.duration:
                 refuse(
                     f"must be below the duration, {self.duration!r}, not {first!r}",
@@ -395,18 +396,14 @@ class Scene(Record):
         """Sample times (T,) [time] from 0 to the duration, both exactly, read-only: multiples of
         the interval, or logarithmic, 0, first * 10**(k / per_decade) for k = 0, 1, ..., and the
         duration.
-
-        Powers are computed by Python: NumPy's may differ in the last bit between processors.
         """
         duration, interval, samples = self.duration, self.sample_interval, self.samples
         if samples is None:
-            times = np.arange(math.ceil(duration / interval - SAME)) * interval
+            times = multiples(interval, math.ceil(duration / interval - SAME))
         else:
             decades = math.log10(duration) - math.log10(samples.first)
-            steps = range(math.ceil(samples.per_decade * decades - SAME))
-            times = np.array(
-                [0.0, *(samples.first * 10 ** (k / samples.per_decade) for k in steps)]
-            )
+            steps = math.ceil(samples.per_decade * decades - SAME)
+            times = np.append(0.0, logarithmic(samples.first, samples.per_decade, steps))
         times = np.append(times, duration)
         times.flags.writeable = False
         return times
