@@ -537,6 +537,56 @@ def test_a_scene_from_numbers_is_that_of_the_file():
     )
 
 
+LISTED = {
+    "box": {"x": (-1e-3, 20.1), "y": (0, 1 / 3e-2)},
+    "disks": [
+        {"position": (1.1, 2.0), "velocity": (-1e-7, 0.1 + 0.2), "radius": 0.3, "mass": 1e300},
+        {"position": (7.7, 2.0), "velocity": (0, 5), "radius": 0.1, "mass": 1e300},
+    ],
+    "duration": np.float64(3.3),
+}
+NAMES = ["bath", "089", "1e3", "no", "null", "0x1f", "1_0", "12.30", "6e-1", "y"]
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        lambda: bp.Scene(**KEYS, name="mine"),
+        lambda: bp.Scene(**LISTED, name="mine"),
+        lambda: bp.Scene(**KEYS, name="a").replace(
+            "mine", sample_interval=None, samples={"per_decade": 3}, equilibrate=1e-9
+        ),
+        lambda: bp.Scene(**KEYS, name="a").replace(
+            "mine",
+            particles=20,
+            **{
+                "disks.species": [
+                    {"name": name, "count": 2, "radius": 0.01 * 3, "mass": 1e22}
+                    for name in NAMES[:-1]
+                ]
+                + [{"name": NAMES[-1], "count": "rest", "radius": 0.1, "mass": 3}]
+            },
+        ),
+    ],
+    ids=["species", "listed", "logarithmic", "names"],
+)
+def test_a_scene_is_saved_as_the_file_that_it_is_read_from(scene, tmp_path):
+    saved, path = scene(), tmp_path / "mine.yaml"
+    saved.save(path)
+    assert bp.read_scene(path) == saved
+    assert bp.read_scene(str(path)).replace(duration=1.0) == saved.replace(duration=1.0)
+    saved.save(str(path))  # once more, as a notebook does
+    assert main(["check", str(path)]) == 0
+    other = saved.replace(duration=2.0)
+    before = path.read_bytes()
+    with pytest.raises(RequestError, match=r"mine.yaml: exists; delete it, or choose another name"):
+        other.save(path)
+    with pytest.raises(RequestError, match=r"cannot be written: No such file"):
+        other.save(tmp_path / "absent" / "mine.yml")
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.yaml"]
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -609,6 +659,13 @@ def test_a_scene_from_numbers_is_that_of_the_file():
         ),
         (lambda: bp.plot(xarray.Dataset()), "result: must be a dataset of brownpipe.analyse"),
         (lambda: bp.save("runs", "a.h5"), "data: must be"),
+        (
+            lambda: bp.save(bp.read_scene(SCENE), "x.yaml"),
+            r"data: is a scene; scene.save\('x.yaml'\) writes it",
+        ),
+        (lambda: bp.read_scene(SCENE).save("x.h5"), "path: x.h5: must end in .yaml or .yml"),
+        (lambda: bp.read_scene(SCENE).save("a b.yaml"), "path: must be a name"),
+        (lambda: bp.read_scene(SCENE).save(3), "path: must be the path of a file"),
         (lambda: bp.save(xarray.DataTree(), "a.nc"), "path: a.nc: must end in .h5 or .hdf5"),
         (
             lambda: bp.save(xarray.Dataset({"failed_runs": 0}), "a.h5"),

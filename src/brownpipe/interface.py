@@ -407,6 +407,8 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
     that is there and not of brownpipe; StorageError and OSError if the file cannot be written.
     """
     path = validated(Path, path, key="path")
+    if isinstance(data, SceneRecord):
+        raise RequestError(f"data: is a scene; scene.save({str(path)!r}) writes it to a scene file")
     if not (isinstance(data, DataTree) or _is_analysis(data)):
         raise RequestError("data: must be what simulate, analyse or open returns")
     suffixes = (".h5", ".hdf5") if isinstance(data, DataTree) else (".nc",)

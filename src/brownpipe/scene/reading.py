@@ -161,15 +161,42 @@ def value_in(text: str) -> Any:
     return text
 
 
-def yaml_text(mapping: dict) -> str:
-    """Return the text of a YAML file with these keys in their order; innermost lists and mappings
-    are in brackets.
+class Dumper(yaml.SafeDumper):
+    """Writes YAML 1.1, with quotes around texts that are numbers in YAML 1.2 alone: a name 089."""
 
-    Texts that are numbers in YAML 1.2 alone, such as a name 089, are not put in quotes.
+
+def _text_node(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+    style = None if isinstance(scalar(text), str) else "'"
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+
+Dumper.add_representer(str, _text_node)
+
+
+def yaml_text(mapping: dict) -> str:
+    """Return the text of a YAML file with these keys in their order, as `read_yaml` reads it;
+    innermost lists and mappings are in brackets.
     """
-    return yaml.safe_dump(
-        mapping, sort_keys=False, width=120, default_flow_style=None, allow_unicode=True
-    )
+    looks: dict[str, Any] = {"width": 120, "default_flow_style": None, "allow_unicode": True}
+    return yaml.dump(mapping, Dumper=Dumper, sort_keys=False, **looks)
+
+
+def write_yaml(path: Path, mapping: dict) -> None:
+    """Write a YAML file with these keys, unless there is one that has them already.
+
+    Raises RequestError for a file with other contents, which is left as it is, and if the file
+    cannot be written.
+    """
+    text = yaml_text(mapping)
+    try:
+        if path.exists() and path.read_bytes() == text.encode():
+            return
+        with path.open("x", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+    except FileExistsError:
+        raise RequestError(f"{path}: exists; delete it, or choose another name") from None
+    except OSError as error:
+        raise RequestError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 # -- types of values -------------------------------------------------------------------------------

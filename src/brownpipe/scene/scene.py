@@ -416,6 +416,21 @@ class Scene(Record):
             reading.with_values(self.given, reading.plain(keys)), "", name=name or self.name
         )
 
+    def save(self, path: str | Path) -> None:
+        """Write the keys that were given to a scene file (YAML), of which `read_scene` makes an
+        equal scene; its name is that of the file.
+
+        path: must end in .yaml or .yml. Raises RequestError, also for a file that is there and has
+        other contents.
+
+            scene.save("heavy_disk.yaml")
+        """
+        file: Path = reading.validated(Path, path, key="path")
+        if file.suffix not in (".yaml", ".yml"):
+            raise RequestError(f"path: {file}: must end in .yaml or .yml")
+        reading.validated(SceneName, file.stem, key="path")
+        reading.write_yaml(file, reading.plain(self.given))
+
     def as_mapping(self) -> dict:
         """Return the scene as a mapping like that of a scene file, with every default written
         out.
