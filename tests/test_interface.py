@@ -594,7 +594,7 @@ def test_a_scene_is_saved_as_the_file_that_it_is_read_from(scene, tmp_path):
         (lambda: bp.simulate(SCENE, -3), "seeds: must be a count like 2400, or seeds"),
         (
             lambda: bp.simulate(SCENE, range(10**9)),
-            "seeds: must be seeds like .* at most 10000000, not '0-999999999'",
+            "seeds: must be at most 10000000 seeds, not 1000000000: '0-999999999'",
         ),
         (lambda: bp.read_scene(None), "path: must be the path of a file, not None"),
         (lambda: bp.simulate(SCENE, recrod="all"), "recrod: unknown; did you mean record?"),

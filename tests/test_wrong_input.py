@@ -210,8 +210,12 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
 ]
 STUDIES = [
     ("seeds: 60\n", "", 1, "seeds", "must be given, or a tolerance in their place"),
-    ("seeds: 60", "seeds: 9-3,5", 8, "seeds", "ascending, at most 10000000, not '9-3,5'"),
-    ("seeds: 60", "seeds: 0-99999999", 8, "seeds", "at most 10000000, not"),
+    ("seeds: 60", "seeds: 9-3,5", 8, "seeds", "like 17, 0-2399 or 3,5,9, ascending, not '9-3,5'"),
+    ("seeds: 60", "seeds: 0-99999999", 8, "seeds", "at most 10000000 seeds, not 100000000: '0-9"),
+    ("seeds: 60", "seeds: 5-6,0-9999999", 8, "seeds", "at most 10000000 seeds, not 10000002"),
+    ("seeds: 60", "seeds: 30000000", 8, "seeds", "at most 10000000 seeds, not 30000000"),
+    ("seeds: 60", "seeds: [1000000000000000000]", 8, "seeds", "a seed must be at most 99999999999"),
+    ("seeds: 60", 'seeds: "7,2000000000000000000"', 8, "seeds", "a seed must be at most 999999"),
     (
         "seeds: 60\nbatch: 30",
         "seeds: 10000\nbatch: 1",

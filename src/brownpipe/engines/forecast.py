@@ -25,6 +25,7 @@ from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.scene import Scene, motion
 from brownpipe.scene.scene import HEXAGONAL_PACKING
+from brownpipe.text import in_bytes
 
 # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
 START_UP = 0.5
@@ -188,12 +189,11 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
     needed, available = memory(cost, runs), os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if needed > available:
         cure = (
-            f"this machine has {available / 1e9:.3g} GB: take fewer seeds a call, fewer samples, "
+            f"this machine has {in_bytes(available)}: take fewer seeds a call, fewer samples, "
             "or record less"
         )
-        raise RequestError(
-            f"{scene.name}: {runs} runs need some {needed / 1e9:.3g} GB of memory, and {cure}"
-        )
+        need = "1 run needs" if runs == 1 else f"{runs:,} runs need"
+        raise RequestError(f"{scene.name}: {need} some {in_bytes(needed)} of memory, and {cure}")
 
 
 # -- collision rates -------------------------------------------------------------------------------

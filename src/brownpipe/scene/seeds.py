@@ -11,7 +11,9 @@ from brownpipe.scene.reading import refuse
 
 MOST_SEEDS = 10_000_000
 LONGEST_TEXT = 60  # characters of a brief list of seeds
+LARGEST = 10**18 - 1
 RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
+TOO_LONG = re.compile(r"[0-9]{19,}")  # digits of a seed
 
 
 def _seeds(value: Any) -> Sequence[int]:
@@ -19,33 +21,36 @@ def _seeds(value: Any) -> Sequence[int]:
     names them.
 
     "0-2399", "17" or "3,5,9"; ascending and without repeats; one range is a `range`. Anything else
-    is refused, and so are more than MOST_SEEDS seeds.
+    is refused, and so are seeds above LARGEST and more than MOST_SEEDS of them.
     """
-    parts = (
-        [f"0-{value - 1}"]
-        if type(value) is int
-        else value
-        if isinstance(value, list | tuple)
-        else [value]
-    )
-    found = [RANGE.fullmatch(word.strip()) for part in parts for word in str(part).split(",")]
-    ends = [(int(one[1]), int(one[2] or one[1])) for one in found if one]
+    words = _words_of(value)
+    matches = [RANGE.fullmatch(word) for word in words]
+    ends = [(int(match[1]), int(match[2] or match[1])) for match in matches if match]
     sizes = [last + 1 - first for first, last in ends]
-    if None in found or not 0 < min(sizes, default=0) <= sum(sizes) <= MOST_SEEDS:
+    if any(TOO_LONG.search(word) for word in words):
+        refuse(f"a seed must be at most {LARGEST}, not {value!r:.80}")
+    if None in matches or min(sizes, default=0) < 1:
         allowed = "seeds" if isinstance(value, str) else "a count like 2400, or seeds"
-        refuse(
-            f"must be {allowed} like 17, 0-2399 or 3,5,9, ascending, at most {MOST_SEEDS}, not "
-            f"{value!r:.80}"
-        )
+        refuse(f"must be {allowed} like 17, 0-2399 or 3,5,9, ascending, not {value!r:.80}")
+    if sum(sizes) > MOST_SEEDS:
+        refuse(f"must be at most {MOST_SEEDS} seeds, not {sum(sizes)}: {value!r:.80}")
     if len(ends) == 1:  # without 10 s of sorting for the most seeds
-        return range(ends[0][0], ends[0][1] + 1)
-    return tuple(
-        np.unique(np.concatenate([np.arange(first, last + 1) for first, last in ends])).tolist()
-    )
+        first, last = ends[0]
+        return range(first, last + 1)
+    seeds = np.concatenate([np.arange(first, last + 1) for first, last in ends])
+    return tuple(np.unique(seeds).tolist())
+
+
+def _words_of(value: Any) -> list[str]:
+    """Return the seeds and ranges of seeds that a value names, as texts: "0-9" for the count 10."""
+    if type(value) is int:
+        return [f"0-{min(value, LARGEST + 1) - 1}"]
+    items = value if isinstance(value, list | tuple) else [value]
+    return [word.strip() for item in items for word in str(item).split(",")]
 
 
 _Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]
-Seed = Annotated[int, Field(strict=True, ge=0, le=10**18 - 1)]
+Seed = Annotated[int, Field(strict=True, ge=0, le=LARGEST)]
 _Range = Annotated[str, Field(pattern=rf"^\s*{RANGE.pattern}\s*(,\s*{RANGE.pattern}\s*)*$")]
 Seeds = Annotated[
     Any, PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[Seed | _Range])
