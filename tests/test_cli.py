@@ -65,7 +65,7 @@ def test_simulate_writes_what_was_asked_for_and_one_seed_again_to_the_bit(runs, 
         "simulate", SCENE, "--particles", 10, "--seeds", 2, "--record", "all,events"
     )
     assert (status, err) == (DONE, "") and re.fullmatch(
-        r"harrison2020\.h5: 1 run, .* of CPU\n", out
+        r"harrison2020\.h5: seed 2, 1 run, .* of CPU; 2 runs: --seeds 0-1\n", out
     )
     again = read_trajectories("harrison2020.h5").ensemble
     assert again.tracer.position[:, 0].tobytes() == before.ensemble.tracer.position[:, 2].tobytes()

@@ -17,7 +17,7 @@ from brownpipe.observables.own import identity, is_own
 from brownpipe.provenance import made_with
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import Count, Positive, read_yaml, validated
-from brownpipe.scene.seeds import Seeds, seed_text
+from brownpipe.scene.seeds import MOST_SEEDS, Seeds, seed_text
 from brownpipe.scene.variation import scene_with
 from brownpipe.storage.files import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.store import runs_digest
@@ -144,7 +144,7 @@ def simulate(arguments: Namespace) -> int:
         remove_checkpoint(checkpoint)
     if failed := failures(ensemble):
         say(f"{output}: {failed}", FAILED)
-    show(_made(output, ensemble, time.process_time() - began))
+    show(_made(output, ensemble, time.process_time() - began) + _other_seeds(arguments.seeds))
     allowed = len(seeds) - 1 if arguments.allow_failed is None else arguments.allow_failed
     return FAILED if len(ensemble.failed_seeds) > allowed else DONE
 
@@ -156,7 +156,19 @@ def _made(output: str, ensemble: Ensemble, seconds: float) -> str:
     overlaps = zip(ensemble.seeds, ensemble.observables.get("worst_overlap", ()), strict=False)
     sound = [overlap for seed, overlap in overlaps if seed not in ensemble.stopped]
     worst = f", worst overlap {max(sound):.2g} contact distances" if sound else ""
-    return f"{output}: {counted(len(ensemble.seeds), 'run')}{worst}, {in_time(seconds)} of CPU"
+    runs = counted(len(ensemble.seeds), "run")
+    which = f"seed {ensemble.seeds[0]}, {runs}" if len(ensemble.seeds) == 1 else runs
+    return f"{output}: {which}{worst}, {in_time(seconds)} of CPU"
+
+
+def _other_seeds(asked: str) -> str:
+    """Return how to ask for that many runs, if one number was given: it is a seed, not a count.
+
+    `--seeds 10` gives "; 10 runs: --seeds 0-9".
+    """
+    if not asked.strip().isdecimal() or not 1 < int(asked) <= MOST_SEEDS:
+        return ""
+    return f"; {counted(int(asked), 'run')}: --seeds 0-{int(asked) - 1}"
 
 
 def engine_of(arguments: Namespace) -> Engine:
