@@ -152,7 +152,9 @@ def test_a_dataset_says_its_results_and_what_made_it(dataset, tmp_path):
         np.nanmax(np.abs(contents[name])) for name in ("energy_drift", "worst_overlap")
     )
     assert f"health       worst energy drift {drift:.2g}; worst overlap {overlap:.2g}\n" in text
-    line = re.search(r"^source       (\w{12}), that of this installation$", text, re.MULTILINE)
+    line = re.search(
+        r"^source       of aggregate: (\w{12}), that of this installation$", text, re.MULTILINE
+    )
     assert line[1] == contents.attrs["source_digest"][:12]
     told = [f"{name} {version(name)}" for name in ("brownpipe", *PACKAGES, *ANALYSIS_PACKAGES)]
     assert {"numpy", "scipy", "xarray", "h5py", "pandas"} <= {name.split()[0] for name in told}
@@ -165,8 +167,9 @@ def test_a_dataset_says_its_results_and_what_made_it(dataset, tmp_path):
         (unknown, "unknown"),
     ):
         write_dataset(tmp_path / "changed.nc", changed)
-        assert f"source       {source}, not that of this installation" in inspection.report(
-            tmp_path / "changed.nc"
+        assert (
+            f"source       of aggregate: {source}, not that of this installation"
+            in inspection.report(tmp_path / "changed.nc")
         )
 
 

@@ -92,12 +92,15 @@ def closing_lines(record: Record) -> str:
 
 
 def installation_in_words(made: Mapping[str, Any]) -> str:
-    """Return version, source, commit and Python of what made a product, in one line."""
+    """Return version, source, commit and Python of what made a product, in one line.
+
+    The source is that of the step: other steps have digests of their own.
+    """
     commit = str(made.get("git_commit", ""))
     commit = f", commit {commit[:12]}{commit[40:]}" if commit else ""
     source = str(made.get("source_digest"))[:12]
     return printable(
-        f"brownpipe {made.get('brownpipe_version')}, source {source}{commit}, Python "
+        f"brownpipe {made.get('brownpipe_version')}, source of figures {source}{commit}, Python "
         f"{made.get('python')}"
     )
 

@@ -65,10 +65,12 @@ def report(path: str | Path, seed: int | None = None) -> str:
     if isinstance(contents, Trajectories):
         lines, table = lines_on_runs(contents), table_of_runs(contents.ensemble)
         lines.append(f"run again    brownpipe inspect {shell_path(path)} --reproduce")
-        made, now = contents.header, made_with("simulate", contents.engine.name)
+        step, made = "simulate", contents.header
+        now = made_with(step, contents.engine.name)
     else:
         lines, table = lines_on_results(contents), table_of_results(contents)
-        made, now = contents.attrs, made_with("tradeoff" if is_tradeoff(contents) else "aggregate")
+        step, made = "tradeoff" if is_tradeoff(contents) else "aggregate", contents.attrs
+        now = made_with(step)
     versions = [
         f"{name.removesuffix('_version')} {made[name]}"
         for name in made
@@ -82,7 +84,7 @@ def report(path: str | Path, seed: int | None = None) -> str:
     )
     lines += [
         f"written by   {', '.join(versions) or 'unknown'}",
-        f"source       {source[:DIGITS]}, {whose}",
+        f"source       of {step}: {source[:DIGITS]}, {whose}",
         "intact       yes: every byte as it was written",
     ]
     return in_lines([f"{path}  {Path(path).stat().st_size / 1e6:.2f} MB", *lines, "", *table])
