@@ -9,12 +9,15 @@ import xarray as xr
 
 import brownpipe as bp
 from brownpipe import cli
+from brownpipe.analysis import dataset
 from brownpipe.engines import Engine
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.figures import own_observables
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.summary import summary
-from brownpipe.study import read_study
+from brownpipe.observables.own import taken
+from brownpipe.storage import layout
+from brownpipe.study import read_study, trial
 from brownpipe.study.run_sets import commands, files_of, run_sets
 from test_plan import SCENE
 
@@ -222,6 +225,57 @@ def test_mistakes_are_one_line_and_nothing_is_written(here, capsys, text, messag
     said = capsys.readouterr().err
     assert re.search(message, said) and said.count("\n") == 1
     assert not Path("x.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("{'density_profile': ('y', [1, 2])}", "density_profile is a name in runs or datasets"),
+        ("{'mine': ('r', [1.0])}", "mine: r is a name in runs or datasets; choose another"),
+        (
+            "{'mine': run.whole.velocities[-1]}",
+            r"AttributeError: .*velocities.*\(.*my.py, line 2\)",
+        ),
+        ("{'mine': run.tracer.position[len(scene.times), 0, 0]}", "IndexError: "),
+    ],
+)
+def test_check_calls_a_function_once_and_refuses_its_mistakes_in_a_line(
+    here, capsys, monkeypatch, body, message
+):
+    Path("sub/my.py").write_text(f"{FUNCTION}{body}")
+    Path("sub/own.yaml").write_text("scenes: few.yaml\nseeds: 30-90\nobservables: my:f\n")
+    for longest in (trial.LONGEST, 1e-5):
+        monkeypatch.setattr(trial, "LONGEST", longest)
+        assert cli.main(["check", "sub/own.yaml"]) == WRONG_REQUEST
+        said = capsys.readouterr()
+        assert said.out == "" and said.err.count("\n") == 1
+        assert re.search(message, said.err) and "seed 30: " in said.err
+    assert not Path("results").exists()
+
+
+def test_check_calls_a_function_once_and_for_as_many_samples(here, capsys, monkeypatch):
+    Path("sub/my.py").write_text(
+        "from pathlib import Path\n\ndef f(scene, run):\n"
+        "    number = len(list(Path().glob('call*')))\n"
+        "    Path(f'call{number}').write_text(f'{len(scene.times)} {scene.duration}')\n"
+        "    return {'mine': 1}\n"
+    )
+    Path("sub/own.yaml").write_text(
+        "scenes: few.yaml\nparticles: [4, 9]\nseeds: 30\nobservables: my:f\n"
+    )
+    assert cli.main(["check", "sub/own.yaml"]) == DONE
+    monkeypatch.setattr(trial, "LONGEST", 1e-5)
+    assert cli.main(["check", "sub/own.yaml"]) == DONE
+    whole, duration = Path("call0").read_text().split()
+    shorter, brief = Path("call1").read_text().split()
+    assert not Path("call2").exists()
+    assert whole == shorter and float(brief) < float(duration)
+
+
+def test_every_name_that_is_taken_is_listed_among_the_files():
+    """The page is made from these tables (docs/_ext/reference.py), to which the guide refers."""
+    listed = {*dataset.ALL_VARIABLES, *dataset.ALL_COORDINATES, *layout.VARIABLES}
+    assert taken == listed
 
 
 def test_a_function_given_in_python_is_itself_alone_and_others_are_not_joined_with_it(here):

@@ -1,7 +1,8 @@
 """`brownpipe check`: what a scene or study will simulate, and its expected cost, before anything is
 run.
 
-Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simulated or timed here.
+Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simulated or timed here,
+but one run for observables of the user's own.
 """
 
 from brownpipe.engines import forecast, friction
@@ -17,6 +18,7 @@ from brownpipe.scene import Scene, motion, parse_scene
 from brownpipe.scene.reading import read_yaml
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import describe_workload, run_sets
+from brownpipe.study.trial import refuse_mistakes
 from brownpipe.text import in_bytes, in_lines, in_time
 
 
@@ -84,6 +86,7 @@ def _study(study: Study) -> list[str]:
     """Return the lines of the report on a study: a table of its runs, its engines and the whole
     workload.
     """
+    refuse_mistakes(study)
     sets = run_sets(study)
     columns = {
         "scene": [runs.case.name for runs in sets],

@@ -78,9 +78,13 @@ def add_check(add: Callable) -> None:
 def check(arguments: Namespace) -> None:
     """Say whether a scene or study is valid, what will be simulated, and what it will cost.
 
+    Observables of your own are called once, for one run of the first seed.
+
     example: brownpipe check config/scenes/harrison2020.yaml
     """
-    show(*describe_scene_or_study(arguments.file, arguments.particles).split("\n"))
+    with progress.shown("check"):
+        description = describe_scene_or_study(arguments.file, arguments.particles)
+    show(*description.split("\n"))
 
 
 def add_run(add: Callable) -> None:
