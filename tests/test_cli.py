@@ -267,7 +267,7 @@ def test_more_than_memory_and_disk_can_hold(said, monkeypatch):
         assert status == FAILED and "there is room for 1 MB" in err
     monkeypatch.setattr(os, "sysconf", {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}.__getitem__)
     status, _, err = said("simulate", SCENE, "--seeds", "0-9999999")
-    assert status == WRONG_REQUEST and "and this machine has 0.0041 GB: take fewer" in err
+    assert status == WRONG_REQUEST and "and this machine has 4.1 MB: take fewer" in err
 
 
 def test_inputs_folders_and_files_of_others_are_not_replaced(runs, said):
