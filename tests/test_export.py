@@ -8,6 +8,7 @@ them.
 import csv
 import itertools
 import sys
+import warnings
 
 import gsd.hoomd
 import numpy as np
@@ -23,6 +24,7 @@ from brownpipe.observables.observable import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene
+from test_workflow import ROOT
 
 SINGLE = 2.0**-24  # largest relative error of a number rounded to single precision
 SHIFTED = 2.0**-25 + 1e-15  # and of a position, of the box: at most half of it from the centre
@@ -264,6 +266,37 @@ def test_square_displacement_by_freud_and_mdanalysis(fluid, average, mode, disks
         universe = MDAnalysis.Universe.empty(1, trajectory=True).load_new(unwrapped)
         theirs = EinsteinMSD(universe, msd_type="xy", fft=False).run().results.timeseries
         np.testing.assert_allclose(theirs, ours, rtol=0, atol=bound)
+
+
+@pytest.mark.parametrize("form", ["gsd", "xyz"])
+def test_the_lines_of_the_guide_read_times_and_displacements_into_mdanalysis(fluid, form):
+    """MDAnalysis holds positions in single precision, rounded at the size of the box."""
+    guide = (ROOT / "docs" / "guide.md").read_text()
+    lines = guide.partition("import MDAnalysis\n")[2].partition("```")[0]
+    own = (
+        ("seed17.gsd", str(fluid.with_suffix(f".{form}"))),
+        ("dt=0.01", "dt=0.1"),
+        ("[6, 6, ", "[20, 12, "),
+    )
+    for of_guide, of_fluid in own:
+        assert lines.count(of_guide) == 1
+        lines = lines.replace(of_guide, of_fluid)
+    names = {}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message="Reader has no dt information")
+        warnings.filterwarnings("ignore", message="Unknown masses")  # of types that are no elements
+        exec(f"import MDAnalysis\n{lines}", names)
+    scene, times, track = run_in(fluid, 5)
+    edges = edges_of(scene)
+    unwrapped = track.position + track.image * edges
+    expected = [
+        np.mean(np.sum((unwrapped[lag:] - unwrapped[: len(times) - lag]) ** 2, axis=-1))
+        for lag in range(len(times))
+    ]
+    assert abs(track.image).max() > 0
+    np.testing.assert_allclose(names["msd"].times, times, rtol=1e-15, atol=0)
+    rounding = 8 * SINGLE * edges.max() * np.sqrt(np.max(expected))
+    np.testing.assert_allclose(names["msd"].results.timeseries, expected, rtol=0, atol=rounding)
 
 
 # -- refusals, and what is left --------------------------------------------------------------------
