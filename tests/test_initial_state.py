@@ -2,6 +2,7 @@
 all pairs of disks.
 """
 
+import hashlib
 import math
 from itertools import combinations
 from unittest.mock import Mock
@@ -15,7 +16,7 @@ from scipy import stats
 from brownpipe.engines import initial_state
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.initial_state import draw
-from brownpipe.engines.insertion import insert, push_apart
+from brownpipe.engines.insertion import COMPARED, ROWS, STUCK, TRIES, insert, push_apart
 from brownpipe.engines.placement import (
     ALL_FAIL,
     SOME_FAIL,
@@ -323,16 +324,88 @@ def test_where_some_runs_find_no_place_these_grow():
     assert 0 < stuck < 10
 
 
+class Watched:
+    """`insert`, with the outcome and the progress of its last call."""
+
+    def __call__(self, places, numbers, progress):
+        self.outcome = insert(places, numbers, progress)
+        self.places, self.progress = places, progress
+        return self.outcome
+
+
+@pytest.mark.parametrize(("number", "phi"), [(40, 0.56), (120, 0.55), (250, 0.565)])
+@pytest.mark.parametrize("boundary", [W, P])
+def test_a_disk_without_room_is_not_tried_a_million_times(number, phi, boundary, monkeypatch):
+    """Of a million tries that fail few are compared with other disks; where no room is left, none
+    is made.
+    """
+    monkeypatch.setattr(initial_state, "insert", watched := Watched())
+    side = (number * math.pi / 4 / phi) ** 0.5 + (0.34 if boundary == W else 0.0)
+    scene = dense(box(side, side, boundary), [(number, 0.5, 1)], "random")
+    stuck = 0
+    for seed in range(6):
+        try:
+            draw(scene, seed)
+        except PlacementError:
+            stuck += 1
+            assert watched.outcome == STUCK and watched.progress[ROWS] > TRIES
+            assert watched.progress[COMPARED] < TRIES / 10
+    assert stuck
+
+
+@pytest.mark.parametrize("boundary", [W, P])
+def test_closed_fields_of_the_raster_have_no_room(boundary, monkeypatch):
+    """Random points of closed fields against all disks; equal disks, and a mixture, got stuck."""
+    monkeypatch.setattr(initial_state, "insert", watched := Watched())
+    stream = np.random.default_rng(5)
+    for kinds, side in (([(60, 0.5, 1)], 9.0), ([(8, 1.0, 1), (220, 0.2, 1)], 8.2)):
+        with pytest.raises(PlacementError):
+            draw(dense(box(side, side, boundary), kinds, "random"), 3)
+        p = watched.places
+        i = watched.progress[0]
+        columns, rows = p.is_open.shape
+        closed = np.argwhere(~p.is_open)
+        assert len(closed) > 0.9 * p.is_open.size
+        share = (closed + stream.random(closed.shape)) / (columns, rows)
+        margin = p.radius[i] if boundary == W else 0.0
+        centre = margin + share * (p.size - 2 * margin)
+        apart = centre[:, None] - p.position[:i]
+        if boundary == P:
+            apart -= p.size * np.rint(apart / p.size)
+        gap = np.hypot(*np.moveaxis(apart, -1, 0)) - p.radius[i] - p.radius[:i]
+        assert (gap.min(axis=1) < 0).all()
+
+
+@pytest.mark.parametrize("drawn", range(6))
+@pytest.mark.parametrize("skipped", [4, 8, 252, 4 * 10**6])
+def test_skipped_random_numbers_are_those_that_would_have_been_drawn(drawn, skipped):
+    streams = [np.random.Generator(np.random.Philox(11)) for _ in range(2)]
+    for stream in streams:
+        stream.random(drawn)
+    streams[0].random(skipped)
+    initial_state._skip(streams[1], skipped)
+    assert streams[0].random(9).tolist() == streams[1].random(9).tolist()
+
+
+# where insertion fails and disks grow: the beginning of the sha256 of all positions
+STATES_AFTER_FAILURE = {50: "732868fcab76a04e", 110: "b48427089fa4b300", 260: "7b76cd3c012f1751"}
+
+
+@pytest.mark.parametrize("number", STATES_AFTER_FAILURE)
+def test_states_that_grow_after_insertion_failed_are_those_of_a_million_tries(number):
+    """As made by a million tries, one by one. Seeds name states, in files and papers."""
+    side = (number * math.pi / 4 / 0.56) ** 0.5
+    positions = draw(dense(box(side, side, P), [(number, 0.5, 1)], "auto"), 2).position
+    assert hashlib.sha256(positions.tobytes()).hexdigest()[:16] == STATES_AFTER_FAILURE[number]
+
+
 @pytest.mark.parametrize("phi", [0.1, 0.4, 0.53, 0.65, 0.75])
 def test_tries_to_place_disks_are_near_those_forecast(phi, monkeypatch):
-    monkeypatch.setattr(initial_state, "insert", tries := Mock(wraps=insert))
+    monkeypatch.setattr(initial_state, "insert", watched := Watched())
     monkeypatch.setattr(initial_state, "push_apart", sweeps := Mock(wraps=push_apart))
     side = (1000 * math.pi / 4 / phi) ** 0.5
     draw(scene := dense(box(side, side, P), [(1000, 0.5, 1)], "auto"), 0)
-    found = (
-        sum(len(call.args[1]) for call in tries.call_args_list)
-        + 1000 * TRIES_PER_SWEEP * sweeps.call_count
-    )
+    found = watched.progress[ROWS] + 1000 * TRIES_PER_SWEEP * sweeps.call_count
     assert 0.5 < found / tries_to_place(scene) < 2
 
 

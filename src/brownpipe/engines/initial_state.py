@@ -7,11 +7,16 @@ lattice.
 
 import math
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 
 from brownpipe.engines.insertion import (
+    FIELDS_PER_CELL,
+    NEXT,
+    NOTHING_PLACED,
     OUT_OF_NUMBERS,
+    ROWS,
     STUCK,
     TRIES,
     Places,
@@ -29,7 +34,8 @@ BEFORE_GROWTH = 0.4  # packing fraction of the smaller disks that are inserted, 
 # share of the room between disks that they leave to each other when they are pushed apart
 SPARE = 0.1
 MOST_SWEEPS = 5_000  # over all disks
-TRIES_PER_CALL = 1_000_000  # of the kernel; between two calls Python handles signals such as Ctrl-C
+# of the kernel: their random numbers fit the cache; between two calls Python handles Ctrl-C
+TRIES_PER_CALL = 16_000
 
 
 def draw(scene: Scene, seed: int) -> State:
@@ -175,9 +181,9 @@ def _places(
     )
     cells = np.clip((size / (2 * common)).astype(np.int64), 1, most)
     grid, big = np.full(cells, -1, np.int64), np.flatnonzero(radius > common)
-    return Places(
-        position, radius, common, big, size, scene.box.periodic, grid, np.full(n, -1, np.int64)
-    )
+    following, is_open = np.full(n, -1, np.int64), np.ones(FIELDS_PER_CELL * cells, np.bool_)
+    periodic = scene.box.periodic
+    return Places(position, radius, common, big, size, periodic, grid, following, is_open)
 
 
 def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np.ndarray:
@@ -185,27 +191,40 @@ def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np
     radii.
     """
     empty, back = _insertion(scene, scale)
-    p = empty._replace(
-        **{name: getattr(empty, name).copy() for name in ("position", "grid", "following")}
-    )
-    n, fixed = scene.particles, scene.species[0].position is not None
-    outcome, progress = (
-        OUT_OF_NUMBERS,
-        np.array([int(fixed), 0]),
-    )  # disks placed, failed tries for the next one
+    copied = ("position", "grid", "following", "is_open")
+    p = empty._replace(**{name: getattr(empty, name).copy() for name in copied})
+    n = scene.particles
+    batch = 2 * n + 64  # rows of random numbers: the stream ends with a whole number of batches
+    progress = np.array(NOTHING_PLACED)
+    progress[NEXT] = scene.species[0].position is not None
+    start = stream.bit_generator.state
+    outcome, rows = OUT_OF_NUMBERS, batch
     while outcome == OUT_OF_NUMBERS:
-        numbers = stream.random((2 * n + 64, 2))
-        for first in range(0, len(numbers), TRIES_PER_CALL):
-            outcome = insert(p, numbers[first : first + TRIES_PER_CALL], progress)
-            if outcome != OUT_OF_NUMBERS:
-                break
+        rows = min(rows, TRIES_PER_CALL)
+        outcome = insert(p, stream.random((rows, 2)), progress)
+        rows *= 2
     if outcome == STUCK:
+        stream.bit_generator.state = start
+        _skip(stream, 2 * batch * math.ceil(progress[ROWS] / batch))
         raise PlacementError(
-            f"disks: only {progress[0]} of {n} disks found a place by random insertion in {TRIES} "
-            f"tries (packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller "
-            f"disks{other_placements(scene)}"
+            f"disks: only {progress[NEXT]} of {n} disks found a place by random insertion in "
+            f"{TRIES} tries (packing fraction {scene.packing_fraction:.3g}); must be fewer or "
+            f"smaller disks{other_placements(scene)}"
         )
     return (p.position + scene.box.origin).take(back, axis=0)
+
+
+def _skip(stream: np.random.Generator, numbers: int) -> None:
+    """Go on in a Philox stream by so many uniform random numbers, a multiple of 4, without drawing
+    them.
+
+    Philox makes numbers in blocks of 4, and its state counts blocks. The last block is made again,
+    and used as far as the first one had been.
+    """
+    philox = cast(np.random.Philox, stream.bit_generator)
+    used_of_block = philox.state["buffer_pos"]
+    philox.advance(numbers // 4 - 1)
+    stream.random(used_of_block)
 
 
 def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:

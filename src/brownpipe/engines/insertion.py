@@ -3,6 +3,11 @@ none overlap.
 
 `initial_state` draws the random numbers, and calls `insert` or `push_apart` until all disks are
 placed.
+
+Where hardly any room is left, a disk fails hundreds of thousands of tries. A raster then tells most
+failures by one look-up: its fields cover the rectangle accessible to the disk's centre, and a field
+is closed if no centre in it is possible. If all are closed, the disk has no place, whatever tries
+are made.
 """
 
 import math
@@ -17,6 +22,20 @@ from brownpipe.engines.records import by_reference, local_copy
 # TRIES tries.
 PLACED, OUT_OF_NUMBERS, STUCK = range(3)
 TRIES = 1_000_000
+
+# Entries of the array `progress`: the number of the disk that is inserted next; how many tries it
+# has failed; rows of random numbers used so far; failures of all disks since the raster was
+# examined; the disk it was last examined for, or -1; and tries that were compared with other disks.
+NEXT, FAILED, ROWS, UNEXAMINED, EXAMINED_FOR, COMPARED = range(6)
+NOTHING_PLACED = (0, 0, 0, 0, -1, 0)
+
+FIELDS_PER_CELL = 4  # of the raster, along each side of a cell
+# failures after which the raster is examined; that takes as long as some 80 tries per disk
+FAILURES_PER_DISK = 100
+SMALLEST_SQUARE = 12  # how often a field is halved along both sides before it is taken to be open
+COVERED, FREE, UNDECIDED = range(3)  # what is known of a square of possible centres
+# relative to contact distances, and to the box: far above rounding errors
+SLACK, ROUND_OFF = 1e-9, 1e-14
 
 
 @by_reference
@@ -35,6 +54,9 @@ class Places(NamedTuple):
     following: (
         np.ndarray
     )  # (N,) int64, the disk inserted into the same cell before each disk, or -1
+    is_open: (
+        np.ndarray
+    )  # (columns, rows) bool, fields of the raster in which a centre may be possible
 
 
 @kernel
@@ -103,29 +125,150 @@ def fits(p: Places, i: int) -> bool:
     return True
 
 
+@kernel
+def try_place(p: Places, i: int, u: float, v: float) -> None:
+    """Set the centre of disk i to the point (u, v), each in [0, 1), of the rectangle accessible to
+    it.
+    """
+    margin = 0.0 if p.periodic else p.radius[i]
+    p.position[i, 0] = margin + u * (p.size[0] - 2.0 * margin)
+    p.position[i, 1] = margin + v * (p.size[1] - 2.0 * margin)
+
+
+@kernel
+def judge(p: Places, i: int, k: int, half: float) -> int:
+    """Return what disk k says of the square of half diagonal `half` around the centre of disk i.
+
+    COVERED: at every centre in it disk i overlaps disk k. UNDECIDED: at that in its middle. FREE:
+    not at that.
+    """
+    x, y = p.position[k, 0] - p.position[i, 0], p.position[k, 1] - p.position[i, 1]
+    if p.periodic:
+        x -= p.size[0] * math.floor(x / p.size[0] + 0.5)
+        y -= p.size[1] * math.floor(y / p.size[1] + 0.5)
+    sigma, square = p.radius[i] + p.radius[k], x * x + y * y
+    inside = (1.0 - SLACK) * sigma - half - ROUND_OFF * (p.size[0] + p.size[1])
+    if inside > 0.0 and square < inside * inside:
+        return COVERED
+    return UNDECIDED if square < sigma * sigma else FREE
+
+
+@kernel
+def judge_all(p: Places, i: int, half: float) -> int:
+    """Return what all disks placed before say of the square of half diagonal `half` around disk
+    i's centre.
+    """
+    verdict = FREE
+    for k in p.big:
+        if k >= i:
+            break
+        of_disk = judge(p, i, k, half)
+        if of_disk == COVERED:
+            return COVERED
+        if of_disk == UNDECIDED:
+            verdict = UNDECIDED
+    left, right, bottom, top = block_around(p, i, p.radius[i] + p.common)
+    for column in range(left, right + 1):
+        for row in range(bottom, top + 1):
+            k = first_in_cell(p, column, row)
+            while k >= 0:
+                of_disk = judge(p, i, k, half)
+                if of_disk == COVERED:
+                    return COVERED
+                if of_disk == UNDECIDED:
+                    verdict = UNDECIDED
+                k = p.following[k]
+    return verdict
+
+
+@kernel
+def has_room(p: Places, i: int, column: int, row: int) -> bool:
+    """Return False if no centre of disk i is possible in a field of the raster.
+
+    A square that is undecided is divided in four, which are judged one after the other; the
+    smallest ones are taken to have room.
+    """
+    columns, rows = p.is_open.shape
+    margin = 0.0 if p.periodic else p.radius[i]
+    width, height = (p.size[0] - 2.0 * margin) / columns, (p.size[1] - 2.0 * margin) / rows
+    half = 0.5 * math.sqrt(width * width + height * height)
+    x, y, level, parts = (
+        0,
+        0,
+        0,
+        1,
+    )  # of the square: its column and row among parts x parts of the field
+    while True:
+        try_place(p, i, (column + (x + 0.5) / parts) / columns, (row + (y + 0.5) / parts) / rows)
+        verdict = judge_all(p, i, half / parts)
+        if verdict == FREE or (verdict == UNDECIDED and level == SMALLEST_SQUARE):
+            return True
+        if verdict == UNDECIDED:
+            x, y, level, parts = 2 * x, 2 * y, level + 1, 2 * parts
+            continue
+        while level > 0 and x % 2 == 1 and y % 2 == 1:  # the last of four
+            x, y, level, parts = x // 2, y // 2, level - 1, parts // 2
+        if level == 0:
+            return False
+        if x % 2 == 0:
+            x += 1
+        else:
+            x, y = x - 1, y + 1
+
+
+@kernel
+def examine(p: Places, i: int, again: bool) -> bool:
+    """Close the fields of the raster in which disk i has no room; return whether any stays open.
+
+    `again`: fields closed before stay closed, as disks were only added since. Otherwise all are
+    examined.
+    """
+    some_room = False
+    for column in range(p.is_open.shape[0]):
+        for row in range(p.is_open.shape[1]):
+            is_open = (not again or p.is_open[column, row]) and has_room(p, i, column, row)
+            p.is_open[column, row] = is_open
+            some_room = some_room or is_open
+    return some_room
+
+
 @entry_point
 def insert(p: Places, numbers: np.ndarray, progress: np.ndarray) -> int:
     """Insert disks one after another; return PLACED, OUT_OF_NUMBERS or STUCK.
 
-    `numbers` (n, 2) are uniform in [0, 1): one row for every try. `progress` (2,) int64 holds the
-    number of disks placed and of tries for the next one, which a further call continues.
+    `numbers` (n, 2) are uniform in [0, 1): one row for every try. `progress` (6,) int64, at first
+    NOTHING_PLACED, is what a further call continues. A disk for which no room is left counts as one
+    that has failed all of its tries, and used a row for each.
     """
     p = local_copy(p)
-    i, tries = progress
-    for j in range(len(numbers)):
-        if i == len(p.radius):
-            break
-        margin = 0.0 if p.periodic else p.radius[i]
-        p.position[i, 0] = margin + numbers[j, 0] * (p.size[0] - 2.0 * margin)
-        p.position[i, 1] = margin + numbers[j, 1] * (p.size[1] - 2.0 * margin)
-        tries += 1
-        if fits(p, i):
-            register(p, i)
-            i, tries = i + 1, 0
-        elif tries == TRIES:
-            return STUCK
-    progress[0], progress[1] = i, tries
-    return PLACED if i == len(p.radius) else OUT_OF_NUMBERS
+    n, columns, rows = len(p.radius), p.is_open.shape[0], p.is_open.shape[1]
+    i, failed, unexamined = progress[NEXT], progress[FAILED], progress[UNEXAMINED]
+    examined_for, compared = progress[EXAMINED_FOR], progress[COMPARED]
+    used, outcome = 0, OUT_OF_NUMBERS
+    while used < len(numbers) and i < n and outcome == OUT_OF_NUMBERS:
+        u, v = numbers[used, 0], numbers[used, 1]
+        used += 1
+        known = examined_for >= 0 and p.radius[examined_for] == p.radius[i]
+        if not known or p.is_open[int(u * columns), int(v * rows)]:
+            try_place(p, i, u, v)
+            compared += 1
+            if fits(p, i):
+                register(p, i)
+                i, failed = i + 1, 0
+                continue
+        failed, unexamined = failed + 1, unexamined + 1
+        if failed == TRIES:
+            outcome = STUCK
+        elif unexamined >= FAILURES_PER_DISK * n and examined_for != i:
+            unexamined = 0
+            if not examine(p, i, known):
+                progress[ROWS] += TRIES - failed
+                outcome = STUCK
+            examined_for = i
+    progress[NEXT], progress[FAILED], progress[UNEXAMINED] = i, failed, unexamined
+    progress[EXAMINED_FOR], progress[COMPARED] = examined_for, compared
+    progress[ROWS] += used
+    return PLACED if i == n else outcome
 
 
 @kernel
@@ -211,7 +354,6 @@ def push_apart(p: Places, held: int, stretch: float) -> int:
 def insert_nothing() -> None:
     """Insert no disk, so that the kernel is compiled."""
     no_disks, none = np.zeros((0, 2)), np.zeros(0, np.int64)
-    no_places = Places(
-        no_disks, np.zeros(0), 1.0, none, np.ones(2), False, np.zeros((1, 1), np.int64), none
-    )
-    insert(no_places, no_disks, np.zeros(2, np.int64))
+    grid, is_open = np.zeros((1, 1), np.int64), np.zeros((1, 1), np.bool_)
+    no_places = Places(no_disks, np.zeros(0), 1.0, none, np.ones(2), False, grid, none, is_open)
+    insert(no_places, no_disks, np.array(NOTHING_PLACED))
