@@ -394,6 +394,28 @@ def test_times_are_selected_as_one_writes_them(tmp_path):
     assert "Time=0.49\n" in (tmp_path / "runs.xyz").read_text()
 
 
+@pytest.mark.parametrize("until", [slice(13, 14), slice(13, None)], ids=["once", "to the end"])
+@pytest.mark.parametrize("name", ["position", "velocity", "square_displacement"])
+def test_a_run_with_a_gap_is_named(name, until, tmp_path):
+    """Edited by the user: no engine leaves a number out in a run that did not fail."""
+    scene = bp.read_scene(SCENE, 20)
+    asked = {"record": "velocity", "observables": ["square_displacement"], "quiet": True}
+    runs = bp.simulate(scene, range(4, 12), **asked)
+    edited = runs.copy(deep=True)
+    edited[name].loc[{"seed": 9, "time": edited.time[until]}] = np.nan
+    gap = f"seed 9: {name} is not a number at t = 0.13, though the run did not fail; take the run"
+    bp.save(edited, tmp_path / "edited.h5")
+    for source, where in ((edited, r"^runs\[0\]"), (tmp_path / "edited.h5", "edited.h5")):
+        with pytest.raises(AnalysisError, match=f"{where}: {gap}"):
+            bp.analyse(source, quiet=True)
+    others = [*range(4, 9), 10, 11]
+    found = bp.analyse(edited.sel(seed=others), quiet=True)
+    assert found.equals(bp.analyse(runs.sel(seed=others), quiet=True))
+    failed = edited.copy(deep=True)
+    failed.failed.loc[{"seed": 9}] = 1
+    assert bp.analyse(failed, quiet=True).msd.notnull().all()
+
+
 def test_a_run_without_a_number_leaves_no_mean_by_either_route(colliding):
     """First passages, of which one did not happen in time, and a curve with one point missing."""
 

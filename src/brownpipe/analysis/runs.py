@@ -143,7 +143,7 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
     """Yield the runs of a group in blocks of seeds between multiples of SEEDS_PER_BLOCK, ascending.
 
     The blocks do not depend on how the runs are distributed over files; blocks read from files have
-    no whole runs and no collisions.
+    no whole runs and no collisions. Raises AnalysisError as `_refuse_gaps`.
     """
     opened = lru_cache(maxsize=2)(
         open_runs
@@ -156,7 +156,38 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
                 runs = file.contents.ensemble if file.is_in_memory else opened(file.path)
                 rows = np.flatnonzero(np.isin(runs.seeds, seeds))
                 parts.append(select(select(runs, slice(rows[0], rows[-1] + 1)), rows - rows[0]))
-        yield joined(parts)
+        runs = joined(parts)
+        _refuse_gaps(group, runs)
+        yield runs
+
+
+def _refuse_gaps(group: Group, runs: Ensemble) -> None:
+    """Refuse a run that did not fail and yet has no number for where its tracer is: no engine makes
+    such a run, but somebody may have edited it.
+
+    Raises AnalysisError, which names the run, the variable and the first time. In arrays of the
+    user's own NaN may mean something.
+    """
+    sampled = dict[str, np.ndarray]()  # name -> (n, T, ...)
+    if runs.tracer is not None:
+        sampled["position"] = runs.tracer.position.swapaxes(0, 1)
+    if runs.tracer is not None and runs.tracer.velocity is not None:
+        sampled["velocity"] = runs.tracer.velocity.swapaxes(0, 1)
+    if "square_displacement" in runs.observables:
+        sampled["square_displacement"] = runs.observables["square_displacement"]
+    is_good = runs.observables["failed"] == 0
+    for name, values in sampled.items():
+        is_gap = ~np.isfinite(values).reshape(*values.shape[:2], -1).all(axis=2)
+        gaps = np.argwhere(is_gap & is_good[:, None])
+        if len(gaps):
+            row, sample = gaps[0]
+            seed = runs.seeds[row]
+            path = next(file.path for file in group.files if seed in file.seeds)
+            problem = f"{name} is not a number at t = {runs.times[sample]:g}"
+            cure = "take the run as it was made, or select the others"
+            raise AnalysisError(
+                f"{path}: seed {seed}: {problem}, though the run did not fail; {cure}"
+            )
 
 
 def reported(runs: Ensemble, name: str) -> np.ndarray:
