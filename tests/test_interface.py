@@ -14,6 +14,7 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas
 import pytest
@@ -214,6 +215,20 @@ def test_a_saved_selection_has_the_collisions_of_its_runs(colliding, tmp_path):
     alone = bp.simulate(scene, [4], record=["tracer", "events"], quiet=True)
     bp.save(bp.open(tmp_path / "two.h5").sel(seed=[4]), tmp_path / "one.h5")
     assert bp.open(tmp_path / "one.h5").identical(alone)
+
+
+def test_runs_that_xarray_has_open_are_read_all_the_same(colliding, tmp_path):
+    runs, path = colliding[1:]
+    result = bp.analyse(runs, quiet=True)
+    bp.save(result, tmp_path / "result.nc")
+    with xarray.open_datatree(path) as tree, xarray.open_dataset(tmp_path / "result.nc") as dataset:
+        assert bp.open(path).identical(runs)
+        assert bp.analyse(path, quiet=True).identical(result)
+        assert bp.open(tmp_path / "result.nc").identical(result)
+        assert (tree.sizes["seed"], dataset.sizes["seed"]) == (5, 5)
+    with h5py.File(path) as file:
+        assert bp.open(path).identical(runs)
+        assert len(file["seed"]) == 5
 
 
 @pytest.mark.parametrize("stream", [None, type("Stream", (), {"write": print, "flush": print})()])

@@ -165,7 +165,7 @@ def has_lost_its_seal(path: str | Path) -> bool:
     """
     if not os.path.getsize(path) or seal_of(path):
         return False
-    with suppress(OSError), h5py.File(path, locking=False) as file:
+    with suppress(OSError), opened(path) as file:
         return SOURCE in file.attrs  # a checkpoint is soon made again
     return False
 
@@ -210,6 +210,20 @@ def writing(
     write_sealed(path, image.getbuffer())
 
 
+def opened(path: str | Path) -> h5py.File:
+    """Return an HDF5 file, open for reading without locks, which some file systems do not have.
+
+    If the process has it open already, as by `xarray.open_datatree`, HDF5 wants it opened in the
+    same way. Raises OSError.
+    """
+    try:
+        return h5py.File(path, locking=False)
+    except OSError as error:
+        if "file locking" not in str(error):
+            raise
+        return h5py.File(path)
+
+
 @contextmanager
 def reading(path: str | Path, *kinds: str) -> Iterator[h5py.File]:
     """Yield a file of these KINDS, after its seal is verified.
@@ -218,7 +232,7 @@ def reading(path: str | Path, *kinds: str) -> Iterator[h5py.File]:
     another version; WrongFileError if it does not exist or is of another kind.
     """
     verb = "aggregate" if Path(path).suffix == ".nc" else "simulate"
-    with naming(path, verb), h5py.File(verified(path), locking=False) as file:
+    with naming(path, verb), opened(verified(path)) as file:
         kind = next((kind for kind in KINDS if kind in file.attrs), DATASET)
         if kind not in kinds:
             raise WrongFileError(

@@ -20,7 +20,7 @@ from brownpipe.observables.own import Own, own_arrays
 from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
-from brownpipe.storage.files import MALFORMED, TRAJECTORIES, reading, writing
+from brownpipe.storage.files import MALFORMED, TRAJECTORIES, opened, reading, writing
 from brownpipe.storage.layout import (
     AXES,
     PLACES,
@@ -224,7 +224,7 @@ def open_runs(path: str | Path) -> Ensemble:
 
     Only what is selected is read. The file is open as long as the ensemble is there.
     """
-    return trajectories_in(h5py.File(path, locking=False), outline=True).ensemble
+    return trajectories_in(opened(path), outline=True).ensemble
 
 
 def _runs_of(attributes: Mapping, groups: Groups) -> Trajectories:
