@@ -148,7 +148,7 @@ def test_xarray_shows_the_tree_of_brownpipe(engine, full):
                 "failed",
             }
     assert runs.image.dims == ("time", "seed", "component")
-    assert runs.events.impulse.dims == ("event", "component")
+    assert runs.events.impulse.dims == ("seed", "event", "component")
     assert np.array_equal(
         runs.position.sel(seed=7), read_trajectories(full).ensemble.tracer.position[:, 3]
     )
