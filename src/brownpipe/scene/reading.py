@@ -235,10 +235,9 @@ class Record(BaseModel):
         return {key: part for key, part in value.items() if part is not None}
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Refuse a new value of a key: another scene is made of it."""
-        example = f"scene.replace({name}={value!r:.40}), or with a path of keys, scene.replace(**"
-        example += '{"disks.tracer.mass": 3.0}), returns another scene'
-        raise RequestError(f"{name}: cannot be changed: {example}")
+        """Refuse a new value of a key: another scene is made with it."""
+        paths = 'scene.replace with the path of the key, as in {"disks.tracer.mass": 3.0}'
+        raise RequestError(f"{name}: cannot be changed; {paths}, returns another scene")
 
     def _resolve(self, **values: object) -> None:
         """Set fields that follow from others, and attributes that are no keys; none of them counts

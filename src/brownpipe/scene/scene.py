@@ -380,6 +380,11 @@ class Scene(Record):
 
     __str__ = __repr__
 
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse a new value of a key: another scene is made with it."""
+        other = f"scene.replace({name}={value!r:.40}) returns another scene"
+        raise RequestError(f"{name}: cannot be changed; {other}")
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scene) and (self.name, self.text) == (other.name, other.text)
 
