@@ -410,17 +410,19 @@ def test_times_are_selected_as_one_writes_them(tmp_path):
 
 
 @pytest.mark.parametrize("until", [slice(13, 14), slice(13, None)], ids=["once", "to the end"])
-@pytest.mark.parametrize("name", ["position", "velocity", "square_displacement"])
+@pytest.mark.parametrize("name", ["position", "velocity", "image", "square_displacement"])
 def test_a_run_with_a_gap_is_named(name, until, tmp_path):
     """Edited by the user: no engine leaves a number out in a run that did not fail."""
-    scene = bp.read_scene(SCENE, 20)
+    scene = bp.read_scene(SCENE, 20).replace(**{"box.boundary": "periodic"})
     asked = {"record": "velocity", "observables": ["square_displacement"], "quiet": True}
     runs = bp.simulate(scene, range(4, 12), **asked)
     edited = runs.copy(deep=True)
+    edited[name] = edited[name].astype(float)
     edited[name].loc[{"seed": 9, "time": edited.time[until]}] = np.nan
     gap = f"seed 9: {name} is not a number at t = 0.13, though the run did not fail; take the run"
+    places = {r"^runs\[0\]": edited, "edited.h5": tmp_path / "edited.h5"}
     bp.save(edited, tmp_path / "edited.h5")
-    for source, where in ((edited, r"^runs\[0\]"), (tmp_path / "edited.h5", "edited.h5")):
+    for where, source in places.items():
         with pytest.raises(AnalysisError, match=f"{where}: {gap}"):
             bp.analyse(source, quiet=True)
     others = [*range(4, 9), 10, 11]

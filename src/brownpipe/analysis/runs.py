@@ -168,11 +168,10 @@ def _refuse_gaps(group: Group, runs: Ensemble) -> None:
     Raises AnalysisError, which names the run, the variable and the first time. In arrays of the
     user's own NaN may mean something.
     """
-    sampled = dict[str, np.ndarray]()  # name -> (n, T, ...)
-    if runs.tracer is not None:
-        sampled["position"] = runs.tracer.position.swapaxes(0, 1)
-    if runs.tracer is not None and runs.tracer.velocity is not None:
-        sampled["velocity"] = runs.tracer.velocity.swapaxes(0, 1)
+    tracks = runs.tracer._asdict() if runs.tracer is not None else {}
+    sampled: dict[str, np.ndarray] = {  # (n, T, ...)
+        name: values.swapaxes(0, 1) for name, values in tracks.items() if values is not None
+    }
     if "square_displacement" in runs.observables:
         sampled["square_displacement"] = runs.observables["square_displacement"]
     is_good = runs.observables["failed"] == 0
