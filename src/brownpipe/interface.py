@@ -84,7 +84,8 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     `scene.replace(duration=5.0)` returns a scene with other values of some keys,
     `scene.replace(**{"disks.tracer.mass": 3})` one with another value below a key: a path as in
     `scan`. Scenes to be compared have names of their own: `scene.replace(duration=5.0,
-    name="long")`.
+    name="long")`. `scene.save("long.yaml")` writes a scene file, of which `read_scene` makes an
+    equal scene.
 
     Raises RequestError for anything that `read_scene` refuses.
     """
