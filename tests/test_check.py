@@ -224,9 +224,13 @@ def report(folder, mapping, name="scene"):
 
 
 def cautions(lines):
-    """Cautions but those of windows of fits, as these scenes are small."""
+    """Cautions but those of windows of fits and of scenes that do not equilibrate: these are
+    small.
+    """
     said = [line.removeprefix("caution   ") for line in lines if line.startswith("caution ")]
-    return [line for line in said if not line.startswith("the fit window")]
+    return [
+        line for line in said if not line.startswith("the fit window") and "add `eq" not in line
+    ]
 
 
 def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):
@@ -242,13 +246,32 @@ def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):
     placements = "`placement: auto` with `equilibrate`, or `placement: lattice`"
     assert cure == f"must be fewer or smaller disks, or {placements}"
     grown = crowd(75, placement="auto")
-    (caution,) = cautions(report(tmp_path, grown))
-    assert caution.endswith("(packing fraction 0.589): no equilibrium; add `equilibrate`")
+    remark = forecast.caution(parse_scene(grown, "scene.yaml"))
+    assert remark.endswith("(packing fraction 0.589): no equilibrium; add `equilibrate`")
     assert cautions(report(tmp_path, grown | {"equilibrate": 50})) == []
     (caution,) = cautions(report(tmp_path, grown | {"equilibrate": 0.2}))
     assert "equilibrate.time 0.2 is short" in caution
     (caution,) = cautions(report(tmp_path, crowd(66)))
     assert "expected to fail in some of the runs (packing fraction 0.518)" in caution
+
+
+@pytest.mark.parametrize("placement", ["random", "lattice"])
+def test_a_scene_with_a_temperature_that_does_not_equilibrate_is_cautioned(tmp_path, placement):
+    """So that a fluid at rest in places of its own is not taken for one in equilibrium; the time
+    that is advised is enough.
+    """
+
+    def said(**more):
+        lines = report(tmp_path, crowd(35, placement=placement, **more))
+        return [line for line in lines if "not those of equilibrium" in line]
+
+    start = {"random": "random insertion", "lattice": "lattice"}[placement]
+    ((before, needed),) = (line.split("; add `equilibrate`: some ") for line in said())
+    assert before == (f"caution   scene, N = 35: places from {start} are not those of equilibrium")
+    assert said(equilibrate=float(needed.split()[0])) == []
+    assert said(velocities={"standard_deviation": 1.0}) == []
+    assert said(velocities={"temperature": 0.0}) == []
+    assert forecast.settling_caution(parse_scene(crowd(1), "lone.yaml")) is None
 
 
 def test_remarks_are_on_the_engine_of_the_study(tmp_path):

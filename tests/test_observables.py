@@ -565,9 +565,14 @@ LOGARITHMIC = {"sample_interval": None, "samples": {"per_decade": 5}}
             {"equilibrate": None},
             SQUARE,
             "origins",
-            "stationary from t = 0, but equilibrate.time is 0",
+            "but they do not equilibrate; must be equilibrate: {time: T, tracer: free}",
         ),
-        ({"equilibrate": 3.0}, SQUARE, "disks", "but its tracer is pinned while it equilibrates"),
+        (
+            {"equilibrate": 3.0},
+            SQUARE,
+            "disks",
+            "default; must be equilibrate: {time: 3, tracer: free}",
+        ),
         (
             {},
             SQUARE,

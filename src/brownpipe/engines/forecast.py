@@ -402,10 +402,22 @@ def settling_in_words(scene: Scene) -> str | None:
 
 
 def settling_caution(scene: Scene) -> str | None:
-    """Return one line of caution if a scene equilibrates for far less than it is expected to need;
-    otherwise None.
+    """Return one line of caution if a scene with a temperature does not equilibrate, or one that
+    does for far less than it is expected to need; otherwise None.
     """
-    time, words = scene.equilibrate.time, settling_in_words(scene)
+    time, case = scene.equilibrate.time, f"{scene.name}, N = {scene.particles}"
+    thermal = motion.is_thermal(scene) and motion.moves(scene)
+    if thermal and time == 0 and scene.particles > 1:
+        return None if is_grown(scene) else f"{case}: {_start_without_equilibrium(scene)}"
+    words = settling_in_words(scene)
     if words is None or not time < TOO_SHORT * settling_time(scene):
         return None
-    return f"{scene.name}, N = {scene.particles}: equilibrate.time {time:g} is short: {words}"
+    return f"{case}: equilibrate.time {time:g} is short: {words}"
+
+
+def _start_without_equilibrium(scene: Scene) -> str:
+    """Return where the disks start that do not equilibrate, and the cure."""
+    start = "lattice" if scene.placement == "lattice" else "random insertion"
+    needed = settling_time(scene)
+    enough = "" if math.isnan(needed) else f": some {needed:.2g} should be enough"
+    return f"places from {start} are not those of equilibrium; add `equilibrate`{enough}"

@@ -47,9 +47,10 @@ def why_not_stationary(scene: Scene) -> str | None:
     if not motion.is_thermal(scene):
         return "velocities.temperature is not given"
     if scene.equilibrate.time == 0:
-        return "equilibrate.time is 0"
+        return "they do not equilibrate; must be equilibrate: {time: T, tracer: free}"
     if scene.equilibrate.tracer == "pinned":
-        return "its tracer is pinned while it equilibrates"
+        free = f"equilibrate: {{time: {scene.equilibrate.time:g}, tracer: free}}"
+        return f"its tracer is pinned while it equilibrates, the default; must be {free}"
     return None
 
 

@@ -106,7 +106,8 @@ def _study(study: Study) -> list[str]:
     cautions: list[str | None] = [
         line for runs in sets for line in runs.engine.cautions(runs.case, study.observables)
     ]
-    cautions += [forecast.settling_caution(case) for case in study.cases]
+    simulated = [use.case for use in study.uses if use.engine.definition.moves_all_disks]
+    cautions += [forecast.settling_caution(case) for case in simulated]
     starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
     cautions += [friction.window_caution(window, starts) for window in study.fit_windows or ()]
     lines += _cautions(cautions)
