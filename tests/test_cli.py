@@ -107,7 +107,7 @@ SIMULATE_IT = (
     f"{SCENE}: is a scene, not a study; run it with brownpipe simulate {SCENE}, or list it in a "
     "study"
 )
-NO_RESULTS = "is damaged, cut short or edited, or no file of brownpipe"
+NO_RESULTS = "is no trajectory file or dataset of brownpipe"
 COMMAS = "several values of an option are joined by commas"
 
 
@@ -192,6 +192,11 @@ COMMAS = "several values of an option are joined by commas"
             f"{COMPARED}: has no results yet; run it first: brownpipe run {COMPARED}",
         ),
         (["aggregate", SCENE, "--output", "a.nc"], NO_RESULTS),
+        (
+            ["aggregate", "a.h5", "--output", "a.nc", "--fit-windows", "3-12"],
+            "argument --fit-windows: must be T0:T1, not '3-12'",
+        ),
+        (["verify", SCENE], f"harrison2020.yaml: {NO_RESULTS}"),
         (["aggregate", "DATASET", "--output", "a.nc"], "not a trajectory file"),
         (["figures", "RUNS", "--output", "f"], "not a dataset"),
         (["simulate", "RUNS"], "it is an HDF5 file: brownpipe inspect "),
@@ -274,8 +279,9 @@ def test_inputs_folders_and_files_of_others_are_not_replaced(runs, said):
     Path("scene.yaml").write_bytes(Path(SCENE).read_bytes())
     Path("runs.h5").write_bytes(runs.read_bytes())
     os.link("runs.h5", "same.h5")
+    assert said("aggregate", "runs.h5", "--output", "runs.nc")[0] == DONE
     Path("study.yaml").write_text("scenes: scene.yaml\nparticles: 10\ntolerance: 50%\n")
-    for name in ("mine.h5", "mine.nc", "runs.csv", "runs.gif"):
+    for name in ("mine.h5", "mine.nc", "runs.csv", "runs.gif", "mine.xyz", "mine.html", "mine.png"):
         h5py.File(name, "w").create_dataset("x", data=1).file.close()
     before = {path: path.read_bytes() for path in Path().iterdir()}
     Path("folder").mkdir()
@@ -287,7 +293,12 @@ def test_inputs_folders_and_files_of_others_are_not_replaced(runs, said):
         ["aggregate", "runs.h5", "--output", "mine.nc"],
         ["plan", "study.yaml", "--count", "scene.yaml"],
         ["export", "runs.h5", "--to", "csv"],
+        ["export", "runs.h5", "--to", "xyz", "--output", "mine.xyz"],
         ["movie", "runs.h5"],
+        ["movie", "runs.h5", "--output", "runs.gif"],
+        ["movie", "runs.h5", "--output", "mine.png"],
+        ["movie", "runs.h5", "--output", "mine.html"],
+        ["figures", "runs.nc", "--output", "folder", "--page", "mine.html"],
     ):
         status, _, err = said(*argv)
         assert status == WRONG_REQUEST and "choose another name for the output" in err

@@ -239,13 +239,14 @@ def export(arguments: Namespace) -> None:
     The file must have been recorded with `--record all`. Without whole runs, CSV has the tracers of
     all runs. GSD has single precision and the centre of the box at the origin, and needs the
     package gsd; XYZ and CSV have every digit. Unwrapped positions in a periodic box are position +
-    image * (width, height).
+    image * (width, height). A file that is there is not replaced.
 
     example: brownpipe export seed17.h5 --to gsd
     """
     kind = f".{arguments.to}"
-    output = arguments.output or absent(f"{Path(arguments.file).stem}{kind}")
+    output = arguments.output or f"{Path(arguments.file).stem}{kind}"
     output = writable(output, arguments.file, suffixes=(kind,))
+    absent(output, "choose another name for the output, or delete it")
     tracks, remarks = exported(
         read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed
     )

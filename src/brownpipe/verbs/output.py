@@ -15,6 +15,7 @@ HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
 YAML = (".yaml", ".yml")
 NETCDF = (".nc", "")  # of datasets
 PAGE = (".html",)
+PICTURES = (".png", ".gif", *PAGE)  # that have a record of what they were made from
 FILES = (
     ".png",
     ".svg",
@@ -62,6 +63,8 @@ def writable(path: str, *inputs: str, suffixes: Sequence[str], size: float = 0.0
         raise RequestError(f"{path}: is not a file; choose another name for the output")
     if suffix(path) in (*HDF5, *NETCDF, *YAML):
         refuse_foreign(path)
+    elif suffix(path) in PICTURES and os.path.isfile(path) and not has_record(path):
+        raise RequestError(f"{path}: is no file of brownpipe; choose another name for the output")
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -75,6 +78,13 @@ def writable(path: str, *inputs: str, suffixes: Sequence[str], size: float = 0.0
         room = f"some {in_bytes(size)} are expected, and there is room for {in_bytes(free)}"
         raise StorageError(f"{path}: {room}; must be more space, fewer seeds, or less to record")
     return path
+
+
+def has_record(path: str) -> bool:
+    """Return whether a picture or page is brownpipe's own, or is empty."""
+    from brownpipe.figures.origin import read_record
+
+    return os.path.getsize(path) == 0 or read_record(path) is not None
 
 
 def absent(
