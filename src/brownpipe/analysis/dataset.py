@@ -192,6 +192,20 @@ def _over_keys(
     return {name: one for name, one in spread.items() if name not in keys}, keys
 
 
+def _difference(one: RunArray, other: RunArray) -> str:
+    """Return how an array of the user's own differs between runs that cannot be joined, and the
+    cure.
+    """
+    if one.observable != other.observable:
+        return f"is of {other.observable}, in other runs of {one.observable}; rename one of them"
+    if one.source != other.source:
+        return (
+            f"was measured by another function {one.observable}, or by its file before an edit; "
+            "measure all runs by the same"
+        )
+    return f"must be alike in all runs; has {other[:3]}, in other runs {one[:3]}"
+
+
 def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
     """Return the variables of the user's own functions. Raises AnalysisError if arrays differ in
     more than shape.
@@ -200,11 +214,7 @@ def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():
             if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):
-                wrong = (
-                    "has other dimensions in other runs, or was measured by another function; "
-                    "name it by text"
-                )
-                raise AnalysisError(f"{file.path}: {name}: {wrong}")
+                raise AnalysisError(f"{file.path}: {name}: {_difference(own[name], array)}")
     return {
         name: Mean(
             (*EACH, *one.dims), one.units, one.long_name, extra={"observable": one.observable}

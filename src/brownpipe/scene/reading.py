@@ -27,7 +27,13 @@ from pydantic_core import PydanticCustomError, ValidationError
 from brownpipe.errors import RequestError
 from brownpipe.text import shell_path
 
-SYNONYMS = {"runs": "seeds", "n": "particles", "kt": "temperature", "dt": "time_step"}
+SYNONYMS = {
+    "runs": ("seeds",),
+    "n": ("particles", "count"),
+    "number": ("particles", "count"),
+    "kt": ("temperature",),
+    "dt": ("time_step",),
+}
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 # -- YAML ------------------------------------------------------------------------------------------
@@ -101,8 +107,10 @@ def read_yaml(path: str | Path) -> Document:
     Raises RequestError if the file cannot be read or is not such YAML.
     """
     lines: dict[tuple[str | int, ...], int] = {}
+    text = ""
     try:
-        node = yaml.compose(Path(path).read_text("utf-8-sig"), LOADER)
+        text = Path(path).read_text("utf-8-sig")
+        node = yaml.compose(text, LOADER)
         if not isinstance(node, yaml.MappingNode):
             raise ValueError(f"{'' if node else 'empty; '}must be a mapping of keys to values")
         document = Document(_value(node, (), lines))
@@ -117,6 +125,9 @@ def read_yaml(path: str | Path) -> Document:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", "a character that is not allowed").removeprefix("but ")
+        marked = text.split("\n")[mark.line : mark.line + 1] if mark else []
+        if any(line[mark.column :].startswith("\t") for line in marked):
+            problem = "a tab; YAML indents by spaces"
         raise RequestError(
             f"{path}: {f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}"
         ) from None
@@ -334,13 +345,13 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
     raise RequestError(": ".join(filter(None, (file, place.removeprefix("."), problem)))) from None
 
 
-def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str | int], str]:
+def _place_and_problem(refusal: ValidationError, value: object) -> tuple[list[str | int], str]:
     """Return the path of a refused value, and what is wrong with it: the first of the most deeply
     nested errors.
 
     A value that may be of several types has an error for each of them.
     """
-    errors = [(_path(one, value), one) for one in error.errors(include_url=False)]
+    errors = [(_path(one, value), one) for one in refusal.errors(include_url=False)]
     path = max((path for path, _ in errors), key=len)
     here = [one for other, one in errors if other == path]
     problems = [
@@ -350,6 +361,13 @@ def _place_and_problem(error: ValidationError, value: object) -> tuple[list[str 
     problem = re.sub(r"\w+ should", "must", " or ".join(dict.fromkeys(problems))).replace(
         " or must be ", " or "
     )
+    also = [
+        str(other[-1])
+        for other, error in errors
+        if error["type"] == "missing" and other != path and other[:-1] == path[:-1]
+    ]
+    if here[0]["type"] == "missing" and also:
+        problem += f", and so must {' and '.join(dict.fromkeys(also))}"
     found = here[0].get("ctx", {}).get("tag", here[0]["input"])
     return path, problem if here[0]["type"] in (
         "refused",
@@ -372,5 +390,5 @@ def _path(error: Any, value: Any) -> list[str | int]:
 
 def did_you_mean(word: str, options: Sequence[str]) -> str:
     """Return a question about the most similar option, "" if none is similar."""
-    near = [SYNONYMS.get(word.lower(), ""), *difflib.get_close_matches(word.lower(), options, n=1)]
+    near = [*SYNONYMS.get(word.lower(), ()), *difflib.get_close_matches(word.lower(), options, n=1)]
     return next((f"did you mean {name}? " for name in near if name in options), "")

@@ -303,10 +303,14 @@ class Scene(Record):
         """Resolve the motion of the tracer before t = 0 and the total momentum."""
         start, velocities = self.equilibrate, self.velocities
         held = "pinned" if isinstance(self.disks, Mixture) and self.disks.tracer else "free"
-        if bool(self.placement) == (velocities is None):
+        if self.placement and velocities is None:
             refuse(
-                "must be given with species, and not with an explicit list of disks", "velocities"
+                "missing; must be given with species: {temperature: kT} or "
+                "{standard_deviation: speed}",
+                "velocities",
             )
+        if velocities is not None and not self.placement:
+            refuse("must not be given with an explicit list of disks", "velocities")
         if start.time > 0 and not self.placement:
             refuse("must not be given with an explicit list of disks", "equilibrate")
         if start.tracer is None or start.time == 0:

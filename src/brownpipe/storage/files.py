@@ -149,10 +149,9 @@ def verified(path: str | Path) -> str | Path:
     if seal != SEAL + f"{digest.hexdigest()}\n".encode():
         if has_lost_its_seal(path):
             raise UnsealedError(UNSEALED)
-        is_ours = seal.startswith(SEAL) or HDF5.startswith(start)
-        raise (StorageError if is_ours else WrongFileError)(
-            "is damaged, cut short or edited, or no file of brownpipe"
-        )
+        if not (seal.startswith(SEAL) or HDF5.startswith(start)):
+            raise WrongFileError("is no trajectory file or dataset of brownpipe")
+        raise StorageError("is damaged, cut short or edited, or no file of brownpipe")
     return path
 
 
@@ -181,10 +180,10 @@ def naming(path: str | Path, verb: str) -> Iterator[None]:
         yield
     except UnsealedError as error:
         raise UnsealedError(f"{path}: {str(error).format(verb=verb)}") from error
-    except (WrongFileError, OSError) as error:
-        raise WrongFileError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
-        ) from error
+    except WrongFileError as error:
+        raise WrongFileError(f"{path}: {error}") from error
+    except OSError as error:
+        raise WrongFileError(f"{path}: cannot be read: {error.strerror or error}") from error
     except MALFORMED as error:
         again = (
             "if a version of brownpipe wrote it, delete it and run the study, or brownpipe "

@@ -15,18 +15,22 @@ from brownpipe.scene.seeds import Seed
 Value = TypeVar("Value")
 
 
-def typed(kind: Any, separator: str = "") -> Callable[[str], Any]:
+def typed(kind: Any, form: str = "") -> Callable[[str], Any]:
     """Return the reader of a value of this type, which is read and refused as in a scene or study
     file.
 
-    separator: between the values of a list of this type.
+    form: of a list of two values, such as T0:T1.
     """
 
     def read(text: str) -> Any:
+        value: Any = scalar(text)
+        if form:
+            words = text.split(":")
+            if len(words) != len(form.split(":")):
+                raise ArgumentTypeError(f"must be {form}, not {text!r}")
+            value = [scalar(word) for word in words]
         try:
-            return validated(
-                kind, [*map(scalar, text.split(separator))] if separator else scalar(text)
-            )
+            return validated(kind, value)
         except RequestError as error:
             raise ArgumentTypeError(str(error)) from None
 

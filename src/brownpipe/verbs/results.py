@@ -34,7 +34,7 @@ def add_aggregate(add: Callable) -> None:
     add("--study", metavar="STUDY", help=instead)
     _add_runs_of_study(add)
     windows = "where lines are fitted to the MSD (default: two that begin when motion is diffusive)"
-    add("--fit-windows", type=several(typed(Window, ":")), metavar="T0:T1", help=windows)
+    add("--fit-windows", type=several(typed(Window, "T0:T1")), metavar="T0:T1", help=windows)
     width = "of the displacement distribution, with --rings (default: from the data)"
     add("--ring-width", type=typed(Positive), metavar="DR", help=width)
     times = "of the displacement distribution (default: the end of each run)"
@@ -164,7 +164,7 @@ def add_tradeoff(add: Callable) -> None:
         help="dataset to write (default: results/STUDY/tradeoff/STUDY.nc)",
     )
     fitted = "where the line for D is fitted (default: from a tenth of each run to its end)"
-    add("--fit-window", type=typed(Window, ":"), metavar="T0:T1", help=fitted)
+    add("--fit-window", type=typed(Window, "T0:T1"), metavar="T0:T1", help=fitted)
 
 
 def tradeoff(arguments: Namespace) -> None:
