@@ -344,32 +344,63 @@ def caution(scene: Scene) -> str | None:
 
 def settling_time(scene: Scene) -> float:
     """Return the time [time] in which the fluid of a scene forgets its start; NaN beyond Enskog's
-    theory.
+    theory. docs/theory.md, section 5.
+    """
+    return max(_settling_times(scene).values(), default=math.nan)
+
+
+def _settling_times(scene: Scene) -> dict[str, float]:
+    """Return the times [time] that a scene needs to settle, by what happens in them; {} beyond
+    Enskog's theory.
 
     The slowest species of several disks, of speed v (standard deviation of a component), moves by
     the distance of neighbours a: a/v in flight and, to forget a lattice, also a^2/D, with D =
-    v^2/gamma and gamma about the collision rate. It is at least FRICTION_TIMES of the tracer,
-    unless velocities are drawn at a temperature (docs/theory.md, section 5).
+    v^2/gamma and gamma about the collision rate. Large disks diffuse to each other
+    (`_meeting_time`). A tracer cools in FRICTION_TIMES, unless velocities are drawn at a
+    temperature.
     """
     rate = 2 * pair_rate(scene) / scene.particles if scene.particles >= FEWEST_DISKS else 0.0
     if not rate > 0 or scene.packing_fraction > DENSEST:
-        return math.nan
+        return {}
     number = species_table(scene).number
-    slowest = speeds(scene)[
-        number >= min(2, number.max())
-    ].min()  # of single disks if there is no other species
-    flight = math.sqrt(scene.box.area / scene.particles) / slowest
-    diffusion = flight * flight * rate if _is_ordered(scene) else 0.0
-    is_hot = not motion.is_thermal(scene)
-    heavier = (
-        1 + bath_of(scene).mass / scene.mass[0]
-    )  # a light tracer forgets its velocity long before its energy
-    cooling = (
-        FRICTION_TIMES / max((partners_of(scene).friction / heavier).sum(), SMALLEST_NORMAL)
-        if is_hot
-        else 0.0
-    )
-    return float(max(flight + diffusion, cooling))
+    several = number >= min(2, number.max())  # single disks if there is no other species
+    flight = math.sqrt(scene.box.area / scene.particles) / speeds(scene)[several].min()
+    times = {"to move to a neighbour's place": flight}
+    if _is_ordered(scene):
+        times = {"to move to a neighbour's place by diffusion": flight + flight * flight * rate}
+    times["for large disks to diffuse to each other"] = _meeting_time(scene)
+    if not motion.is_thermal(scene):
+        bath_mass = bath_of(scene).mass / scene.mass[0]
+        # a light tracer forgets its velocity long before its energy
+        cooling = (partners_of(scene).friction / (1 + bath_mass)).sum()
+        decays = f"for {FRICTION_TIMES:g} (1 + m_b/m)/gamma of the tracer"
+        times[decays] = float(FRICTION_TIMES / max(cooling, SMALLEST_NORMAL))
+    return times
+
+
+def _meeting_time(scene: Scene) -> float:
+    """Return the time [time] in which large disks diffuse to each other among small ones; 0 where
+    no two disks are larger than others.
+
+    Disks are placed from large to small: the large ones lack the depletion by small ones, which
+    holds pairs of them together in the fluid. It reaches as far as the small diameter 2r around a
+    disk of diameter 2R, and the missing pairs come in the time 2R 2r/D, with Enskog's D = kT/zeta
+    of the large disks, and r the radius of the smallest. docs/theory.md, section 5.
+    """
+    table = species_table(scene)
+    several = table.number >= min(2, table.number.max())
+    smallest = table.radius[several].min()
+    speed = speeds(scene)
+    longest = 0.0
+    for k, rates in enumerate(_pair_rates(scene, speed)):
+        radius = table.radius[k]
+        as_large = table.number[table.radius >= radius].sum()
+        if radius > smallest and as_large > 1:
+            share = 2 * theory.reduced_mass(1.0, table.mass / table.mass[k])
+            friction = (share * rates).sum()
+            diffusion = speed[k] * speed[k] / max(friction, SMALLEST_NORMAL)
+            longest = max(longest, 4 * radius * smallest / diffusion)
+    return float(longest)
 
 
 def _is_ordered(scene: Scene) -> bool:
@@ -380,24 +411,21 @@ def _is_ordered(scene: Scene) -> bool:
 
 
 def settling_in_words(scene: Scene) -> str | None:
-    """Return how long to equilibrate and what that rests on; None for a scene that does not claim
+    """Return how long to equilibrate and what decides it; None for a scene that does not claim
     equilibrium.
     """
     if not claims_equilibrium(scene):
         return None
-    needed = settling_time(scene)
-    if math.isnan(needed):
+    times = _settling_times(scene)
+    if not times:
         return (
             f"no forecast for few disks, or above a packing fraction of {DENSEST:g}, where disks "
             "freeze"
         )
-    basis = "to move to a neighbour's place" + (" by diffusion" if _is_ordered(scene) else "")
-    hot = (
-        "" if motion.is_thermal(scene) else f", {FRICTION_TIMES:g} (1 + m_b/m)/gamma of the tracer"
-    )
+    slowest = max(times, key=lambda process: times[process])
     return (
-        f"some {needed:.2g} should be enough ({basis}{hot}; Enskog's theory of the fluid, not of "
-        "crystals)"
+        f"some {times[slowest]:.2g} should be enough {slowest} (Enskog's theory of the fluid, not "
+        "of crystals)"
     )
 
 
