@@ -35,7 +35,7 @@ KINDS = {  # of HDF5 files, by the attribute that marks them; datasets have none
 UNSEALED = (
     "has lost its seal, the last line, as when another program opens it for writing; whether its "
     "numbers are still those of the runs cannot be verified: put a copy in its place, or move it "
-    "away and run the study, or brownpipe {verb}, again; let others open a file for reading only"
+    "away and run the study, or brownpipe {verb}, again; xarray reads it unverified"
 )
 MALFORMED = (
     ArithmeticError,
