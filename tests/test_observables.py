@@ -318,6 +318,28 @@ def test_orientational_order_of_a_triangular_lattice_is_1():
     assert orientation.square_order(scene, lattice) == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("boundary", "columns", "rows", "spacing", "expected"),
+    [
+        (P, 7, 7, (0.3, 0.3), 0.0),  # bonds at 0, 90, 180 and 270 degrees
+        (P, 5, 8, (0.7, 0.4), 0.0),
+        (P, 1, 1, (1.0, 1.0), 0.0),  # a disk and its own images
+        (W, 5, 5, (0.3, 0.3), 0.0),
+        (W, 6, 4, (0.9, 0.4), 1 / 18),  # at the long sides +1/3, at the short ones -1/3, of 24
+    ],
+)
+def test_disks_across_the_rectangles_of_a_lattice_are_no_neighbours(
+    boundary, columns, rows, spacing, expected
+):
+    size = np.array([columns, rows]) * spacing
+    box = {"x": [0, size[0]], "y": [0, size[1]], "boundary": boundary}
+    kinds = [{"name": "gas", "count": columns * rows, "radius": 0.1, "mass": 1.0}]
+    scene = make(kinds=kinds, tracer=None, box=box)
+    row, column = np.divmod(np.arange(columns * rows), columns)
+    lattice = (np.stack([column, row], axis=1) + 0.5) * spacing
+    assert np.sqrt(orientation.square_order(scene, lattice)) == pytest.approx(expected, abs=1e-12)
+
+
 def test_energies_and_the_temperature_of_a_scene_without_one():
     scene = make(velocities={"standard_deviation": 2.0}, equilibrate=None)
     run = made_up(scene)

@@ -4,7 +4,10 @@ of neighbours.
 See docs/theory.md, section 3.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +15,14 @@ from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarte
 from brownpipe.observables.observable import Observable, RunArray, Track
 from brownpipe.scene import Scene
 
+if TYPE_CHECKING:
+    from scipy.spatial import Delaunay
+
 # width of the strip around the box whose images are triangulated at first, in mean distances
 # sqrt(A/N)
 MARGIN = 4.0
+# in the same unit: a shorter edge of a Voronoi cell is a corner, to round-off
+SHORTEST_EDGE = 1e-9
 
 
 def order(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
@@ -62,9 +70,10 @@ def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     of each disk.
 
     The lengths are in units of sqrt(A/N). Two disks are neighbours if their Voronoi cells share an
-    edge, which is if the Delaunay triangulation joins them. In a periodic box it is that of the
-    disks and their periodic images; between walls that of the disks and their mirror images, which
-    cut the cells off at the walls; those are no neighbours.
+    edge, which is if the Delaunay triangulation joins them, but for disks on one empty circle, as
+    across the squares of a square lattice: their cells share a corner. In a periodic box it is
+    that of the disks and their periodic images; between walls that of the disks and their mirror
+    images, which cut the cells off at the walls; those are no neighbours.
     """
     from scipy.spatial import Delaunay
 
@@ -84,7 +93,30 @@ def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
     if not scene.box.periodic:
         disk, other = disk[other < number], other[other < number]
+    corners = _pairs_at_corners(points, triangulation, number)
+    if len(corners):
+        share_corner = np.isin(disk * len(points) + other, corners @ [len(points), 1])
+        disk, other = disk[~share_corner], other[~share_corner]
     return disk, points[other] - points[disk]
+
+
+def _pairs_at_corners(points: np.ndarray, triangulation: Delaunay, number: int) -> np.ndarray:
+    """Return the pairs (Q, 2), each in both orders, that a triangulation joins though their Voronoi
+    cells share a corner only.
+
+    The edge between the cells of a pair joins the centres of the circles around both triangles at
+    it.
+    """
+    near = np.flatnonzero((triangulation.simplices < number).any(axis=1))
+    centre = np.full((len(triangulation.simplices), 2), np.nan)
+    centre[near] = _circles(points, triangulation.simplices[near])[0]
+    edge = centre[near][:, None] - centre[triangulation.neighbors[near]]
+    is_corner = np.hypot(edge[..., 0], edge[..., 1]) < SHORTEST_EDGE
+    triangle, opposite = np.nonzero(is_corner)
+    first = triangulation.simplices[near[triangle], opposite - 2]
+    second = triangulation.simplices[near[triangle], opposite - 1]
+    pairs = np.stack([first, second], axis=1).astype(np.int64)
+    return np.concatenate([pairs, pairs[:, ::-1]])
 
 
 def with_images(inside: np.ndarray, size: np.ndarray, periodic: bool, margin: float) -> np.ndarray:
@@ -106,12 +138,17 @@ def _reach(points: np.ndarray, triangles: np.ndarray, number: int, size: np.ndar
     No disk lies inside such a circle: as long as they do not reach images that were left out, the
     triangles are right.
     """
-    a, b, c = (points[corner] for corner in triangles[(triangles < number).any(axis=1)].T)
+    centre, radius = _circles(points, triangles[(triangles < number).any(axis=1)])
+    return float(np.maximum(radius - centre, centre + radius - size).max())
+
+
+def _circles(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the centres (T, 2) and radii (T, 1) of the circles around triangles (T, 3)."""
+    a, b, c = (points[corner] for corner in triangles.T)
     (bx, by), (cx, cy) = (b - a).T, (c - a).T
     b2, c2, twice = bx * bx + by * by, cx * cx + cy * cy, 2 * (bx * cy - by * cx)
     offset = np.stack([(cy * b2 - by * c2) / twice, (bx * c2 - cx * b2) / twice], axis=1)
-    radius, centre = np.sqrt((offset * offset).sum(axis=1))[:, None], a + offset
-    return float(np.maximum(radius - centre, centre + radius - size).max())
+    return a + offset, np.sqrt((offset * offset).sum(axis=1))[:, None]
 
 
 ORDER = Observable(
