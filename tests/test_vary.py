@@ -246,5 +246,6 @@ def test_differences_are_of_runs_with_the_same_seeds():
     assert heavy["msd_difference_standard_error"] == pytest.approx(
         pairs.std(ddof=1) / math.sqrt(12)
     )
-    assert math.isnan(light["msd_difference"])
+    assert math.isnan(light["msd_difference"]) and math.isnan(light["msd_difference_low"])
+    assert heavy["msd_difference_low"] < heavy["msd_difference"] < heavy["msd_difference_high"]
     assert heavy["msd"] - light["msd"] == pytest.approx(heavy["msd_difference"])

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
+from brownpipe.analysis.resampling import resample
 from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, frame_of, has, series_of
 from brownpipe.figures.style import DASHED, MARKS, WIDTH, grid, heads, log_axis, points
 
@@ -91,8 +92,8 @@ def table(cases: list[Dataset]) -> DataFrame:
     differences.
 
     A difference is taken from the case before along the axis, whose runs with the same seeds begin
-    alike if they have as many disks; its standard error is that of the mean over these pairs of
-    runs. The difference of D is for the first window.
+    alike if they have as many disks; its standard error and interval are those of the mean over
+    these pairs of runs. The difference of D is for the first window.
     """
     axis, ends = axis_of(cases), []
     for series in series_of(cases, axis).values():
@@ -113,19 +114,16 @@ def table(cases: list[Dataset]) -> DataFrame:
 
 
 def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
-    """Return the differences of means from the case before, over runs with the same seeds, and
-    their errors.
+    """Return the differences of means from the case before, over runs with the same seeds, with
+    standard errors and 95 % intervals; NaN without such runs.
     """
-    found: dict[str, float] = {}
-    for name in (name for name in OF_RUNS if OF_RUNS[name] in case):
-        values = case[OF_RUNS[name]]
-        pairs = (
-            (values - (np.nan if before is None else before[OF_RUNS[name]])).dropna("seed").values
-        )
-        mean, error = (
-            (pairs.mean(), pairs.std(ddof=1) / np.sqrt(len(pairs)))
-            if len(pairs) > 1
-            else (np.nan, np.nan)
-        )
-        found |= {f"{name}_difference": mean, f"{name}_difference_standard_error": error}
-    return found
+    differences: dict[str, float] = {}
+    for name, of_run in OF_RUNS.items():
+        if of_run not in case:
+            continue
+        earlier = np.nan if before is None else before[of_run]
+        pairs = (case[of_run] - earlier).dropna("seed")
+        estimate = resample(pairs.values, pairs.seed.values)
+        for part, value in zip(PARTS, estimate, strict=True):
+            differences[f"{name}_difference{part}"] = float(value)
+    return differences
