@@ -562,12 +562,28 @@ def events_per_bucket(scene, monkeypatch):
     return checks
 
 
-def test_buckets_are_as_short_as_collisions_are_frequent(monkeypatch):
-    """Next to close packing they are so frequent that a bucket would have thousands of times the
-    events.
+@pytest.mark.parametrize(("side", "gap"), [(60, 6e-3), (40, 2e-3), (30, 2e-2), (10, 1e-6)])
+def test_buckets_of_a_crystal_are_as_short_as_collisions_are_frequent(side, gap, monkeypatch):
+    """From the first on. Next to close packing collisions are thousands of times as frequent as in
+    the fluid whose contact value is finite there.
     """
-    checks = events_per_bucket(crystal(10, 1e-6, 1e-3), monkeypatch)
-    assert checks[0] > 2000 and len(checks) > 3 and max(checks[2:]) < 1.1 and min(checks) > 0.25
+    checks = events_per_bucket(crystal(side, gap, 80 * gap), monkeypatch)
+    assert checks and min(checks) > 0.25 and max(checks) < 1.1
+
+
+def test_calls_of_the_kernel_double_in_length(monkeypatch):
+    """So that buckets that fit badly are found before most of the run is over."""
+    calls, advance = [], exact_run.advance
+
+    def noted(w, recorder, most):
+        calls.append(most)
+        return advance(w, recorder, most)
+
+    monkeypatch.setattr(exact_run, "advance", noted)
+    simulate(crowded(box(20.0, 20.0, P), [(200, 0.5, 1.0)], 150.0), [0], frozenset())
+    lengths = [call for call in calls if call]  # the first call compiles
+    assert lengths[0] < 20_000 and len(lengths) > 3
+    assert all(after == 2 * before for before, after in pairwise(lengths))
 
 
 def test_buckets_become_longer_where_disks_have_spread_out(monkeypatch):

@@ -24,7 +24,6 @@ from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.scene import Scene, motion
-from brownpipe.scene.scene import HEXAGONAL_PACKING
 from brownpipe.text import in_bytes
 
 # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
@@ -48,7 +47,6 @@ BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the eng
 BYTES_PER_SAMPLE = 120
 BYTES_PER_EVENT = 40  # of a collision in memory, and some two thirds of that in a file
 BYTES_PER_NUMBER = 8
-SMALLEST_GAP = 1e-6  # relative to the distance of neighbours
 # in units of (1 + m_b/m)/gamma: then a hot tracer's excess kinetic energy has fallen by e^-10
 FRICTION_TIMES = 5.0
 FEWEST_DISKS = 10  # for kinetic theory to predict collisions
@@ -251,10 +249,8 @@ def pair_rate(scene: Scene) -> float:
     rate = float(sum(number * rates.sum() for number, rates in of_species)) / 2
     if scene.packing_fraction <= DENSEST:
         return rate
-    gap = max(
-        1 - math.sqrt(scene.packing_fraction / HEXAGONAL_PACKING), SMALLEST_GAP
-    )  # relative to the distance
-    return rate * ((1 / gap - 1) / (2 * scene.packing_fraction) / theory.contact_value(DENSEST))
+    crystal = theory.contact_value_crystal(scene.packing_fraction)
+    return rate * float(crystal / theory.contact_value(DENSEST))
 
 
 def _pair_rates(scene: Scene, speed: np.ndarray) -> Iterator[np.ndarray]:
@@ -286,7 +282,9 @@ def wall_rate(scene: Scene) -> float:
         species_table(scene),
     )
     compressibility = theory.compressibility(phi, theory.contact_value_henderson(phi))
-    side = np.array([[scene.box.width], [scene.box.height]]) - (2 - SMALLEST_GAP) * table.radius
+    side = (
+        np.array([[scene.box.width], [scene.box.height]]) - (2 - theory.SMALLEST_GAP) * table.radius
+    )
     return float(
         compressibility * math.sqrt(2 / math.pi) * (table.number * speeds(scene) / side).sum()
     )

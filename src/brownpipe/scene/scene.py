@@ -32,6 +32,7 @@ from brownpipe.scene.reading import (
 )
 from brownpipe.scene.times import decimal_of, logarithmic, multiples
 from brownpipe.text import shell_path
+from brownpipe.theory import HEXAGONAL_PACKING
 
 MOST_SAMPLES = 10_000_000
 ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
@@ -42,9 +43,6 @@ LONGEST = 1e140
 LARGEST_MASS_RATIO = 1e200
 # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
 SMALLEST_RADIUS = 1e-10
-HEXAGONAL_PACKING = math.pi / math.sqrt(
-    12
-)  # its packing fraction; no placement of species is denser
 
 # The name of a scene with varied keys (`variation`) has their values: `fluid,tracer_mass=10`.
 SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,[\w-]+=[\w.-]{{1,64}})*$")]

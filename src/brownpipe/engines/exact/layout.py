@@ -21,7 +21,6 @@ from brownpipe.engines.units import (
     rms_speed,
 )
 from brownpipe.scene import Scene
-from brownpipe.scene.scene import HEXAGONAL_PACKING
 
 EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a power of two
 PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
@@ -182,7 +181,7 @@ def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, bool | None]:
         return 0.0, None
     smallest, largest = radius.min(), radius.max()
     gap = (
-        math.sqrt(HEXAGONAL_PACKING / phi) - 1
+        math.sqrt(theory.HEXAGONAL_PACKING / phi) - 1
     )  # mean gap between the edges of neighbours, in contact distances
     half = 2 * radius.mean() * min(max(2 * gap, 0.02), 0.35)
     reach = (
@@ -228,7 +227,9 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
     path = max(PATH_PER_BLOCK * sigma, min(grid.cell_width, grid.cell_height))
     block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, path / speed))
     events = PREFETCHED_PER_BUCKET if _prefetches_candidates(n, half) else EVENTS_PER_BUCKET
-    width = power_of_two(min(events / (n * (rate + crossing)), block))
+    # next to close packing collisions are far more frequent than by Henderson's value
+    in_crystal = rate * float(theory.contact_value_crystal(scene.packing_fraction) / chi)
+    width = power_of_two(min(events / (n * (max(rate, in_crystal) + crossing)), block))
     ring = max(16, 2 ** math.ceil(math.log2((1.25 if n < CANDIDATES_FIT_CACHE else 0.5) * n)))
     return ws.Calendar(block, width, 1 / width, ring - 1)
 

@@ -37,9 +37,10 @@ from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 from brownpipe.scene.scene import Box
 
-# plus 2 per disk: in the kernel's first call, and while buckets are shorter than estimated
+# plus 2 per disk: in the kernel's first call, and while buckets are shorter than estimated; then
+# twice as many in each call, so that buckets that fit badly are found soon
 FEW_EVENTS = 10_000
-# in all other calls; between two of them Python handles signals such as Ctrl-C
+# at most; between two calls Python handles signals such as Ctrl-C
 EVENTS_PER_CALL = 2_000_000
 # collisions that a recorder holds; a full log is emptied between two calls of the kernel
 EVENTS_PER_LOG = 65_536
@@ -175,7 +176,7 @@ def _to_last_sample(
             now = time_since_start(w)
             events += most if outcome == ws.PAUSED else len(recorder.log_time)
             w = with_fitting_buckets(w, events_so_far(w) - done, now - began, estimated)
-            most = few if w.calendar.width < estimated else EVENTS_PER_CALL
+            most = few if w.calendar.width < estimated else min(2 * most, EVENTS_PER_CALL)
             if events >= max(
                 EVENTS_PER_CALL, 2 * scene.particles
             ):  # each block begins with an event of every disk
