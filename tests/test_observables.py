@@ -107,6 +107,29 @@ def test_pairs_are_counted_as_one_by_one(boundary, tracer, kinds):
     assert np.array_equal(found["pair_counts"], expected)
 
 
+@pytest.mark.parametrize("at_once", [20, 300])
+@pytest.mark.parametrize("boundary", [W, P])
+def test_many_pairs_are_counted_in_small_blocks(boundary, at_once, monkeypatch):
+    """Of a large disk among many small ones: memory is that of a block, the counts are the same."""
+    kinds = (BATH[0] | {"count": 60, "radius": 0.05}, BATH[1])
+    scene = make(boundary, kinds, TRACER | {"radius": 0.9})
+    run = made_up(scene)
+    expected = observe(scene, run, ("pair_distribution",))["pair_counts"]
+    distances, blocks = pairs._distances, []
+
+    def noted(scene, inside, pair):
+        blocks.append(len(pair))
+        return distances(scene, inside, pair)
+
+    monkeypatch.setattr(pairs, "_distances", noted)
+    monkeypatch.setattr(pairs, "PAIRS_AT_ONCE", at_once)
+    counts = observe(scene, run, ("pair_distribution",))["pair_counts"]
+    assert np.array_equal(counts, expected)
+    per_disk = 2 * pairs.pairs_in_reach(scene)  # with fewer pairs at once, a disk is a block
+    assert sum(blocks) > 20 * max(blocks) and max(blocks) <= 2 * max(at_once, per_disk)
+    assert pairs.working_memory(scene) == pairs.BYTES_PER_PAIR * at_once
+
+
 @pytest.mark.parametrize("small", [0.1, 0.5])
 def test_pairs_expected_around_the_tracer_are_those_of_many_points(small):
     """In all samples, against 20,000 points a sample; with 0.5 it is nearer the walls than the

@@ -112,7 +112,9 @@ def of_run(
     collisions = pair_collisions + wall_collisions
     every_disk = "all" in record or measures.needs_every_disk(observables, average)
     disk_samples = len(scene.times) * (1 + scene.particles * every_disk)
-    working = BYTES_PER_DISK * (1 if alone else scene.particles) + BYTES_PER_SAMPLE * disk_samples
+    measuring = [measures.record_of(name).working_memory(scene) for name in observables]
+    working = max(measuring, default=0.0) + BYTES_PER_SAMPLE * disk_samples
+    working += BYTES_PER_DISK * (1 if alone else scene.particles)
     recorded, kept = _bytes_of_record(scene, record, observables, collisions)
     seconds = EACH_RUN * (0.5 if alone else 1 + (scene.equilibrate.time > 0))
     seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded

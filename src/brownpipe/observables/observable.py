@@ -97,6 +97,8 @@ class Observable(NamedTuple):
     times_as_long: Callable[[Scene], float] = lambda scene: (
         1.0
     )  # in this scene, as those CPU seconds
+    # bytes that it takes while it is measured, besides its tracks and arrays
+    working_memory: Callable[[Scene], float] = lambda scene: 0.0
     unfit: Callable[[Scene], str | None] = lambda scene: (
         None
     )  # why the scene cannot have it, None if it can

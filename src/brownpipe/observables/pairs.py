@@ -3,6 +3,7 @@
 N disks, P pairs of species, R bins of distances.
 """
 
+from collections.abc import Iterator
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -23,6 +24,9 @@ BINS_PER_CONTACT = 40  # bins per smallest contact distance
 FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance
 MOST_COUNTS = 1_000_000  # bins of all histograms of a run
 DISKS_PER_SAMPLE, PAIRS_PER_DISK = 100, 17  # that take as long as a sample, and as a disk
+# from a sample, with which memory is filled to some 0.1 GB
+PAIRS_AT_ONCE = 1_000_000
+BYTES_PER_PAIR = 150  # two disks, distance and its components, bin, pair of species
 # samples whose rings are intersected with the box in one call, three times as fast as one by one
 SAMPLES_AT_ONCE = 16
 
@@ -87,11 +91,12 @@ def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
         row[a, b] = row[b, a] = p
     counts = np.zeros(len(pairs) * number, np.int64)
     for sample in track.position:
-        disks, distance = close_pairs(scene, sample, number * width)
-        column = (distance / width).astype(np.int64)
-        inside = column < number
-        a, b = species.label.take(disks.T)
-        counts += np.bincount((row[a, b] * number + column)[inside], minlength=len(counts))
+        for disks, distance in blocks_of_pairs(scene, sample, number * width):
+            column = (distance / width).astype(np.int64)
+            inside = column < number
+            a, b = species.label.take(disks.T)
+            bins_of_pairs = (row[a, b] * number + column)[inside]
+            counts += np.bincount(bins_of_pairs, minlength=len(counts))
     arrays = {
         "pair_counts": counts.reshape(-1, number),
         "pair_snapshots": np.array(len(track.position)),
@@ -135,29 +140,66 @@ def expected_pairs(scene: Scene, species: SpeciesTable, position: np.ndarray) ->
     return expected
 
 
-def close_pairs(scene: Scene, position: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return all pairs (Q, 2) of disks closer than `reach`, and their distances (Q,); a few may
+def blocks_of_pairs(
+    scene: Scene, position: np.ndarray, reach: float
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield all pairs (Q, 2) of disks closer than `reach`, and their distances (Q,); a few may
     exceed it by round-off.
 
-    position: (N, 2). In a periodic box the distance is that of the nearest images.
+    position: (N, 2). In a periodic box the distance is that of the nearest images. If more than
+    PAIRS_AT_ONCE pairs are expected, as in a mixture with a disk much larger than the others, they
+    come in blocks of about so many.
     """
     from scipy.spatial import cKDTree
 
+    inside = _from_corner(scene, position)
+    box = np.array([scene.box.width, scene.box.height]) if scene.box.periodic else None
+    tree = cKDTree(inside, boxsize=box)
+    farthest = reach * (1 + 1e-9)
+    partners = 2 * pairs_in_reach(scene)  # of a disk
+    if partners * len(inside) < 2 * PAIRS_AT_ONCE:
+        pair = tree.query_pairs(farthest, output_type="ndarray")
+        yield pair, _distances(scene, inside, pair)
+        return
+    disks_at_once = max(1, int(PAIRS_AT_ONCE / partners))
+    for first in range(0, len(inside), disks_at_once):
+        block = cKDTree(inside[first : first + disks_at_once], boxsize=box)
+        near = block.sparse_distance_matrix(tree, farthest, output_type="ndarray")
+        pair = np.stack([first + near["i"], near["j"]], axis=1)
+        del near
+        pair = pair[pair[:, 0] < pair[:, 1]]  # each pair once
+        yield pair, _distances(scene, inside, pair)
+
+
+def _from_corner(scene: Scene, position: np.ndarray) -> np.ndarray:
+    """Return positions (N, 2) from the lower left corner of the box, inside it if it is
+    periodic.
+    """
     size = np.array([scene.box.width, scene.box.height])
     inside = position - scene.box.origin
     if scene.box.periodic:
         inside = np.mod(inside, size)
         inside[inside >= size] = 0.0  # as the remainder of -1e-17 is
-    tree = cKDTree(inside, boxsize=size if scene.box.periodic else None)
-    pair = tree.query_pairs(reach * (1 + 1e-9), output_type="ndarray")
+    return inside
+
+
+def _distances(scene: Scene, inside: np.ndarray, pair: np.ndarray) -> np.ndarray:
+    """Return the distances (Q,) of pairs (Q, 2) of disks, in a periodic box of the nearest
+    images.
+    """
     a, b = pair.T
-    dx, dy = (
-        x.take(a) - x.take(b) for x in inside.T
-    )  # (Q,) each; much faster than inside[a] - inside[b]
+    x, y = inside.T
+    dx, dy = x.take(a) - x.take(b), y.take(a) - y.take(b)  # much faster than inside[a] - inside[b]
     if scene.box.periodic:
         dx -= scene.box.width * np.rint(dx / scene.box.width)
         dy -= scene.box.height * np.rint(dy / scene.box.height)
-    return pair, np.sqrt(dx * dx + dy * dy)
+    return np.sqrt(dx * dx + dy * dy)
+
+
+def working_memory(scene: Scene) -> float:
+    """Return the bytes of memory that the pairs of a sample take while they are counted."""
+    pairs = min(pairs_in_reach(scene) * scene.particles, PAIRS_AT_ONCE)
+    return BYTES_PER_PAIR * pairs
 
 
 DISTRIBUTION = Observable(
@@ -182,5 +224,6 @@ DISTRIBUTION = Observable(
     times_as_long=lambda scene: (
         1 + DISKS_PER_SAMPLE / max(scene.particles, 1) + pairs_in_reach(scene) / PAIRS_PER_DISK
     ),
+    working_memory=working_memory,
     unfit=unfit,
 )
