@@ -203,9 +203,10 @@ def contact_value_mixture(
 ) -> Broadcast:
     """Return the contact value g_ij of disks of two diameters in a mixture of K species.
 
-    `number_densities` [1/length^2] and `diameters` [length] have shape (K,). About 1 % too high for
-    a radius ratio of 5; equal to `contact_value_henderson` for one species. J. T. Jenkins & F.
-    Mancini, J. Appl. Mech. 54, 27 (1987); docs/theory.md, section 3.
+    `number_densities` [1/length^2] and `diameters` [length] have shape (K,). For radius ratios
+    up to 4 the Z of these values is 0.5 to 1 % too high at a packing fraction of 0.5, and 2 % at
+    0.69; equal to `contact_value_henderson` for one species. J. T. Jenkins & F. Mancini, J. Appl.
+    Mech. 54, 27 (1987); docs/theory.md, section 3.
     """
     number_densities, diameters = np.asarray(number_densities, float), np.asarray(diameters, float)
     covered = np.pi / 4.0 * np.sum(number_densities * diameters**2)
