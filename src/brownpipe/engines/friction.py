@@ -136,6 +136,9 @@ def drift_diffusion(scene: Scene) -> float:
     """Return what the drift of the centre of mass adds to D by the end of a run, <V^2> t/2
     [length^2/time].
 
+    Exact if velocities are drawn at a temperature. With a standard deviation the tracer may start
+    hotter than its bath, and its motion relative to the centre of mass is then correlated with V:
+    that adds about D (kT_a/kT_b - 1) m_a/M more, which is left out (docs/theory.md, section 3).
     NaN unless species are in a periodic box and their total momentum is not zero.
     """
     is_drawn = scene.velocities is not None and scene.particles > 0
