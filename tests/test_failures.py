@@ -343,6 +343,24 @@ def test_a_study_in_which_every_run_failed_has_a_summary_and_no_average(batches)
     draw(dataset, "health")
 
 
+@pytest.mark.slow
+def test_a_study_whose_runs_all_failed_says_so(tmp_path):
+    """Two disks that fill their box from wall to wall: one run, which cannot go on."""
+    folder = tmp_path / "study"
+    folder.mkdir()
+    disks = [
+        {"position": [0.75, 0.5], "velocity": [2.0, 0.0], "radius": 0.75, "mass": 1.0},
+        {"position": [2.25, 0.5], "velocity": [0.0, 0.0], "radius": 0.75, "mass": 3.0},
+    ]
+    box = {"x": [0.0, 3.0], "y": [-1.0, 2.0]}
+    scene = {"box": box, "disks": disks, "duration": 1.0, "sample_interval": 0.5}
+    (folder / "pair.yaml").write_text(yaml.safe_dump(scene))
+    (folder / "study.yaml").write_text("scenes: pair.yaml\nseeds: 1\n")
+    printed = snakemake(folder, "--cores", "1", status=FAILED)
+    last = printed.splitlines()[-1]
+    assert "study.nc: all runs failed, and there is nothing to draw; brownpipe inspect" in last
+
+
 WORKERS = """#!/bin/bash
 case "$*" in *"--seeds 2-3 "*) kill -KILL $$ ;; esac
 exec {} "$@"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from brownpipe import analysis, progress
 from brownpipe import tradeoff as comparison
 from brownpipe.analysis.dataset import refuse_windows
-from brownpipe.errors import RequestError
+from brownpipe.errors import RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.scene.reading import AtLeastOne, Positive
 from brownpipe.storage.datasets import read_dataset, write_dataset
@@ -144,6 +144,11 @@ def figures(arguments: Namespace) -> None:
     if arguments.planned not in (None, dataset.attrs.get("planned")):
         raise RequestError(
             f"{arguments.dataset}: is not of this study as it is; delete it and run the study again"
+        )
+    if arguments.planned is not None and not dataset.runs.any():
+        raise RunError(
+            f"{arguments.dataset}: all runs failed, and there is nothing to draw; "
+            f"brownpipe inspect {shell_path(arguments.dataset)} says why"
         )
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
