@@ -19,7 +19,7 @@ from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.figures.cases import cases_of, series_of
 from brownpipe.figures.scan import table
-from brownpipe.figures.summary import summary
+from brownpipe.figures.summary import summary, summary_table
 from brownpipe.scene import parse_scene
 from brownpipe.scene.reading import validated
 from brownpipe.scene.variation import Vary, scene_with
@@ -212,6 +212,28 @@ def test_keys_together_share_a_dimension_and_are_named_in_summary_and_table():
     assert table(series).tracer_radius.unique().tolist() == [0.5, 0.6, 0.7]
     rest = bp.scan(bp.Scene(**FLUID), {"equilibrate": [0, 1.5]}, seeds=2, quiet=True).equilibrate
     assert (rest.units, rest.values.tolist()) == ("time", [0.0, 1.5])
+
+
+def test_a_density_that_changes_with_what_is_varied_is_in_summary_and_figure():
+    """The packing fraction of a tracer of radius r and fifteen disks of radius 0.5."""
+    radii = [0.5, 0.8, 1.1]
+    alone = {"disks.tracer.radius": radii}
+    scene = bp.Scene(**FLUID)
+    area = scene.box.area
+    together = alone | {MASS: [1.0, 4.0, 9.0]}
+    for vary in (alone, together):
+        result = bp.scan(scene, vary, seeds=2, together=True, quiet=True)
+        phi = [(15 * 0.25 + radius**2) * math.pi / area for radius in radii]
+        for row, value in zip(summary(result).splitlines()[1:4], phi, strict=True):
+            assert f"  {value:.4f}  " in row
+        assert summary_table(result).packing_fraction.unique() == pytest.approx(phi)
+        words = bp.plot(result, "scan").axes[0].get_xlabel()
+        assert f"packing fraction $\\phi$ from {phi[0]:.4g} to {phi[-1]:.4g}" in words
+        assert ("tracer mass [mass] from 1 to 9" in words) == (MASS in vary)
+    for vary in ({MASS: [1.0, 4.0]}, {PHI: [0.1, 0.2]}):
+        result = bp.scan(scene, vary, seeds=2, quiet=True)
+        assert "phi: packing" not in summary(result)
+        assert "with" not in bp.plot(result, "scan").axes[0].get_xlabel()
 
 
 def test_a_scan_refuses_what_is_wrong_before_any_scene_is_run(monkeypatch):

@@ -142,6 +142,21 @@ def axis_of(cases: list[Dataset], otherwise: str = "particles") -> str:
     return next((key for key in keys if cases[0][key].dtype.kind in "iuf"), otherwise)
 
 
+def varied_with(cases: list[Dataset], axis: str) -> list[str]:
+    """Return what else changes along the axis of a scan, and has one value at each point of it:
+    keys varied together with it, the number of disks, the packing fraction.
+    """
+    labels = [name for name in differing(cases) if name not in ("scene", "engine", axis)]
+    names = []
+    for name in dict.fromkeys([*labels, "packing_fraction"]):
+        values = {case[name].item() for case in cases}
+        points = {(case[axis].item(), case[name].item()) for case in cases}
+        places = {case[axis].item() for case in cases}
+        if name != axis and len(values) > 1 and len(points) == len(places):
+            names.append(name)
+    return names
+
+
 def panels_of(
     cases: list[Dataset], keys: Sequence[str] = (), part: str = "", variable: str = ""
 ) -> list[list[Dataset]]:

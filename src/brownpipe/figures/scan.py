@@ -12,8 +12,18 @@ from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.analysis.resampling import resample
-from brownpipe.figures.cases import PARTS, axis_label, axis_of, early_mark, frame_of, has, series_of
+from brownpipe.figures.cases import (
+    PARTS,
+    axis_label,
+    axis_of,
+    early_mark,
+    frame_of,
+    has,
+    series_of,
+    varied_with,
+)
 from brownpipe.figures.style import DASHED, MARKS, WIDTH, grid, heads, log_axis, points
+from brownpipe.scene.variation import is_number
 
 # ratio of the largest value to the smallest, beyond which an axis is logarithmic
 LOGARITHMIC = 30.0
@@ -41,13 +51,15 @@ def draw(cases: list[Dataset]) -> Figure:
     axis = axis_of(cases)
     series = series_of([case.isel(time=-1, window=0) for case in cases], axis, drift=True)
     names = [name for name in PANELS if any(has(case, name) for case in cases)]
-    figure, axes = grid(-(-len(names) // 2), 2, WIDTH, 3.6 + 0.38 * max(0, len(series) - 1))
+    along = [axis_label(cases[0], axis), *also_varied(cases, axis)]
+    height = 3.6 + 0.38 * (len(series) - 1) + 0.2 * (len(along) - 1)
+    figure, axes = grid(-(-len(names) // 2), 2, WIDTH, height)
     for panel in axes.flat[len(names) :]:
         panel.remove()
     for panel, name in zip(axes.flat, names, strict=False):
         shown = {label: [end for end in ends if has(end, name)] for label, ends in series.items()}
         _panel(panel, axis, shown, name)
-        panel.set_xlabel(axis_label(cases[0], axis))
+        panel.set_xlabel("\n".join(along))
         panel.set_ylabel(PANELS[name][1])
     over = {
         D: " over "
@@ -55,6 +67,19 @@ def draw(cases: list[Dataset]) -> Figure:
     }
     heads(axes.flat[: len(names)], [PANELS[name][0] + over.get(name, "") for name in names])
     return figure
+
+
+def also_varied(cases: list[Dataset], axis: str) -> list[str]:
+    """Return a line for each quantity that changes together with the axis, with its first and last
+    value in this order.
+    """
+    ascending = sorted(cases, key=lambda case: case[axis].item())
+    lines = []
+    for name in varied_with(cases, axis):
+        ends = [case[name].item() for case in (ascending[0], ascending[-1])]
+        first, last = (f"{end:.4g}" if is_number(end) else f"{end}" for end in ends)
+        lines.append(f"with {axis_label(cases[0], name)} from {first} to {last}")
+    return lines
 
 
 def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from brownpipe.analysis import drift
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
-from brownpipe.analysis.variables import FAILED, FOLLOWED, MISSING, labels_of_cases
+from brownpipe.analysis.variables import FAILED, FOLLOWED, MISSING, VARIED, labels_of_cases
 from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.engines.friction import window_caution
 from brownpipe.figures.cases import (
@@ -43,6 +43,7 @@ FIT = (
 )
 TESTED = ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
+SAME_DENSITY = 1e-6  # relative difference of packing fractions that are the same
 LINE = 100  # characters of a line of words
 WIDEST = 120  # characters of a line of the table
 
@@ -160,6 +161,9 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
         (head, *(text_of(case, name) for case in cases))
         for head, name in zip(headings, names, strict=True)
     ]
+    if scan_changes_density(dataset, cases):
+        columns.append(("phi", *(f"{case.packing_fraction.item():.4f}" for case in cases)))
+    labels = len(columns)
     columns.append(("runs", *(str(int(case.runs)) for case in cases)))
     for one in shown:
         for heading, parts in of_quantity[one]:
@@ -169,7 +173,18 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     if tests:
         columns += [(name, *map(_verdict, p[:, k], rejected[:, k])) for k, name in enumerate(TESTS)]
     legend = [*_legend(dataset, cases, shown, tests)]
-    return Answer(len(names), columns, legend, [*missing_runs(dataset, cases)], [*drifting(cases)])
+    return Answer(labels, columns, legend, [*missing_runs(dataset, cases)], [*drifting(cases)])
+
+
+def scan_changes_density(dataset: Dataset, cases: list[Dataset]) -> bool:
+    """Return whether varied keys, none of them the packing fraction, change it: sizes of disks or
+    of the box.
+    """
+    labels = labels_of_cases(dataset)
+    if VARIED not in dataset.attrs or "packing_fraction" in labels:
+        return False
+    fractions = [case.packing_fraction.item() for case in cases]
+    return max(fractions) - min(fractions) > SAME_DENSITY * max(fractions)
 
 
 def quantities(dataset: Dataset) -> list[Quantity]:
@@ -248,6 +263,8 @@ def _legend(
 ) -> Iterator[str]:
     """Lines that explain the columns, and the tests for equilibrium."""
     yield "N: number of disks. ±: one standard error over runs. All in the scene's reduced units."
+    if scan_changes_density(dataset, cases):
+        yield "phi: packing fraction of all disks, which changes with what is varied."
     followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
     where = {"time": ", at the end", "window": f" {dataset.window.values[0]}"}
     for one in shown:
@@ -420,7 +437,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
     shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
     measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
     for k, case in enumerate(cases):
-        row = label_of(case, "runs", "failed_runs")
+        row = label_of(case, "packing_fraction", "runs", "failed_runs")
         row |= {
             "time": case.duration.item(),
             "diffusive_from": case.diffusive_from.item(),
