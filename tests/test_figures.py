@@ -498,6 +498,20 @@ def test_words_cover_no_data_and_no_words(dataset, name, apart, monkeypatch):
         )
 
 
+@pytest.mark.parametrize("length", [20, 90])
+def test_titles_stand_right_above_legends_small_or_not(length):
+    """A legend of long lines is set smaller; at most a line is free above it."""
+    with style.drawing():
+        figure, axes = style.grid(1, 1, style.WIDTH, 4)
+        for k in range(6):
+            axes[0, 0].plot([0, 1], [0, k], label="m" * length)
+        style.heads(axes[0], ["title"])
+        lay_out(figure)
+    title, legend = (part.get_window_extent() for part in (axes[0, 0].title, axes[0, 0].legend_))
+    gap = (title.y0 - legend.y1) * 72 / figure.dpi  # [point]
+    assert 0 <= gap < 13.5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("times", TIMES)
 def test_tick_labels_stand_clear_of_each_other(hot, times):

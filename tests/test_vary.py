@@ -236,6 +236,14 @@ def test_a_density_that_changes_with_what_is_varied_is_in_summary_and_figure():
         assert "with" not in bp.plot(result, "scan").axes[0].get_xlabel()
 
 
+def test_points_of_a_scan_against_the_density_are_named_by_what_they_share():
+    """And not by the values of the first point."""
+    vary = {"disks.tracer.radius": [0.6, 0.9], MASS: [1.0, 4.0]}
+    result = bp.scan(bp.Scene(**FLUID, name="s"), vary, seeds=3, together=True, quiet=True)
+    axes = bp.plot(result, "thermodynamics").axes[0]
+    assert axes.get_legend_handles_labels()[1] == ["s, N = 16"]
+
+
 def test_a_scan_refuses_what_is_wrong_before_any_scene_is_run(monkeypatch):
     monkeypatch.setattr(Engine, "simulate", None)
     langevin, window = {"engine": "langevin", "friction": "enskog"}, {"fit_windows": [(1, 9)]}

@@ -49,6 +49,8 @@ MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 # of a linear axis
 LABELLED = {0.4: (), 0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
 KEY_SIZE = 8.8  # of the words of a legend [point]
+LINE_HEIGHT = 13.5 / KEY_SIZE  # of a line of a legend, in sizes of its words
+MOST_LEGEND = 3.5  # width of the words of a legend, which are else set smaller [inch]
 
 
 def drawing() -> AbstractContextManager:
@@ -122,30 +124,39 @@ def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     A title of more than 45 characters and a legend wider than 3.5 inches are set smaller, so that
     they fit.
     """
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
-    font = FontProperties(size=KEY_SIZE)
-    pad = 9 + 13.5 * max(len(axes.get_legend_handles_labels()[1]) for axes in panels)  # [point]
-    for axes, title in zip(panels, titles, strict=True):
+    labels = [axes.get_legend_handles_labels()[1] for axes in panels]
+    sizes = [_legend_size(of_panel) for of_panel in labels]
+    heights = [
+        LINE_HEIGHT * size * len(of_panel) for of_panel, size in zip(labels, sizes, strict=True)
+    ]
+    pad = 9 + max(heights)  # [point]
+    for axes, title, of_panel, size in zip(panels, titles, labels, sizes, strict=True):
         axes.set_title(
             title or " ", pad=pad, fontsize=11 * min(1, 45 / max(len(title), 1))
         )  # "" makes no room
-        if labels := axes.get_legend_handles_labels()[1]:
-            width = (
-                max(
-                    text_to_path.get_text_width_height_descent(text, font, "$" in text)[0]
-                    for text in labels
-                )
-                / 72
-            )
+        if of_panel:
             place = {
                 "loc": "lower left",
                 "bbox_to_anchor": (-0.02, 1.0),
                 "borderaxespad": 0.2,
                 "labelspacing": 0.35,
             }
-            axes.legend(**place, fontsize=KEY_SIZE * min(1, 3.5 / width)).set_in_layout(False)
+            axes.legend(**place, fontsize=size).set_in_layout(False)
+
+
+def _legend_size(labels: Sequence[str]) -> float:
+    """Return the size of the words of a legend [point], with which it is at most MOST_LEGEND
+    wide.
+    """
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(size=KEY_SIZE)
+    widths = [
+        text_to_path.get_text_width_height_descent(text, font, "$" in text)[0] / 72
+        for text in labels
+    ]
+    return KEY_SIZE * min(1, MOST_LEGEND / max(widths, default=MOST_LEGEND))
 
 
 def told_apart(

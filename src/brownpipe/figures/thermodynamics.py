@@ -14,7 +14,7 @@ from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
-from brownpipe.figures.cases import has, scene_of, series_of
+from brownpipe.figures.cases import has, series_of, title_of
 from brownpipe.figures.style import DASHED, GREY, INK, MARKS, WIDTH, grid, heads, points
 
 Z = "compressibility"
@@ -78,7 +78,7 @@ def draw(cases: list[Dataset]) -> Figure:
 def _series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
     """The cases by all but their density, under a name also if there is one series."""
     series = series_of(cases, "packing_fraction", "particles", drift=True)
-    return {label or scene_of(of_series[0]): of_series for label, of_series in series.items()}
+    return {label or title_of(*of_series): of_series for label, of_series in series.items()}
 
 
 def _deviation(case: Dataset, name: str) -> Dataset:
