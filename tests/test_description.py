@@ -1,5 +1,7 @@
 """What a page and `inspect` say of the scenes of a dataset."""
 
+import json
+
 import brownpipe as bp
 from brownpipe.report.description import setup_in_words
 
@@ -73,3 +75,11 @@ def test_of_several_numbers_of_disks_the_first_and_all_numbers():
     assert words.startswith(
         "Varied: number of disks = 9, 15; described is the first of them. 9 disks in a box"
     )
+
+
+def test_a_dataset_that_does_not_name_its_scenes_has_no_words_on_them():
+    result = bp.analyse(bp.simulate(scene(), 2, quiet=True), quiet=True)
+    (record,) = json.loads(result.made_from)
+    del record["name"]
+    assert setup_in_words(result.assign_attrs(made_from=json.dumps([record]))) == []
+    assert setup_in_words(result.drop_attrs()) == []

@@ -151,6 +151,7 @@ def test_a_dataset_says_its_results_and_what_made_it(dataset, tmp_path):
     drift, overlap = (
         np.nanmax(np.abs(contents[name])) for name in ("energy_drift", "worst_overlap")
     )
+    assert "\nsimulated    " in text and "Initial velocities: normal" in text
     assert f"health       worst energy drift {drift:.2g}; worst overlap {overlap:.2g}\n" in text
     line = re.search(
         r"^source       of aggregate: (\w{12}), that of this installation$", text, re.MULTILINE

@@ -222,17 +222,21 @@ def lines_on_results(dataset: Dataset) -> list[str]:
         f"worst {name.removeprefix('worst_').replace('_', ' ')} {size:.2g}"
         for name, size in worst.items()
     )
-    simulated = "\n".join(
-        textwrap.fill(paragraph, LINE, subsequent_indent=" " * INDENT, initial_indent=" " * INDENT)
-        for paragraph in setup_in_words(dataset)
-    )
-    return [
+    indent = " " * INDENT
+    simulated = list[str]()
+    for paragraph in setup_in_words(dataset):
+        simulated += textwrap.wrap(paragraph, LINE, initial_indent=indent, subsequent_indent=indent)
+    if simulated:
+        simulated[0] = simulated[0].replace(indent, "simulated".ljust(INDENT), 1)
+    lines = [
         f"title        {dataset.attrs.get('title', '-')}",
-        *f"simulated    {simulated.lstrip()}".splitlines(),
+        *simulated,
         f"dimensions   {', '.join(f'{name} {size}' for name, size in dataset.sizes.items())}",
         f"variables    {len(dataset.data_vars)}; --variables lists them with units and meaning",
-        *([f"health       {'; '.join(words)}"] if worst else []),
     ]
+    if worst:
+        lines.append(f"health       {'; '.join(words)}")
+    return lines
 
 
 def table_of_results(dataset: Dataset) -> list[str]:

@@ -88,7 +88,8 @@ def setup_in_words(dataset: Dataset) -> list[str]:
     several particle counts or values of varied keys the first is described, and what varies is
     named before.
     """
-    records = json.loads(dataset.attrs.get("made_from", "[]"))
+    made_from = json.loads(dataset.attrs.get("made_from", "[]"))
+    records = [record for record in made_from if "name" in record]  # not in datasets of 0.1.0
     first = dict[str, dict]()
     for record in records:
         first.setdefault(_file_of(record), record)
