@@ -17,6 +17,7 @@ import numpy as np
 
 from brownpipe import observables as measures
 from brownpipe import theory
+from brownpipe.engines.confinement import confinement
 from brownpipe.engines.friction import DENSEST, bath_of, partners_of
 from brownpipe.engines.placement import is_grown, placement_caution, tries_to_place
 from brownpipe.engines.units import SMALLEST_NORMAL, cell_width, common_radius
@@ -32,17 +33,20 @@ START_UP = 0.5
 EACH_RUN = 1.2e-4
 # CPU seconds of a collision, or of a disk that moves by the distance of neighbours
 SECONDS_PER_EVENT = 1.9e-7
+# times longer for a disk whose data are not in the processor's cache: an event, a try to place it
+EVENT_FROM_MEMORY, TRY_FROM_MEMORY = 1.2, 2.5
+DISKS_IN_CACHE = 20_000
 # in a disk's cell and those around it; with more an event takes longer, in proportion
 DISKS_PER_EVENT = 30
 # CPU seconds for a disk that does not move, but has a part in the total momentum
 SECONDS_PER_VELOCITY = 2e-7
-SECONDS_PER_TRY = 1.2e-7  # CPU seconds to find out whether a disk fits in a place
+SECONDS_PER_TRY = 1.1e-7  # CPU seconds to find out whether a disk fits in a place
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
 # CPU seconds of an observable in a run, and of each lag of an average over origins, at least
 SECONDS_TO_MEASURE = 2e-5
 SECONDS_PER_BYTE = 3e-8  # CPU seconds to compress, write and verify a byte of a file
 PROCESS = 140e6  # bytes of memory of a process besides its runs: Python, packages, kernels
-BYTES_PER_DISK = 400  # to draw its initial state, and working memory of the engine
+BYTES_PER_DISK = 600  # to draw its initial state, and working memory of the engine
 # of a disk that is recorded, during its run: its samples, sorted by disk, intermediate arrays
 BYTES_PER_SAMPLE = 120
 BYTES_PER_EVENT = 40  # of a collision in memory, and some two thirds of that in a file
@@ -122,10 +126,27 @@ def of_run(
     if alone and motion.starts_with_zero_momentum(scene):
         seconds += SECONDS_PER_VELOCITY * scene.particles
     if not alone:
-        each = SECONDS_PER_EVENT * max(1.0, disks_in_cells(scene) / DISKS_PER_EVENT)
-        seconds += each * (collisions + time * crossing_rate(scene) + 5 * scene.particles)
-        seconds += SECONDS_PER_TRY * tries_to_place(scene)
+        seconds += seconds_of_events(scene, time, pair_collisions, wall_collisions)
+        from_memory = 1 + TRY_FROM_MEMORY * share_in_memory(scene)
+        seconds += SECONDS_PER_TRY * from_memory * tries_to_place(scene)
     return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working)
+
+
+def seconds_of_events(scene: Scene, time: float, pairs: float, walls: float) -> float:
+    """Return the CPU seconds of so many collisions and of the crossings in a time.
+
+    A collision with a wall, of one disk, takes half as long as that of two. At the beginning each
+    disk is entered into the queue.
+    """
+    crowded = max(1.0, disks_in_cells(scene) / DISKS_PER_EVENT)
+    from_memory = 1 + EVENT_FROM_MEMORY * share_in_memory(scene)
+    events = pairs + walls / 2 + time * crossing_rate(scene) + 5 * scene.particles
+    return SECONDS_PER_EVENT * crowded * from_memory * events
+
+
+def share_in_memory(scene: Scene) -> float:
+    """Return the share of disks whose data are not in the processor's cache."""
+    return max(0.0, 1 - DISKS_IN_CACHE / max(scene.particles, 1))
 
 
 def _bytes_of_record(
@@ -250,7 +271,8 @@ def pair_rate(scene: Scene) -> float:
     of_species = zip(species_table(scene).number, _pair_rates(scene, speeds(scene)), strict=True)
     rate = float(sum(number * rates.sum() for number, rates in of_species)) / 2
     if scene.packing_fraction <= DENSEST:
-        return rate
+        between_walls = rate > 0 and not scene.box.periodic
+        return rate * confinement(scene).pairs if between_walls else rate
     crystal = theory.contact_value_crystal(scene.packing_fraction)
     return rate * float(crystal / theory.contact_value(DENSEST))
 
@@ -275,21 +297,17 @@ def _pair_rates(scene: Scene, speed: np.ndarray) -> Iterator[np.ndarray]:
 
 def wall_rate(scene: Scene) -> float:
     """Return the expected collisions with walls per time [1/time]: of each disk Z speed
-    sqrt(2/pi)/side, summed over both sides of the rectangle accessible to its centre; Z is that of
-    the other disks. Too many in narrow channels."""
-    if scene.box.periodic:
+    sqrt(2/pi)/side, summed over both sides of the rectangle accessible to its centre; Z is the
+    density of centres at the walls, relative to the mean.
+    """
+    if scene.box.periodic or not scene.particles:
         return 0.0
-    phi, table = (
-        min(scene.packing_fraction * (1 - 1 / max(scene.particles, 1)), DENSEST),
-        species_table(scene),
-    )
-    compressibility = theory.compressibility(phi, theory.contact_value_henderson(phi))
-    side = (
-        np.array([[scene.box.width], [scene.box.height]]) - (2 - theory.SMALLEST_GAP) * table.radius
-    )
-    return float(
-        compressibility * math.sqrt(2 / math.pi) * (table.number * speeds(scene) / side).sum()
-    )
+    table = species_table(scene)
+    box = np.array([[scene.box.width], [scene.box.height]])
+    side = box - (2 - theory.SMALLEST_GAP) * table.radius
+    at_walls = confinement(scene).walls[:, None]
+    hits = at_walls * table.number * speeds(scene) / side
+    return math.sqrt(2 / math.pi) * float(hits.sum())
 
 
 def path_rate(scene: Scene) -> float:
