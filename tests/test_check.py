@@ -36,6 +36,17 @@ def test_scene():
     assert "t = 0 to 1, 101 samples" in said["run"]
     assert "582 between disks, 112 with walls per run" in said["collisions"]
     assert said["cost"].endswith(" of memory") and "of the exact engine" in said["cost"]
+    assert said["record"].startswith("record      the tracer; with `simulate --record all` some ")
+
+
+def test_what_recording_all_disks_costs_is_said(tmp_path):
+    """Position and velocity of 300 disks at 401 samples, 32 bytes: so dense that each collides
+    between two samples.
+    """
+    scene = crowd(300, 0.4, 20.0) | {"duration": 100.0, "sample_interval": 0.25}
+    (line,) = (line for line in report(tmp_path, scene) if line.startswith("record"))
+    size = re.fullmatch(r".* some .+, (.+) MB of file and .+", line)[1]
+    assert float(size) == pytest.approx(300 * 401 * 32 / 1e6, rel=0.1)
 
 
 def test_too_few_disks_for_the_box_are_said():

@@ -38,6 +38,7 @@ def describe_scene_or_study(path: str, particles: int | None = None) -> str:
 def _scene(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
     cost, start = forecast.of_run(scene), diffusive_from(scene)
+    of_all_disks = forecast.of_run(scene, {"all"})
     theory = "Enskog" if scene.packing_fraction <= friction.DENSEST else "free volume of a crystal"
     said = {
         "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
@@ -56,6 +57,9 @@ def _scene(scene: Scene) -> list[str]:
         f"{' and its equilibration' if scene.equilibrate.time else ''} ({theory}, in equilibrium)",
         "cost": f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.recorded)} of file per run"
         f" of the exact engine; {in_bytes(forecast.memory(cost, 1))} of memory",
+        "record": "the tracer; with `simulate --record all` some "
+        f"{in_time(of_all_disks.seconds)} of CPU, {in_bytes(of_all_disks.recorded)} of file and "
+        f"{in_bytes(forecast.memory(of_all_disks, 1))} of memory per run",
     }
     window = friction.window_caution(friction.default_windows([scene])[0], {scene.name: start})
     cautions = [forecast.caution(scene), forecast.settling_caution(scene), window]
