@@ -117,7 +117,7 @@ def test_dataset_agrees_with_theory(dataset):
     assert np.allclose(dataset.diffusion_coefficient * 4, dataset.slope, rtol=1e-14)
     assert np.allclose(dataset.run_msd.mean("seed"), dataset.msd[..., -1])
     assert np.allclose(
-        dataset.run_diffusion_coefficient.mean("seed"), dataset.diffusion_coefficient[..., 0]
+        dataset.run_diffusion_coefficient.mean("seed"), dataset.diffusion_coefficient
     )
 
 

@@ -26,6 +26,7 @@ from PIL import Image
 import brownpipe as bp
 import forked
 from brownpipe import progress
+from brownpipe.analysis import diffusive
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.engines.exact import run as exact_run
@@ -469,8 +470,10 @@ def test_a_table_has_a_row_for_each_case_in_the_order_given(runs):
     np.testing.assert_array_equal(drawn, result.msd.isel(time=-1).values.ravel())
     assert (
         not table.drifts.any()
-        and (table.diffusive_from == result.diffusive_from.values.ravel()).all()
+        and (table.not_diffusive_before == result.not_diffusive_before.values.ravel()).all()
     )
+    marks = result.diffusion_mark[..., 0].values.ravel()
+    assert table.mark.tolist() == [diffusive.in_words(mark) for mark in marks]
     assert [*result.data_vars][:3] == ["msd", "diffusion_coefficient", "compressibility"]
     assert [*result.data_vars][-1] == "run_status"
 

@@ -1,12 +1,11 @@
-"""Whether a D is one of diffusion: the centre of mass at rest, fit windows after the tracer's
-velocity has decayed.
-"""
+"""The centre of mass at rest, and fit windows after the tracer's velocity has decayed."""
 
 import numpy as np
 import pytest
 
 import brownpipe as bp
 from brownpipe import theory
+from brownpipe.analysis.windows import default_windows
 from brownpipe.engines import friction
 from brownpipe.figures.summary import summary
 from brownpipe.scene import motion
@@ -81,24 +80,6 @@ def test_check_says_what_the_centre_of_mass_does_to_d(tmp_path):
     assert f"adds 0.19 to a D of {expected:.2g} " in line(False)  # kT t/M = 1.5 * 4/32
 
 
-@pytest.mark.parametrize(("window", "ring"), [((0.2, 4.0), True), (None, False)])
-def test_a_window_before_is_marked(window, ring):
-    long = scene(duration=4.0 if ring else 60.0)
-    result = bp.analyse(bp.simulate(long, seeds=8), fit_windows=window and [window])
-    (label,) = [
-        line.get_label()
-        for line in bp.plot(result, "msd").axes[0].lines
-        if "slope" in str(line.get_label())
-    ]
-    assert label.endswith(" °") == ring
-    text = summary(result)
-    assert (
-        ("° the fit window [0.2, 4] begins before 3/gamma of the tracer" in text)
-        == (" °" in text)
-        == ring
-    )
-
-
 @pytest.mark.filterwarnings("ignore:.*langevin is rough here")
 def test_the_engines_own_friction_says_when_motion_is_diffusive_and_an_integral_before_is_marked():
     asked = {
@@ -110,30 +91,28 @@ def test_the_engines_own_friction_says_when_motion_is_diffusive_and_an_integral_
     runs = bp.simulate(drifting, 8, **asked)
     result = bp.analyse(runs)
     assert "drift_diffusion" not in result, "the tracer has no other disks to drift with"
-    assert result.diffusive_from.item() == pytest.approx(3 / runs.friction_rate.values[0])
-    assert result.diffusive_from.item() > 1.05 * friction.diffusive_from(drifting)
+    early = result.not_diffusive_before.item()
+    assert early == pytest.approx(3 / runs.friction_rate.values[0])
+    assert early > 1.05 * friction.not_diffusive_before(drifting)
     assert "\n° the Green-Kubo integral ends before 3/gamma of the tracer" in summary(result)
 
 
-def test_windows_begin_when_motion_is_diffusive(tmp_path):
+def test_windows_begin_when_the_initial_velocity_is_forgotten(tmp_path):
     long = scene(duration=40.0)
-    start = friction.diffusive_from(long)
+    start = friction.not_diffusive_before(long)
     assert start == pytest.approx(3 * 24 / 32 / friction.friction_rate(scene(), "enskog"))
     faster = scene(duration=50.0, disks={"tracer": TRACER | {"mass": 1.0}, "species": [BATH]})
-    assert friction.default_windows([faster, long]) == tuple(
+    assert default_windows([faster, long]) == tuple(
         (pytest.approx(k * start, rel=0.05), 40.0) for k in (1, 2)
     )
-    crystal = scene(
-        disks={"species": [BATH | {"count": 400}], "placement": "lattice"}
-    )  # packing fraction 0.785
+    packed = {"species": [BATH | {"count": 400}], "placement": "lattice"}
+    crystal = scene(disks=packed)  # packing fraction 0.785
     assert friction.partners_of(crystal).contact_value == pytest.approx([theory.contact_value(0.7)])
     alone = scene(disks={"tracer": TRACER})
-    assert np.isnan(friction.diffusive_from(alone)) and friction.default_windows([alone]) == (
-        (0.4, 4),
-        (2, 4),
-    )
+    assert np.isnan(friction.not_diffusive_before(alone))
+    assert default_windows([alone]) == ((0.4, 4), (2, 4))
     late = scene(disks={"tracer": THIN, "species": [BATH]})
-    assert friction.default_windows([late]) == ((2, 4), (3, 4))
+    assert default_windows([late]) == ((2, 4), (3, 4))
     (tmp_path / "one.yaml").write_text(yaml_text(late.as_mapping()))
     caution = "caution   the fit window [2, 4] begins before 3/gamma"
     assert caution in describe_scene_or_study(str(tmp_path / "one.yaml"))

@@ -325,9 +325,9 @@ def table(result: Dataset) -> "DataFrame":
     disks and engine.
 
     Its columns are what was measured, each beside its standard error; fits are those in the first
-    window, too early if `window_start` is below `diffusive_from`. `drifts`: whether the runs are
-    found not to be in equilibrium. `attrs` has their units. Raises RequestError for anything else
-    than an analysis.
+    window. `mark`: what speaks against its D, such as `early` or `walls`; empty if nothing does.
+    `drifts`: whether the runs are found not to be in equilibrium. `attrs` has their units. Raises
+    RequestError for anything else than an analysis.
     """
     _refuse_part(result, RequestError)
     frame = summary_table(result.isel(window=[0]))
@@ -335,7 +335,11 @@ def table(result: Dataset) -> "DataFrame":
     frame = frame[[name for name in frame if name.removesuffix("_standard_error") not in empty]]
     left_out = (*SHAPE, "failed_runs", "time", "slope", "slope_standard_error")
     shown = frame[
-        [name for name in frame if name in ("drifts", *result.variables) and name not in left_out]
+        [
+            name
+            for name in frame
+            if name in ("drifts", "mark", *result.variables) and name not in left_out
+        ]
     ]
     of_result = result.variables.items()
     shown.attrs = {

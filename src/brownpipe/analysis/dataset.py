@@ -2,13 +2,14 @@
 count, engine.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brownpipe.analysis import (
+    diffusive,
     displacement,
     distribution,
     drift,
@@ -19,10 +20,18 @@ from brownpipe.analysis import (
 )
 from brownpipe.analysis.estimator import Averages, Case, columns_of, results_of
 from brownpipe.analysis.goodness import holm
-from brownpipe.analysis.runs import Group, Source, blocks_of, groups_of, reported
+from brownpipe.analysis.runs import (
+    Group,
+    Source,
+    blocks_of,
+    first_good_runs,
+    groups_of,
+    reported,
+    without_failed,
+)
 from brownpipe.analysis.variables import EACH, SAME_TIME, VARIED, Mean, Variable, with_uncertainties
-from brownpipe.engines.ensemble import HEALTH, Ensemble, select
-from brownpipe.engines.friction import default_windows
+from brownpipe.analysis.windows import Window, candidate_windows, labels
+from brownpipe.engines.ensemble import HEALTH
 from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES
 from brownpipe.observables.observable import RunArray
@@ -52,7 +61,11 @@ FIRST = (
     "velocity_autocorrelation",
 )
 BY_NAME = with_uncertainties(
-    {name: one for part in (*ESTIMATORS, variables) for name, one in part.VARIABLES.items()}
+    {
+        name: one
+        for part in (displacement, diffusive, *ESTIMATORS[1:], variables)
+        for name, one in part.VARIABLES.items()
+    }
 )
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
 LABELS_AND_HEALTH = {
@@ -64,7 +77,7 @@ LABELS_AND_HEALTH = {
     "run_status",
 }
 ALWAYS = LABELS_AND_HEALTH.union(
-    with_uncertainties(displacement.VARIABLES | distribution.AT_TIMES)
+    with_uncertainties(displacement.VARIABLES | diffusive.VARIABLES | distribution.AT_TIMES)
 )  # in every dataset
 ALL_COORDINATES = {
     dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()
@@ -72,8 +85,6 @@ ALL_COORDINATES = {
 ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
 taken.update(ALL_VARIABLES, ALL_COORDINATES, VARIABLES)
 Table = Mapping[str, Variable]
-# of a case, or all that it has: for default rings, chosen from its first blocks
-RUNS_FOR_RINGS = 200
 
 
 def aggregate(
@@ -93,7 +104,8 @@ def aggregate(
     order of the files. Failed runs are counted and left out of every average. Values that a case
     lacks (a shorter duration, fewer seeds) are NaN.
 
-    windows: (start, end) of the straight-line fits [time], by default those of `default_windows`.
+    windows: (start, end) of the straight-line fits [time], by default those of
+    `windows.candidate_windows` in whose first most cases have a D without a mark (`diffusive`).
     dr, rings: width [length] and number of the rings of the displacement distribution, by default
     from the data.
     displacement_times: its times [time], by default the end of each run.
@@ -110,21 +122,21 @@ def aggregate(
         raise AnalysisError("rings: width and number must be given together")
     groups = groups_of(sources)
     every = [group.pattern.contents for group in groups]
-    scenes, fixed = [one.scene for one in every], None if dr is None else dr * np.arange(rings + 1)
-    fitted, times = windows or default_windows(scenes), [*displacement_times]
+    scenes = [contents.scene for contents in every]
+    times = [*displacement_times]
     cases = [
         Case(
-            one.scene,
-            one.engine,
-            runs.times,
-            runs.average,
-            fitted,
+            contents.scene,
+            contents.engine,
+            contents.ensemble.times,
+            contents.ensemble.average,
+            windows or (),
             times,
-            fixed,
-            own=runs.own,
+            None if dr is None else dr * np.arange(rings + 1),
+            own=contents.ensemble.own,
             varied=vary,
         )
-        for one, runs in ((one, one.ensemble) for one in every)
+        for contents in every
     ]
     ended = [{*one.record, *one.measured} for one in every if one.measured is not None]
     if (
@@ -138,8 +150,15 @@ def aggregate(
     refuse_windows(windows or (), [case.times for case in cases])
     _refuse_times(cases)
     own = _own_variables(groups)
-    every_case = tracked([*zip(cases, groups, strict=True)], "cases")
-    parts = [part for case, group in every_case for part in _results(case, group)]
+    pairs_of_windows: list[tuple[Window, Window]] = []
+    if not windows:
+        end = displacement.best_end(cases, groups)
+        pairs_of_windows = candidate_windows(scenes, end)
+        all_windows = tuple(dict.fromkeys(chain.from_iterable(pairs_of_windows)))
+        cases = [case._replace(windows=all_windows) for case in cases]
+    parts: list[Part] = []
+    for case, group in tracked([*zip(cases, groups, strict=True)], "cases"):
+        parts += _results(case, group)
     asked = {
         "fit_windows": windows or None,
         "ring_width": dr,
@@ -150,7 +169,9 @@ def aggregate(
         "aggregate", ((group.pattern.contents, group.seeds) for group in groups), asked
     )
     attributes = (
-        variables.ATTRIBUTES | {"msd_of": " or ".join(sorted({*map(_followed, every)}))} | made
+        variables.ATTRIBUTES
+        | {"msd_of": " or ".join(sorted({*map(_followed, every)})), "average": cases[0].average}
+        | made
     )
     found = ALWAYS.union(*parts)
     held = {
@@ -164,7 +185,9 @@ def aggregate(
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value
         p.values = holm(p.values.ravel()).reshape(p.shape)
-    return dataset
+    if windows:
+        return diffusive.marked(dataset)
+    return diffusive.best_windows(dataset, pairs_of_windows)
 
 
 def _over_keys(
@@ -233,7 +256,7 @@ def refuse_windows(windows: Sequence[tuple[float, float]], times: Sequence[np.nd
     """Refuse fit windows that coincide, and one that fits no run; `times` has the sample times of
     each scene.
     """
-    names, last = displacement.labels(windows), max(one[-1] for one in times)
+    names, last = labels(windows), max(one[-1] for one in times)
     if len(set(names)) < len(names):
         raise AnalysisError(
             f"fit windows {', '.join(names)}: must differ in their first six digits"
@@ -261,34 +284,26 @@ def _results(case: Case, group: Group) -> list[Part]:
     Those of the displacement distributions come as a part for each time, since each may have rings
     of its own.
     """
-    averages, stopped, health = Averages(), dict[int, str](), list[list[np.ndarray]]()
-
-    def good_runs() -> Iterator[Ensemble]:
-        """Yield the runs that have not failed, block by block."""
-        for runs in blocks_of(group):
-            health.append([reported(runs, name) for name in ("failed", *HEALTH)])
-            stopped.update(runs.stopped)
-            if (good := runs.observables["failed"] == 0).any():
-                yield select(runs, good)
-
-    blocks, first = good_runs(), list[Ensemble]()
-    while (
-        sum(len(runs.seeds) for runs in first) < RUNS_FOR_RINGS
-        and (runs := next(blocks, None)) is not None
-    ):
-        first.append(runs)
+    first = first_good_runs(group) if case.edges is None else []
     case = case._replace(rings=distribution.rings_of(case, first))
-    for runs in chain(first, blocks):
-        averages.add(runs.seeds, columns_of(ESTIMATORS, case, runs))
+    averages = Averages()
+    stopped: dict[int, str] = {}
+    health = []
+    for runs in blocks_of(group):
+        health.append([reported(runs, name) for name in ("failed", *HEALTH)])
+        stopped.update(runs.stopped)
+        good_runs = without_failed(runs)
+        if len(good_runs.seeds):
+            averages.add(good_runs.seeds, columns_of(ESTIMATORS, case, good_runs))
     failed, *numbers = np.concatenate(health, axis=1)
     name = case.scene.name.partition(",")[0] if case.varied else case.scene.name
-    labels: Part = {
+    names: Part = {
         "scene": [name],
         "particles": [case.scene.particles],
         "engine": [case.engine.label],
     }
-    labels |= {short_name(path): [value_of(case.scene, path)] for path in case.varied}
-    part = labels | {
+    names |= {short_name(path): [value_of(case.scene, path)] for path in case.varied}
+    part = names | {
         "time": case.times,
         "seed": group.seeds,
         **dict(zip(HEALTH, numbers, strict=True)),
@@ -297,7 +312,7 @@ def _results(case: Case, group: Group) -> list[Part]:
     part["run_status"] = np.where(failed == 0, variables.KEPT, variables.FAILED)
     if stopped:
         part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
-    part |= results_of(ESTIMATORS, case, averages) | labels
+    part |= results_of(ESTIMATORS, case, averages) | names
     dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
     own = {
         dim: size
@@ -306,11 +321,11 @@ def _results(case: Case, group: Group) -> list[Part]:
     }
     for dim in (dims | own.keys()) - part.keys():
         part[dim] = AXES[dim].coordinates(case.scene) if dim in AXES else np.arange(own[dim])
-    good = labels | {"seed": group.seeds[failed == 0]} | averages.kept
+    good = names | {"seed": group.seeds[failed == 0], "window": part["window"]} | averages.kept
     return [
         part,
         good,
-        *(labels | of_time for of_time in distribution.at_each_time(case, averages)),
+        *(names | of_time for of_time in distribution.at_each_time(case, averages)),
     ]
 
 

@@ -10,7 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from brownpipe import theory
+from brownpipe.analysis.diffusive import FEWEST_RUNS, SMALL_FALL, SMALL_GROWTH, WALLS_FELT
 from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.resampling import Estimate
+from brownpipe.analysis.runs import Group, first_good_runs
 from brownpipe.analysis.variables import (
     AREA,
     EACH,
@@ -23,8 +27,9 @@ from brownpipe.analysis.variables import (
     Mean,
     Variable,
 )
+from brownpipe.analysis.windows import Window, are_inside, earlier_ends, labels
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.engines.friction import DECAY_TIMES, are_inside, diffusive_from
+from brownpipe.engines.friction import DECAY_TIMES, drift_diffusion, not_diffusive_before
 from brownpipe.observables.displacement import displacement, squared
 from brownpipe.scene import Scene, motion
 
@@ -32,7 +37,7 @@ from brownpipe.scene import Scene, motion
 CENTRED = 1e-12
 
 
-def line_weights(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
+def line_weights(times: np.ndarray, window: Window) -> np.ndarray:
     """Return weights (2, T) such that slope, intercept = weights @ y is the least-squares line
     through y(t).
 
@@ -48,9 +53,35 @@ def line_weights(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
     return np.stack([slope, inside / np.count_nonzero(inside) - middle * slope])
 
 
-def per_run_lines(
-    squared: np.ndarray, times: np.ndarray, windows: Sequence[tuple[float, float]]
-) -> np.ndarray:
+def change_weights(times: np.ndarray, window: Window) -> np.ndarray:
+    """Return weights (T,) such that weights @ y is by how much the slope of y(t) changes in a
+    window.
+
+    It is the slope of the least-squares line through the samples in its second half minus that
+    through the first half. The halves meet at the geometric mean of the first and the last sample,
+    so that the window [1, 9] is divided at 3; the sample next to it belongs to both. NaN where the
+    line over the whole window is not defined, and for fewer than three samples after t = 0.
+    """
+    inside = np.flatnonzero(are_inside(times, window) & (times > 0))
+    if len(inside) < 3 or np.isnan(line_weights(times, window)).any():
+        return np.full(len(times), np.nan)
+    middle = np.searchsorted(times, np.sqrt(times[inside[0]] * times[inside[-1]]))
+    middle = min(max(middle, inside[1]), inside[-2])
+    first_half = inside[inside <= middle]
+    second_half = inside[inside >= middle]
+    change = np.zeros(len(times))
+    change[second_half] += _slope_weights(times[second_half])
+    change[first_half] -= _slope_weights(times[first_half])
+    return change
+
+
+def _slope_weights(times: np.ndarray) -> np.ndarray:
+    """Return weights (T,) of the slope of the least-squares line through samples at these times."""
+    centred = times - times.mean()
+    return centred / (centred**2).sum()
+
+
+def per_run_lines(squared: np.ndarray, times: np.ndarray, windows: Sequence[Window]) -> np.ndarray:
     """Return slope and intercept (S, 2, W) of the line through r^2(t) (S, T) of every run in each
     window.
 
@@ -60,11 +91,6 @@ def per_run_lines(
     return np.stack(
         [(squared[:, None, :] * line_weights(times, one)).sum(axis=-1) for one in windows], axis=-1
     )
-
-
-def labels(windows: Sequence[tuple[float, float]]) -> list[str]:
-    """Return labels of windows, from the first six digits of their ends."""
-    return [f"[{start:g}, {end:g}]" for start, end in windows]
 
 
 # --- what is known before any run: box, disks, initial state of the tracer
@@ -77,16 +103,106 @@ def accessible_half_width(scene: Scene) -> float:
     Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for a
     start in its centre.
     """
-    box, start = scene.box, next((disk.position for disk in scene.listed or scene.species), None)
-    moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
-    if box.periodic or moved or start is None or abs(box.width - box.height) > CENTRED * box.width:
+    box, start = scene.box, known_start(scene, "runs")
+    if box.periodic or start is None or abs(box.width - box.height) > CENTRED * box.width:
         return np.nan
     off_centre = np.abs(np.array(start) - [sum(box.x) / 2, sum(box.y) / 2]).max()
     half_width = (box.width - 2 * scene.radius[0]) / 2
     return half_width if off_centre <= CENTRED * box.width and half_width > 0 else np.nan
 
 
+def known_start(scene: Scene, average: str) -> tuple[float, float] | None:
+    """Return where the displacements of the tracer begin [length]; None if that may be anywhere.
+
+    A tracer begins at its position of the scene unless it moves before t = 0. With averages over
+    time origins or disks displacements begin anywhere.
+    """
+    start = next((disk.position for disk in scene.listed or scene.species), None)
+    moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
+    return None if moved or average != "runs" else start
+
+
+def msd_limit(scene: Scene, average: str) -> float:
+    """Return the MSD [length^2] of a tracer that has long filled the box; NaN in a periodic box.
+
+    Its centre is then anywhere in the accessible rectangle.
+    """
+    if scene.box.periodic or not scene.particles:
+        return np.nan
+    _, size = scene.box.accessible(scene.radius[0])
+    return _between_walls(scene, average, 10 * size.max() ** 2)[0]
+
+
+def wall_reduction(scene: Scene, average: str, msd: float) -> float:
+    """Return the share by which walls reduce the slope of the MSD when it has reached `msd`.
+
+    For diffusion in the accessible rectangle, from where the displacements begin: 0 as long as the
+    walls are not felt, 1 when the box is filled. From the middle of a square it is 0.1 at 38 % of
+    the limit of the MSD, for starts anywhere at 2 %. NaN in a periodic box, and for an MSD that is
+    not positive.
+    """
+    from scipy.optimize import brentq
+
+    limit = msd_limit(scene, average)
+    if not (msd > 0 and limit > 0):
+        return np.nan
+    _, size = scene.box.accessible(scene.radius[0])
+    longest = 2 * size.max() ** 2  # D t, at which the box is filled to 1e-8
+    if msd >= _between_walls(scene, average, longest)[0]:
+        return 1.0
+    spread = brentq(
+        lambda spread: _between_walls(scene, average, spread)[0] - msd, 0.0, longest, rtol=1e-9
+    )
+    return 1 - _between_walls(scene, average, spread)[1] / 4
+
+
+def _between_walls(scene: Scene, average: str, spread: float) -> tuple[float, float]:
+    """Return MSD [length^2] and its derivative by D t, where D t is `spread` [length^2]."""
+    corner, size = scene.box.accessible(scene.radius[0])
+    start = known_start(scene, average)
+    starts = [None, None] if start is None else [*(np.array(start) - corner)]
+    axes = [*zip(size, starts, strict=True)]
+    return (
+        sum(theory.reflecting_interval_msd(spread, *axis) for axis in axes),
+        sum(theory.reflecting_interval_growth(spread, *axis) for axis in axes),
+    )
+
+
+def window_drift_diffusion(case: Case, window: Window) -> float:
+    """Return what the drift of all disks adds to D [length^2/time] in a window from t0 to t1.
+
+    The centre of mass moves by V t, which adds V^2 t^2 to the MSD and V^2 (t0 + t1)/4 to a quarter
+    of the slope of the straight line. NaN where the engine moves the tracer alone, or walls stop
+    the drift.
+    """
+    if not case.engine.definition.moves_all_disks:
+        return np.nan
+    start, end = window
+    return drift_diffusion(case.scene) * (start + end) / (2 * case.scene.duration)
+
+
 # --- the estimator
+
+
+def best_end(cases: Sequence[Case], groups: Sequence[Group]) -> float:
+    """Return when default windows end [time]: the latest time before walls are felt in most cases.
+
+    Judged by the MSD of the first runs of each case, so that walls count from half of WALLS_FELT
+    on.
+    """
+    average = cases[0].average
+    ends = earlier_ends([case.scene for case in cases], average)
+    if all(case.scene.box.periodic for case in cases):
+        return ends[0]
+    is_felt = np.zeros((len(cases), len(ends)), bool)
+    for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
+        squares = [squared_of(case, runs) for runs in first_good_runs(group)]
+        if squares and squares[0] is not None:
+            msd = np.concatenate(squares).mean(axis=0)
+            at_ends = np.interp(ends, case.times, msd)
+            reductions = [wall_reduction(case.scene, average, value) for value in at_ends]
+            is_felt[k] = np.array(reductions) > WALLS_FELT / 2
+    return ends[int(np.argmin(is_felt.sum(axis=0)))]
 
 
 def squared_of(case: Case, runs: Ensemble) -> np.ndarray | None:
@@ -113,17 +229,23 @@ def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return r^2 at all times, the lines in all windows and the friction of the langevin engine.
 
-    Also keep r^2 at the end and D in the first window of every run.
+    Also keep r^2 at the end and D in all windows of every run.
     """
     square = squared_of(case, runs)
     if square is None:
         return Columns()
     lines = per_run_lines(square, case.times, case.windows)
-    kept = {"run_msd": square[:, -1], "run_diffusion_coefficient": lines[:, 0, 0] / 4}
-    friction = {name: one for name, one in runs.observables.items() if name == "friction_rate"}
-    return Columns(
-        {"msd": square, "slope": lines[:, 0], "intercept": lines[:, 1]} | friction, kept=kept
-    )
+    changes = [(square * change_weights(case.times, window)).sum(axis=1) for window in case.windows]
+    means = {
+        "msd": square,
+        "slope": lines[:, 0],
+        "intercept": lines[:, 1],
+        "slope_change": np.stack(changes, axis=-1),
+    }
+    if "friction_rate" in runs.observables:
+        means["friction_rate"] = runs.observables["friction_rate"]
+    kept = {"run_msd": square[:, -1], "run_diffusion_coefficient": lines[:, 0] / 4}
+    return Columns(means, kept=kept)
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -138,15 +260,50 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "duration": times[-1],
         "packing_fraction": scene.packing_fraction,
         "initial_square_speed": motion.mean_square_speed_of_tracer(scene),
-        "diffusive_from": DECAY_TIMES / friction if friction > 0 else diffusive_from(scene),
+        "not_diffusive_before": (
+            DECAY_TIMES / friction if friction > 0 else not_diffusive_before(scene)
+        ),
         "accessible_half_width": accessible_half_width(scene),
+        "msd_limit": msd_limit(scene, case.average),
+        "window_drift_diffusion": [window_drift_diffusion(case, window) for window in windows],
     }
     if "msd" not in averages.places:
         return values
     msd, slope = averages.estimate("msd"), averages.estimate("slope")
     over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
     values |= {"msd": msd, "msd_over_4t": msd.scaled(over_4t)}
-    return values | {"slope": slope, "diffusion_coefficient": slope.scaled(0.25)}
+    values |= {"slope": slope, "diffusion_coefficient": slope.scaled(0.25)}
+    change = averages.estimate("slope_change")
+    at_end = np.array([np.interp(end, times, msd.mean) for _, end in windows])
+    over_mean = np.divide(
+        [end for _, end in windows], at_end, out=np.full(len(windows), np.nan), where=at_end > 0
+    )
+    exponent = slope.scaled(over_mean)
+    return values | {
+        "slope_change": change.mean,
+        "slope_change_standard_error": change.standard_error,
+        "slope_change_p_value": p_value(change, slope.mean, averages.runs),
+        "growth_exponent": exponent.mean,
+        "growth_exponent_standard_error": exponent.standard_error,
+        "wall_reduction": [wall_reduction(scene, case.average, value) for value in at_end],
+    }
+
+
+def p_value(change: Estimate, slope: np.ndarray, runs: int) -> np.ndarray:
+    """Return p-values (W,) of changes of slopes over a number of runs, if they are small.
+
+    Small are a fall by up to SMALL_FALL of the slope and a growth by up to SMALL_GROWTH. What goes
+    beyond, over its standard error, is at the most Student's t with runs - 1 degrees of freedom.
+    NaN for fewer than FEWEST_RUNS, and without scatter.
+    """
+    from scipy.special import stdtr
+
+    may_tell = (change.standard_error > 0) & (runs >= FEWEST_RUNS)
+    error = np.where(may_tell, change.standard_error, np.nan)
+    growth = change.mean - SMALL_GROWTH * np.abs(slope)
+    fall = -change.mean - SMALL_FALL * np.abs(slope)
+    beyond = np.maximum(np.maximum(growth, fall), 0.0)
+    return 2 * stdtr(max(runs - 1, 1), -beyond / error)
 
 
 WINDOW = (*EACH, "window")
@@ -160,17 +317,40 @@ VARIABLES = {
     "intercept": Variable(WINDOW, AREA, "intercept of the least-squares line in the window", ERROR),
     "run_msd": Variable(SEED, AREA, "squared displacement of a run at its end"),
     "run_diffusion_coefficient": Variable(
-        SEED, RATE, "slope/4 of a run's squared displacement in the first window"
+        (*SEED, "window"), RATE, "slope/4 of a run's squared displacement in the window"
     ),
     "diffusion_coefficient": Mean(WINDOW, RATE, "diffusion coefficient, slope/4, in the window"),
+    "slope_change": Variable(
+        WINDOW, RATE, "slope in the second half of the window minus that in the first", ERROR
+    ),
+    "slope_change_p_value": Variable(
+        WINDOW,
+        "1",
+        "p-value of the change if it is small, adjusted for the dataset (Holm)",
+    ),
+    "growth_exponent": Variable(
+        WINDOW,
+        "1",
+        "exponent of the MSD at the end of the window, slope t/MSD; 1: diffusion",
+        ERROR,
+    ),
+    "wall_reduction": Variable(
+        WINDOW, "1", "share by which walls reduce the slope of the MSD at the end of the window"
+    ),
+    "window_drift_diffusion": Variable(
+        WINDOW, RATE, "what the drift of all disks adds to the diffusion coefficient in the window"
+    ),
     "box_width": Variable(EACH, "length", "width of the box"),
     "duration": Variable(EACH, "time", "duration of a run"),
     "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
     "initial_square_speed": Variable(
         EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"
     ),
-    "diffusive_from": Variable(
-        EACH, "time", "3/gamma of the tracer: lines may be fitted to the MSD after it"
+    "not_diffusive_before": Variable(
+        EACH, "time", "3/gamma of the tracer: before, the MSD depends on its initial velocity"
+    ),
+    "msd_limit": Variable(
+        EACH, AREA, "mean squared displacement of a tracer that has filled the box"
     ),
     "accessible_half_width": Variable(
         EACH, "length", "half the side of the square in whose centre the tracer starts"

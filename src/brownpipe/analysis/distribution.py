@@ -27,6 +27,7 @@ from brownpipe.analysis.variables import (
     Variable,
     with_intervals,
 )
+from brownpipe.analysis.windows import labels
 from brownpipe.engines.ensemble import Ensemble
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
@@ -131,7 +132,7 @@ def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
     have own rings.
     """
     square = ["square"] if np.isfinite(displacement.accessible_half_width(case.scene)) else []
-    models = ["msd", *(f"slope {label}" for label in displacement.labels(case.windows)), *square]
+    models = ["msd", *(f"slope {label}" for label in labels(case.windows)), *square]
     if "r2" not in averages.places:
         edges = np.arange(2.0) if case.edges is None else case.edges
         yield {"displacement_time": case.times[chosen_times(case)], "model": models} | _rings(edges)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.goodness import change_found_with_power
 from brownpipe.analysis.thermodynamics import compressibility, temperature
 from brownpipe.analysis.variables import EACH, ERROR, Variable
 from brownpipe.engines import Engine
@@ -105,10 +106,7 @@ def found_with_power(error: np.ndarray, runs: int, tests: int) -> np.ndarray:
     """Return the drifts (Q,) that are found with probability POWER, at the first step of Holm's
     procedure, from their standard errors (Q,) over that number of `runs`.
     """
-    from scipy.special import stdtrit
-
-    rejected = stdtrit(runs - 1, 1 - LEVEL / (2 * tests))
-    return error * (rejected + stdtrit(runs - 1, POWER))
+    return change_found_with_power(error, runs, LEVEL / tests, POWER)
 
 
 def time_to_try(scene: Scene) -> float:
@@ -125,7 +123,7 @@ def in_words(found: Drift, to_try: float) -> str:
     """
     rows = zip(*found, strict=True)
     parts = [
-        f"the {name} by {_percent(change, error)}" for name, change, error, p in rows if p < LEVEL
+        f"the {name} by {in_percent(change, error)}" for name, change, error, p in rows if p < LEVEL
     ]
     if not parts:
         return ""
@@ -133,7 +131,7 @@ def in_words(found: Drift, to_try: float) -> str:
     return f"{listed} within the runs: not equilibrated; try equilibrate.time: {to_try:g}"
 
 
-def _percent(change: float, error: float) -> str:
+def in_percent(change: float, error: float) -> str:
     """Return `-1.2(1) %`, a change with its standard error, rounded to one digit, in the last
     digit.
     """

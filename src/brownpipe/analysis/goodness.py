@@ -143,6 +143,17 @@ def in_words(p: float) -> str:
     return f"p < {LEAST:g}" if p < LEAST else f"p = {p:.2f}" if p >= 0.095 else f"p = {p:#.2g}"
 
 
+def change_found_with_power(error: np.ndarray, runs: int, level: float, power: float) -> np.ndarray:
+    """Return the changes (Q,) that a two-sided t-test over runs finds with a probability.
+
+    `error`: their standard errors (Q,) over that number of `runs`, in whose units the result is.
+    `power`: the probability, each test alone.
+    """
+    from scipy.special import stdtrit
+
+    return error * (stdtrit(runs - 1, 1 - level / 2) + stdtrit(runs - 1, power))
+
+
 def both(p: float, q: float) -> float:
     """Return the p-value of two tests of one hypothesis together (Bonferroni); p if q is NaN."""
     return float(p if np.isnan(q) else np.minimum(2 * np.minimum(p, q), 1.0))

@@ -26,6 +26,10 @@ Source = (
 )  # of runs: a file, perhaps with its required seeds, or runs in memory
 
 
+# Runs of a case, or all that it has, from which its default rings and windows are chosen.
+RUNS_FOR_DEFAULTS = 200
+
+
 class RunFile(NamedTuple):
     """A trajectory file, or runs in memory."""
 
@@ -137,6 +141,26 @@ def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
             raise AnalysisError(
                 f"two different scenes are called {scene.name!r}; give one of them another name"
             )
+
+
+def first_good_runs(group: Group) -> list[Ensemble]:
+    """Return the first blocks of runs that have not failed, of RUNS_FOR_DEFAULTS runs or more.
+
+    All runs of a smaller group. Default rings and windows are chosen from them.
+    """
+    blocks: list[Ensemble] = []
+    for runs in blocks_of(group):
+        good_runs = without_failed(runs)
+        if len(good_runs.seeds):
+            blocks.append(good_runs)
+        if sum(len(block.seeds) for block in blocks) >= RUNS_FOR_DEFAULTS:
+            break
+    return blocks
+
+
+def without_failed(runs: Ensemble) -> Ensemble:
+    """Return the runs that have not failed."""
+    return select(runs, runs.observables["failed"] == 0)
 
 
 def blocks_of(group: Group) -> Iterator[Ensemble]:

@@ -3,7 +3,6 @@ docs/theory.md, section 3.
 """
 
 import math
-from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,12 +12,9 @@ from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene, Species, motion
-from brownpipe.scene.times import decimal_of
 
-# in units of 1/gamma of the tracer: from then on its displacements count as diffusive
+# In units of 1/gamma of the tracer: before, its displacements still depend on the initial velocity.
 DECAY_TIMES = 3.0
-# of that time: windows that begin earlier are marked; the start of default ones is rounded
-ROUNDED = 0.95
 # Packing fraction above which disks freeze and the contact values, those of the fluid, do not hold;
 # 0.7 with round-off.
 DENSEST = 0.7 * (1 + 1e-12)
@@ -58,58 +54,18 @@ def bath_of(scene: Scene) -> Bath:
     return Bath(number, radius, mass, motion.bath_temperature(scene))
 
 
-def diffusive_from(scene: Scene) -> float:
-    """Return the time [time] from which straight lines may be fitted to the MSD: DECAY_TIMES of the
-    tracer's velocity.
+def not_diffusive_before(scene: Scene) -> float:
+    """Return the time [time] before which the MSD depends on the initial velocity of the tracer:
+    3/gamma.
 
-    It decays at Enskog's rate gamma, divided by the bath's share of the mass. NaN without a bath,
-    and for disks listed one by one. Necessary, not sufficient: in a dense fluid, or for tails of
-    the decay, D goes on changing.
+    The velocity decays at Enskog's rate gamma, divided by the bath's share of the mass. NaN without
+    a bath, and for disks listed one by one. Motion may become diffusive later, or never: cages,
+    walls and light tracers need the test of `analysis.diffusive`.
     """
     if scene.listed or scene.particles < 2:
         return math.nan
     gamma = float(partners_of(scene).friction.sum())
     return DECAY_TIMES * motion.bath_share(scene) / gamma if gamma > SMALLEST_NORMAL else math.nan
-
-
-def default_windows(scenes: Sequence[Scene]) -> tuple[tuple[float, float], ...]:
-    """Return the windows of straight-line fits [time] for scenes, after the slowest tracer's motion
-    is diffusive.
-
-    Both end with the shortest run. The first begins where motion is diffusive, from a tenth to a
-    half of that run, the second at twice that time, from a half to three quarters.
-    """
-    slowest = float(f"{np.nanmax([0.0, *(diffusive_from(scene) for scene in scenes)]):.2g}")
-    shortest = min(scene.duration for scene in scenes)
-    three_quarters = float(decimal_of(shortest) * 3 / 4)  # as one writes it: 0.3 of 0.4
-    first = min(max(slowest, float(decimal_of(shortest) / 10)), shortest / 2)
-    second = min(max(2 * slowest, shortest / 2), three_quarters)
-    return (first, shortest), (second, shortest)
-
-
-def are_inside(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
-    """Return which of the times (T,) lie in a window of a straight-line fit, its ends included to
-    round-off.
-    """
-    start, end = window
-    slack = 1e-9 * max(abs(start), abs(end))
-    return (times >= start - slack) & (times <= end + slack)
-
-
-def window_caution(window: tuple[float, float], starts: Mapping[str, float]) -> str | None:
-    """Return one line of caution if a window of a straight-line fit begins before motion is
-    diffusive; otherwise None.
-
-    starts: `diffusive_from` [time] of scenes by their names.
-    """
-    early = {name: start for name, start in starts.items() if window[0] < ROUNDED * start}
-    if not early:
-        return None
-    latest = max(early, key=lambda name: early[name])
-    of_several = f" in {len(early)} of {len(starts)} cases" if len(starts) > 1 else ""
-    where = f"{of_several}, {early[latest]:.3g} for {latest}"
-    begins = f"[{window[0]:g}, {window[1]:g}] begins before {DECAY_TIMES:g}/gamma of the tracer"
-    return f"the fit window {begins}{where}: D there is not yet that of diffusion"
 
 
 def rate_at_temperature(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
@@ -136,13 +92,12 @@ def drift_diffusion(scene: Scene) -> float:
     """Return what the drift of the centre of mass adds to D by the end of a run, <V^2> t/2
     [length^2/time].
 
-    Exact if velocities are drawn at a temperature. With a standard deviation the tracer may start
-    hotter than its bath, and its motion relative to the centre of mass is then correlated with V:
-    that adds about D (kT_a/kT_b - 1) m_a/M more, which is left out (docs/theory.md, section 3).
-    NaN unless species are in a periodic box and their total momentum is not zero.
+    Exact for listed disks, and if velocities are drawn at a temperature. With a standard deviation
+    the tracer may start hotter than its bath, and its motion relative to the centre of mass is then
+    correlated with V: that adds about D (kT_a/kT_b - 1) m_a/M more, which is left out
+    (docs/theory.md, section 3). NaN between walls, and for species whose total momentum is zero.
     """
-    is_drawn = scene.velocities is not None and scene.particles > 0
-    if not scene.box.periodic or not is_drawn or motion.starts_with_zero_momentum(scene):
+    if not scene.box.periodic or motion.starts_with_zero_momentum(scene):
         return math.nan
     return motion.mean_square_speed_of_centre(scene) * scene.duration / 2
 

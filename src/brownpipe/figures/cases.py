@@ -16,7 +16,6 @@ import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
-from brownpipe.engines.friction import ROUNDED
 from brownpipe.errors import FigureError
 from brownpipe.figures.catalogue import FIGURES, OWN, SCAN
 
@@ -329,20 +328,18 @@ def drifts(case: Dataset) -> bool:
     return has(case, "drift_p_value") and bool(np.nanmin(case.drift_p_value.values) < LEVEL)
 
 
-def early_mark(case: Dataset, since: str = "window_start") -> str:
-    """Return a ring for a D measured from (or up to) a time at which motion is not yet diffusive;
-    else "".
-    """
-    return " °" if case[since].item() < ROUNDED * case.diffusive_from.item() else ""
+def diffusion_ring(case: Dataset) -> str:
+    """Return a ring for a D that something speaks against (`analysis.diffusive`); else ""."""
+    return " °" if case.diffusion_mark.item() else ""
 
 
 def fitted_diffusion(case: Dataset) -> str:
-    """Return D in the first fit window in words, with the ring of `early_mark`; "" without a
+    """Return D in the first fit window in words, with the ring of `diffusion_ring`; "" without a
     fit.
     """
     fits = [(fit, estimate_of(fit, "diffusion_coefficient")) for fit in fits_of(case)[:1]]
     return "".join(
-        f"D over {fit.window.item()} = {estimate}{early_mark(fit)}" for fit, estimate in fits
+        f"D over {fit.window.item()} = {estimate}{diffusion_ring(fit)}" for fit, estimate in fits
     )
 
 

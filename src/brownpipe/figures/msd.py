@@ -10,10 +10,10 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe import theory
-from brownpipe.engines.friction import are_inside
+from brownpipe.analysis.windows import are_inside
 from brownpipe.figures import style
 from brownpipe.figures.cases import (
-    early_mark,
+    diffusion_ring,
     estimate_of,
     fits_of,
     fitted_diffusion,
@@ -45,7 +45,7 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
         style.band(axes, case, "msd", **line | (DOTS if single else {}))  # models are lines
     for k, fit in enumerate(fit for case in cases for fit in fits_of(case)[:1]):
         t = np.array([fit.window_start.item(), fit.window_end.item()])
-        slope = f": slope {estimate_of(fit, 'slope')}{early_mark(fit)}" if single else ""
+        slope = f": slope {estimate_of(fit, 'slope')}{diffusion_ring(fit)}" if single else ""
         label = "_" if looks or k else f"least squares over {fit.window.item()}{slope}"
         axes.plot(
             t, _fitted(fit, t), color=style.FIT if single else style.INK, linewidth=1.2, label=label
@@ -106,7 +106,7 @@ def _diffusion(case: Dataset, t: np.ndarray) -> tuple[np.ndarray, str]:
         start, value = float(fit.window_start), float(fit.diffusion_coefficient)
         source = (
             f"D over {fit.window.item()} = "
-            f"{estimate_of(fit, 'diffusion_coefficient')}{early_mark(fit)}"
+            f"{estimate_of(fit, 'diffusion_coefficient')}{diffusion_ring(fit)}"
         )
     ballistic = theory.ballistic_msd(start, float(case.initial_square_speed))
     if not (

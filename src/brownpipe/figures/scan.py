@@ -11,12 +11,13 @@ from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
+from brownpipe.analysis import diffusive
 from brownpipe.analysis.resampling import resample
 from brownpipe.figures.cases import (
     PARTS,
     axis_label,
     axis_of,
-    early_mark,
+    diffusion_ring,
     frame_of,
     has,
     series_of,
@@ -63,7 +64,7 @@ def draw(cases: list[Dataset]) -> Figure:
         panel.set_ylabel(PANELS[name][1])
     over = {
         D: " over "
-        f"{cases[0].window[0].item()}{max(early_mark(case.isel(window=0)) for case in cases)}"
+        f"{cases[0].window[0].item()}{max(diffusion_ring(case.isel(window=0)) for case in cases)}"
     }
     heads(axes.flat[: len(names)], [PANELS[name][0] + over.get(name, "") for name in names])
     return figure
@@ -128,14 +129,17 @@ def table(cases: list[Dataset]) -> DataFrame:
     theory = [expected for _, _, expected in PANELS.values() if expected]
     names = (
         "packing_fraction",
-        "diffusive_from",
+        "not_diffusive_before",
         "window_start",
         "window_end",
+        "diffusion_mark",
         *PANELS,
         *theory,
         *differences,
     )
-    return frame_of(ends, ("window",), names).drop(columns="window")
+    frame = frame_of(ends, ("window",), names).drop(columns="window")
+    marks = frame.pop("diffusion_mark").astype(int)
+    return frame.assign(mark=marks.map(diffusive.in_words))
 
 
 def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
@@ -146,8 +150,11 @@ def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
     for name, of_run in OF_RUNS.items():
         if of_run not in case:
             continue
-        earlier = np.nan if before is None else before[of_run]
-        pairs = (case[of_run] - earlier).dropna("seed")
+        later = case[of_run].isel(window=0, missing_dims="ignore")
+        no_runs = later.where(False)
+        earlier = no_runs if before is None else before[of_run]
+        earlier = earlier.isel(window=0, missing_dims="ignore")
+        pairs = (later - earlier).dropna("seed")
         estimate = resample(pairs.values, pairs.seed.values)
         for part, value in zip(PARTS, estimate, strict=True):
             differences[f"{name}_difference{part}"] = float(value)

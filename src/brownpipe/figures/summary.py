@@ -9,18 +9,25 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis import drift
+from brownpipe.analysis import diffusive, drift
+from brownpipe.analysis.diffusive import EARLY
 from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
-from brownpipe.analysis.variables import FAILED, FOLLOWED, MISSING, VARIED, labels_of_cases
+from brownpipe.analysis.variables import (
+    FAILED,
+    FOLLOWED,
+    MISSING,
+    SAME_TIME,
+    VARIED,
+    labels_of_cases,
+)
 from brownpipe.engines.ensemble import stopped_in_words
-from brownpipe.engines.friction import window_caution
 from brownpipe.figures.cases import (
     SPECIES,
     aligned,
     at_last_distribution,
     cases_of,
+    diffusion_ring,
     drifts,
-    early_mark,
     estimate_of,
     has,
     label_of,
@@ -29,6 +36,7 @@ from brownpipe.figures.cases import (
     text_of,
     title_of,
 )
+from brownpipe.figures.marks import power_in_words, reasons_in_words
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.text import counted, in_lines
 
@@ -83,10 +91,8 @@ QUANTITIES = (
     Quantity("alpha_2", "non_gaussian_parameter", ("non_gaussian_parameter",)),
     Quantity("D (Green-Kubo)", "green_kubo", ("green_kubo",), "enskog_diffusion"),
 )
-SINCE = {
-    "diffusion_coefficient": "window_start",
-    "green_kubo": "time",
-}  # from when on, or up to when, D is measured
+# Functions of the lag: with averages over time origins their last values have few origins.
+OF_LAG = ("msd", "non_gaussian_parameter", "green_kubo")
 DISPLACED = (
     Quantity("MSD", "msd", OF_SPREADING),
     Quantity("D", "diffusion_coefficient", OF_SPREADING),
@@ -151,8 +157,8 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     p = p if given & {*OF_RINGS} else np.full_like(p, np.nan)
     rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
     tests = int(np.count_nonzero(np.isfinite(p)))
-    durations = {case.duration.item() for case in cases}
-    end = f"MSD(t = {durations.pop():g})" if len(durations) == 1 else "MSD at the end"
+    ends = {float(case.time[time_shown(case, "msd")]) for case in cases if has(case, "msd")}
+    end = f"MSD(t = {ends.pop():g})" if len(ends) == 1 else "MSD at the end"
     names = [
         name for name in labels_of_cases(dataset) if name != "engine" or dataset.sizes["engine"] > 1
     ]
@@ -210,7 +216,8 @@ def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[
         one.variable,
         f"{one.variable}_standard_error",
         one.theory,
-        "diffusive_from",
+        "diffusion_mark",
+        "not_diffusive_before",
         "drift_p_value",
     }
     # What `_cell` reads, and no more: of a case with all variables each part takes xarray several
@@ -228,8 +235,8 @@ def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[
 
 
 def _at(case: Dataset, one: Quantity) -> Dataset | None:
-    """Return the case at the end and in the first window; None if it does not have the quantity
-    there.
+    """Return the case at the time of `time_shown` and in the first window; None if it does not have
+    the quantity there.
 
     Without a temperature, the Green-Kubo integral is not a D.
     """
@@ -237,21 +244,56 @@ def _at(case: Dataset, one: Quantity) -> Dataset | None:
         return None
     values, places = case[one.variable], {"window": 0}
     if "time" in values.dims:
-        places["time"] = np.flatnonzero(values.notnull())[-1]
+        places["time"] = time_shown(case, one.variable)
     part = case.isel(places, missing_dims="ignore")
     return part if has(part, one.variable) else None
+
+
+def time_shown(case: Dataset, name: str) -> int:
+    """Return the index of the time at which a function of time is shown: the last that it has.
+
+    The Green-Kubo integral, and with averages over time origins all functions of the lag, are shown
+    at the end of the first fit window: it is chosen for a D, and later there are few origins.
+    """
+    known = np.flatnonzero(case[name].notnull())
+    if name == "green_kubo" or (name in OF_LAG and case.attrs.get("average") == "origins"):
+        end = case.window_end.values[0] * (1 + SAME_TIME)
+        inside = known[case.time.values[known] <= end]
+        known = inside if len(inside) else known
+    return int(known[-1])
 
 
 def _cell(part: Dataset | None, one: Quantity) -> str:
     """Return a quantity with its standard error and theory; `-` where there is none.
 
-    A star marks values of runs that drift, a ring a D measured before motion is diffusive.
+    A star marks values of runs that drift, a ring a D that something speaks against.
     """
     if part is None:
         return "-"
     theory = f" ({float(part[one.theory]):#.4g})" if one.theory and has(part, one.theory) else ""
-    ring = early_mark(part, SINCE[one.variable]) if one.variable in SINCE else ""
-    return estimate_of(part, one.variable) + theory + " *" * drifts(part) + ring
+    star = " *" if drifts(part) else ""
+    ring = ""
+    if one.variable == "diffusion_coefficient":
+        ring = diffusion_ring(part)
+    elif one.variable == "green_kubo":
+        ring = " °" if _integral_mark(part) else ""
+    return estimate_of(part, one.variable) + theory + star + ring
+
+
+def _integral_mark(part: Dataset) -> int:
+    """Return the mark of the Green-Kubo integral: that of D in the window, if it begins early only
+    for an integral that ends early, too.
+    """
+    mark = part.diffusion_mark.item() & ~EARLY
+    is_early = part.time.item() < part.not_diffusive_before.item()
+    return mark | (EARLY if is_early else 0)
+
+
+def _integral_ends_early(case: Dataset) -> bool:
+    """Return whether the Green-Kubo integral is shown at a time at which it may not be a D yet."""
+    integral = next(one for one in QUANTITIES if one.variable == "green_kubo")
+    part = _at(case, integral)
+    return part is not None and bool(_integral_mark(part) & EARLY)
 
 
 def _verdict(p: float, rejected: bool) -> str:
@@ -267,11 +309,16 @@ def _legend(
         yield "phi: packing fraction of all disks, which changes with what is varied."
     followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
     where = {"time": ", at the end", "window": f" {dataset.window.values[0]}"}
+    at_window_end = {"time": f", at t = {dataset.window_end.values[0]:g}"}
     for one in shown:
         variable = dataset[one.variable]
         meaning = variable.attrs.get("long_name", one.variable).replace(FOLLOWED, followed)
         source = f" ({variable.observable})" if "observable" in variable.attrs else ""
-        place = "".join(where.get(str(dim), "") for dim in variable.dims)
+        is_at_window_end = one.variable == "green_kubo" or (
+            one.variable in OF_LAG and dataset.attrs.get("average") == "origins"
+        )
+        places = where | at_window_end if is_at_window_end else where
+        place = "".join(places.get(str(dim), "") for dim in variable.dims)
         yield from textwrap.wrap(f"{one.heading}: {meaning}{place}{source}.", LINE)
     for name, own in dataset.data_vars.items():
         if (
@@ -282,28 +329,15 @@ def _legend(
             yield f"{name}: no mean where a run has no number of it."
     if any(one.theory and has(case, one.theory) for one in shown for case in cases):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
-    starts = {
-        f"{scene_of(case)}, N = {case.particles.item()}": case.diffusive_from.item()
-        for case in cases
-    }
-    window = dataset.window_start.values[0], dataset.window_end.values[0]
-    if DISPLACED[-1] in shown and (caution := window_caution(window, starts)):
-        yield from textwrap.wrap(f"° {caution}.", LINE)
-    if any(
-        " °" in _cell(_at(case, one), one)
-        for one in shown
-        if one.variable == "green_kubo"
-        for case in cases
-    ):
-        yield (
-            "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D of "
-            "diffusion."
-        )
-    for case in cases:
-        if has(case, "drift_diffusion"):
+    if DISPLACED[-1] in shown:
+        yield from reasons_in_words(cases)
+        yield from power_in_words(cases)
+    if any(one.variable == "green_kubo" for one in shown):
+        early = [case for case in cases if _integral_ends_early(case)]
+        if early:
             yield (
-                f"{title_of(case)}: the drift of all disks adds {case.drift_diffusion:.2g} to D "
-                "by the end of a run."
+                "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D "
+                "of diffusion."
             )
     yield from _tests_of_equilibrium(cases)
     if tests:
@@ -440,7 +474,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
         row = label_of(case, "packing_fraction", "runs", "failed_runs")
         row |= {
             "time": case.duration.item(),
-            "diffusive_from": case.diffusive_from.item(),
+            "not_diffusive_before": case.not_diffusive_before.item(),
             "drifts": drifts(case),
         }
         for one, heading, parts in measured:
@@ -451,7 +485,8 @@ def summary_table(dataset: Dataset) -> DataFrame:
         row |= {name: last[name].item() if name in last else np.nan for name in SHAPE}
         of_models = [(test, model) for model in dataset.model.values for test in TESTED]
         row |= {f"{test}, {model}": last[test].sel(model=model).item() for test, model in of_models}
-        rows += [
-            row | {name: case[name][w].item() for name in FIT} for w in range(case.sizes["window"])
-        ]
+        for w in range(case.sizes["window"]):
+            fit = case.isel(window=w)
+            numbers = {name: fit[name].item() for name in FIT}
+            rows.append(row | numbers | {"mark": diffusive.in_words(fit.diffusion_mark.item())})
     return DataFrame(rows)

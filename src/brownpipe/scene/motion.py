@@ -53,6 +53,9 @@ def mean_square_speed_of_centre(scene: Scene) -> float:
     if not scene.particles or starts_with_zero_momentum(scene):
         return 0.0
     share = _share_of_mass(scene)
+    if scene.listed:
+        velocity = np.array([disk.velocity for disk in scene.listed])
+        return float(((share[:, None] * velocity).sum(axis=0) ** 2).sum())
     return float(2 * (share**2 * _component_variance(scene)).sum())
 
 

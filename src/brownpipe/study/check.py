@@ -5,8 +5,9 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 but one run for observables of the user's own.
 """
 
+from brownpipe.analysis.windows import default_windows, window_caution
 from brownpipe.engines import forecast, friction
-from brownpipe.engines.friction import DECAY_TIMES, diffusive_from
+from brownpipe.engines.friction import DECAY_TIMES, not_diffusive_before
 from brownpipe.figures.cases import aligned
 from brownpipe.report.description import (
     disks_in_words,
@@ -37,8 +38,9 @@ def describe_scene_or_study(path: str, particles: int | None = None) -> str:
 
 def _scene(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
-    cost, start = forecast.of_run(scene), diffusive_from(scene)
+    cost = forecast.of_run(scene)
     of_all_disks = forecast.of_run(scene, {"all"})
+    start = not_diffusive_before(scene)
     theory = "Enskog" if scene.packing_fraction <= friction.DENSEST else "free volume of a crystal"
     said = {
         "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
@@ -49,7 +51,7 @@ def _scene(scene: Scene) -> list[str]:
         "momentum": _momentum(scene),
         "velocities": velocities_in_words(scene),
         "run": times_in_words(scene),
-        "diffusion": f"from t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"
+        "diffusion": f"not before t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"
         if start > 0
         else None,
         "collisions": f"{cost.pair_collisions:,.0f} between disks, "
@@ -61,7 +63,7 @@ def _scene(scene: Scene) -> list[str]:
         f"{in_time(of_all_disks.seconds)} of CPU, {in_bytes(of_all_disks.recorded)} of file and "
         f"{in_bytes(forecast.memory(of_all_disks, 1))} of memory per run",
     }
-    window = friction.window_caution(friction.default_windows([scene])[0], {scene.name: start})
+    window = window_caution(default_windows([scene])[0], {scene.name: start})
     cautions = [forecast.caution(scene), forecast.settling_caution(scene), window]
     return [*(f"{name:12}{text}" for name, text in said.items() if text), *_cautions(cautions)]
 
@@ -79,7 +81,7 @@ def _momentum(scene: Scene) -> str | None:
         )
     growth = friction.drift_diffusion(scene)
     mass, temperature = friction.followed(scene).mass, friction.bath_of(scene).temperature
-    expected = temperature / mass * diffusive_from(scene) / DECAY_TIMES
+    expected = temperature / mass * not_diffusive_before(scene) / DECAY_TIMES
     return (
         f"not zero: the centre of mass drifts, which adds {growth:.2g} to a D of {expected:.2g} "
         "by the end of a run"
@@ -112,8 +114,10 @@ def _study(study: Study) -> list[str]:
     ]
     simulated = [use.case for use in study.uses if use.engine.definition.moves_all_disks]
     cautions += [forecast.settling_caution(case) for case in simulated]
-    starts = {f"{case.name}, N = {case.particles}": diffusive_from(case) for case in study.cases}
-    cautions += [friction.window_caution(window, starts) for window in study.fit_windows or ()]
+    starts = {
+        f"{case.name}, N = {case.particles}": not_diffusive_before(case) for case in study.cases
+    }
+    cautions += [window_caution(window, starts) for window in study.fit_windows or ()]
     lines += _cautions(cautions)
     if study.tolerance is not None:
         goal = f"{study.target} to {100 * study.tolerance:g} %"

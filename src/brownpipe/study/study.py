@@ -23,9 +23,9 @@ from pydantic import (
 )
 
 from brownpipe import observables as measures
+from brownpipe.analysis.windows import are_inside, default_windows
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
 from brownpipe.engines.exact import EXACT
-from brownpipe.engines.friction import are_inside, default_windows
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import (
@@ -349,7 +349,7 @@ class Study(Record):
                         f"t0 < t1 <= {case.duration!r} and three samples or more of {case.name}"
                     )
                     refuse(f"must be [t0, t1] with {allowed}, not {[t0, t1]}", "fit_windows", k)
-        self._resolve(fit_windows=self.fit_windows or default_windows(self.cases))
+        self._resolve(fit_windows=self.fit_windows or default_windows(self.cases, self.average))
         for k, time in enumerate(self.displacement_times):
             if not any(
                 np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in self.cases

@@ -1,0 +1,159 @@
+"""Whether slope/4 of the MSD in a window is a diffusion coefficient: what speaks against it.
+
+A quarter of a slope is a number in any case. It is the D of diffusion if the MSD grows by a
+straight line for reasons of the motion: not where it is still ballistic, where cages, walls or
+neighbours in a file hold the tracer back, or where all disks drift together. Each reason is a bit
+of the variable `diffusion_mark`; a D without a mark is one that nothing speaks against, at the
+level and with the power of docs/theory.md, section 5.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from brownpipe.analysis.goodness import holm
+from brownpipe.analysis.variables import EACH, Variable
+from brownpipe.analysis.windows import ROUNDED, Window, labels
+
+if TYPE_CHECKING:
+    from xarray import DataArray, Dataset
+
+LEVEL = 0.01  # family-wise error rate of the tests for a change of the slope
+FEWEST_RUNS = 8  # for a test over runs
+# Changes of the slope, over the slope, that do not count. In two dimensions D grows in any fluid:
+# the velocity autocorrelation decays as 1/t.
+SMALL_FALL = 0.1
+SMALL_GROWTH = 0.25
+# Share by which walls reduce the slope of the MSD at the end of a window, beyond which they count.
+WALLS_FELT = 0.1
+# Exponent of the MSD at the end of a window, d ln MSD/d ln t, below which the tracer is held in its
+# place; 1 in diffusion.
+HELD = 0.5
+
+CHANGES, PLATEAU, WALLS, EARLY, DRIFT, UNTESTED = (1 << bit for bit in range(6))
+REASONS = {
+    CHANGES: "slope_changes",
+    PLATEAU: "plateau",
+    WALLS: "walls",
+    EARLY: "early",
+    DRIFT: "drift",
+    UNTESTED: "untested",
+}
+
+WINDOW = (*EACH, "window")
+VARIABLES = {
+    "diffusion_mark": Variable(
+        WINDOW,
+        "1",
+        "why slope/4 in the window is no diffusion coefficient; 0: nothing speaks against it",
+        (),
+        np.int8,
+        0,
+        {
+            "flag_masks": np.array([*REASONS], np.int8),
+            "flag_meanings": " ".join(REASONS.values()),
+        },
+    )
+}
+
+
+def marked(dataset: "Dataset") -> "Dataset":
+    """Return a dataset with `diffusion_mark`, its tests for a change of the slope one family.
+
+    The p-values of `slope_change_p_value` are adjusted by Holm's procedure over all cases and
+    windows.
+    """
+    p = dataset.slope_change_p_value
+    adjusted = p.copy(data=holm(p.values.ravel()).reshape(p.shape))
+    dataset = dataset.assign(slope_change_p_value=adjusted)
+    marks = dataset.runs.astype(np.int8) * 0 + sum(
+        bit * holds.astype(np.int8) for bit, holds in _reasons(dataset).items()
+    )
+    marks = marks.where(dataset.diffusion_coefficient.notnull(), 0).astype(np.int8)
+    described = VARIABLES["diffusion_mark"].attributes
+    return dataset.assign(diffusion_mark=marks.transpose(*p.dims).assign_attrs(described))
+
+
+def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
+    """Return for each reason where it holds; unknown numbers, NaN, do not speak against a D."""
+    uncertainty = _quantile(dataset.runs) * dataset.growth_exponent_standard_error
+    drift_error = dataset.diffusion_coefficient_standard_error.fillna(0.0)
+    negligible = np.fmax(drift_error, 1e-9 * abs(dataset.diffusion_coefficient))
+    walls = dataset.wall_reduction > WALLS_FELT
+    return {
+        CHANGES: dataset.slope_change_p_value < LEVEL,
+        PLATEAU: (dataset.growth_exponent + uncertainty < HELD) & ~walls,
+        WALLS: walls,
+        EARLY: dataset.window_start < ROUNDED * dataset.not_diffusive_before,
+        DRIFT: dataset.window_drift_diffusion > negligible,
+        UNTESTED: dataset.slope_change_p_value.isnull(),
+    }
+
+
+def _quantile(runs: "DataArray") -> "DataArray":
+    """Return Student's t beyond which a mean over these numbers of runs lies with probability
+    LEVEL.
+    """
+    from scipy.special import stdtrit
+
+    freedom = np.maximum(runs.values - 1, 1)
+    return runs.copy(data=stdtrit(freedom, 1 - LEVEL))
+
+
+def in_words(mark: int) -> str:
+    """Return the reasons of a mark in words: `walls, early`; "" without a mark."""
+    return ", ".join(name.replace("_", " ") for bit, name in REASONS.items() if mark & bit)
+
+
+def best_windows(dataset: "Dataset", candidates: Iterable[tuple[Window, Window]]) -> "Dataset":
+    """Return the dataset with the pair of windows whose first has a D without a mark in most cases.
+
+    Of several such pairs it is the first. Where the first window of the first pair has the mark
+    CHANGES or PLATEAU, a later window lacks it only if it shows the contrary by two standard
+    errors: a change that is smaller than the earlier one, both over the length of the window on a
+    logarithmic axis; an exponent above HELD. Large errors alone do not make a D.
+
+    The dataset has the windows of all `candidates`.
+    """
+    pairs = [marked(_with_windows(dataset, labels(pair))) for pair in candidates]
+    earliest = pairs[0].isel(window=0).reset_coords().drop_vars("window")
+    return max((_changes_like(earliest, pair) for pair in pairs), key=number_of_plain)
+
+
+def _changes_like(earliest: "Dataset", dataset: "Dataset") -> "Dataset":
+    """Return a dataset with the marks CHANGES and PLATEAU of the earliest window also in windows
+    that do not show the contrary.
+    """
+    largest_change = abs(dataset.slope_change) + 2 * dataset.slope_change_standard_error
+    change_before = abs(earliest.slope_change) / _length(earliest)
+    smallest_exponent = dataset.growth_exponent - 2 * dataset.growth_exponent_standard_error
+    shown = {
+        CHANGES: largest_change / _length(dataset) < change_before,
+        PLATEAU: smallest_exponent > HELD,
+    }
+    marks = dataset.diffusion_mark
+    for bit, has_ended in shown.items():
+        goes_on = (earliest.diffusion_mark & bit > 0) & ~has_ended & dataset.slope.notnull()
+        marks = marks + bit * (goes_on & (marks & bit == 0))
+    marks = marks.astype(np.int8).transpose(*dataset.diffusion_mark.dims)
+    return dataset.assign(diffusion_mark=marks.assign_attrs(dataset.diffusion_mark.attrs))
+
+
+def _length(dataset: "Dataset") -> "DataArray":
+    """Return the lengths of windows on a logarithmic axis of time; NaN from t = 0 on."""
+    return np.log(dataset.window_end) - np.log(dataset.window_start.where(dataset.window_start > 0))
+
+
+def _with_windows(dataset: "Dataset", names: Sequence[str]) -> "Dataset":
+    """Return a dataset with these windows alone, and the models of eq. (18) that have their D."""
+    others = {f"slope {name}" for name in dataset.window.values if name not in names}
+    models = [model for model in dataset.model.values if model not in others]
+    return dataset.sel(window=names, model=models)
+
+
+def number_of_plain(dataset: "Dataset") -> int:
+    """Return in how many cases the D of the first window has no mark."""
+    first = dataset.isel(window=0)
+    is_plain = (first.diffusion_mark == 0) & first.diffusion_coefficient.notnull()
+    return int(is_plain.sum())

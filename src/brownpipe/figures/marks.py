@@ -1,0 +1,135 @@
+"""Why a quarter of the slope of the MSD is no diffusion coefficient, in words: the lines below the
+summary that explain its rings.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from brownpipe.analysis import diffusive
+from brownpipe.analysis.drift import in_percent
+from brownpipe.analysis.goodness import change_found_with_power
+from brownpipe.engines.friction import DECAY_TIMES
+from brownpipe.figures.cases import has, scene_of
+from brownpipe.text import counted
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+LINE = 100  # characters of a line of words
+POWER = 0.9
+
+
+class Reason(NamedTuple):
+    """A reason of `diffusive.REASONS` in words: what holds, in numbers of a case, and a cure."""
+
+    statement: str
+    number: Callable[[Dataset], str]  # of a case in one window
+    size: Callable[[Dataset], float]  # by which the worst case is found
+    cure: str
+
+
+def _change(fit: Dataset) -> str:
+    share = float(fit.slope_change / abs(fit.slope))
+    error = float(fit.slope_change_standard_error / abs(fit.slope))
+    return f"by {in_percent(share, error)}"
+
+
+def _of_limit(fit: Dataset) -> str:
+    at_end = np.interp(float(fit.window_end), fit.time, fit.msd)
+    reduction = 100 * float(fit.wall_reduction)
+    return f"by {reduction:.0f} % where the MSD is {at_end:.3g} of at most {fit.msd_limit:.3g}"
+
+
+WORDS = {
+    diffusive.EARLY: Reason(
+        f"the window begins before {DECAY_TIMES:g}/gamma of the tracer",
+        lambda fit: f"{fit.not_diffusive_before:.3g}",
+        lambda fit: float(fit.not_diffusive_before),
+        "a later window, or longer runs",
+    ),
+    diffusive.CHANGES: Reason(
+        "the slope changes from its first half to its second",
+        _change,
+        lambda fit: float(abs(fit.slope_change / fit.slope)),
+        "a later window, or longer runs, if there is a D",
+    ),
+    diffusive.PLATEAU: Reason(
+        "the MSD hardly grows at its end",
+        lambda fit: f"as t^{fit.growth_exponent:.2g}",
+        lambda fit: -float(fit.growth_exponent),
+        "longer runs, if it leaves its place at all",
+    ),
+    diffusive.WALLS: Reason(
+        "walls reduce the slope at its end",
+        _of_limit,
+        lambda fit: float(fit.wall_reduction),
+        "an earlier window, or a larger box",
+    ),
+    diffusive.DRIFT: Reason(
+        "all disks drift together",
+        lambda fit: f"which adds {fit.window_drift_diffusion:.2g} to D",
+        lambda fit: float(fit.window_drift_diffusion),
+        "velocities without total momentum, `zero_momentum: true`",
+    ),
+    diffusive.UNTESTED: Reason(
+        "too few runs tell whether the slope is constant",
+        lambda fit: f"{int(fit.runs)}",
+        lambda fit: -float(fit.runs),
+        f"{diffusive.FEWEST_RUNS} runs or more, and three samples in the window",
+    ),
+}
+
+
+def reasons_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
+    """Yield lines that say why D in the first fit window is marked, with the worst case of each
+    reason and what to do about it; none without a mark.
+
+        ° D over [0.1, 1] is not that of diffusion, or not yet:
+        - the window begins before 3/gamma of the tracer in 8 of 8 cases, 1.48 for ..., N = 50;
+          needed: a later window, or longer runs.
+    """
+    fits = [case.isel(window=0) for case in cases]
+    fits = [fit for fit in fits if has(fit, "diffusion_coefficient")]
+    if not any(fit.diffusion_mark.item() for fit in fits):
+        return
+    yield f"° D over {fits[0].window.item()} is not that of diffusion, or not yet:"
+    for bit, reason in WORDS.items():
+        marked = [fit for fit in fits if fit.diffusion_mark.item() & bit]
+        if not marked:
+            continue
+        worst = max(marked, key=reason.size)
+        of_several = f" in {len(marked)} of {len(fits)} cases" if len(fits) > 1 else ""
+        title = f"{scene_of(worst)}, N = {worst.particles.item()}"
+        holds = f"{reason.statement}{of_several}, {reason.number(worst)} for {title}"
+        text = f"- {holds}; needed: {reason.cure}."
+        yield from textwrap.wrap(text, LINE, subsequent_indent="  ")
+
+
+def power_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
+    """Yield what a D without a mark means: level and power of the test for a change of the
+    slope.
+    """
+    tests = sum(int(case.slope_change_p_value.notnull().sum()) for case in cases)
+    fits = [case.isel(window=0) for case in cases]
+    plain = [fit for fit in fits if has(fit, "slope") and not fit.diffusion_mark.item()]
+    if not plain:
+        return
+    found = []
+    for fit in plain:
+        error = (fit.slope_change_standard_error / abs(fit.slope)).values
+        level = diffusive.LEVEL / tests
+        beyond = change_found_with_power(error, int(fit.runs), level, POWER)
+        found.append(diffusive.SMALL_FALL + float(beyond))
+    text = (
+        "D without °: the slope is not found to fall by more than "
+        f"{diffusive.SMALL_FALL:.0%}, or to grow by more than {diffusive.SMALL_GROWTH:.0%}, from "
+        f"the first half of the window to the second, at a level of {diffusive.LEVEL:.0%} for "
+        f"{counted(tests, 'test')} (Holm); {POWER:.0%} of falls by {100 * max(found):.0f} % are "
+        "found."
+    )
+    yield from textwrap.wrap(text, LINE)
