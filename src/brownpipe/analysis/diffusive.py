@@ -76,13 +76,16 @@ def marked(dataset: "Dataset") -> "Dataset":
 
 
 def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
-    """Return for each reason where it holds; unknown numbers, NaN, do not speak against a D."""
+    """Return for each reason where it holds; unknown numbers, NaN, do not speak against a D.
+
+    A slope that changes, or an MSD that no longer grows, is put down to walls where these are felt.
+    """
     uncertainty = _quantile(dataset.runs) * dataset.growth_exponent_standard_error
     drift_error = dataset.diffusion_coefficient_standard_error.fillna(0.0)
     negligible = np.fmax(drift_error, 1e-9 * abs(dataset.diffusion_coefficient))
     walls = dataset.wall_reduction > WALLS_FELT
     return {
-        CHANGES: dataset.slope_change_p_value < LEVEL,
+        CHANGES: (dataset.slope_change_p_value < LEVEL) & ~walls,
         PLATEAU: (dataset.growth_exponent + uncertainty < HELD) & ~walls,
         WALLS: walls,
         EARLY: dataset.window_start < ROUNDED * dataset.not_diffusive_before,
