@@ -18,7 +18,7 @@ from brownpipe.report.description import (
 from brownpipe.scene import Scene, motion, parse_scene
 from brownpipe.scene.reading import read_yaml
 from brownpipe.study import Study, read_study
-from brownpipe.study.run_sets import describe_workload, run_sets
+from brownpipe.study.run_sets import RunSet, describe_workload, run_sets
 from brownpipe.study.trial import refuse_mistakes
 from brownpipe.text import in_bytes, in_lines, in_time
 
@@ -28,44 +28,79 @@ def describe_scene_or_study(path: str, particles: int | None = None) -> str:
     it.
     """
     mapping = read_yaml(path)
-    if "box" not in mapping and mapping.keys() & (
-        Study.model_fields.keys() - Scene.model_fields.keys()
-    ):
+    study_keys = Study.model_fields.keys() - Scene.model_fields.keys()
+    if "box" not in mapping and mapping.keys() & study_keys:
         replaced = {} if particles is None else {"particles": particles}
-        return in_lines([f"{path}: a valid study", *_study(read_study(path, replaced))])
-    return in_lines([f"{path}: a valid scene", *_scene(parse_scene(mapping, path, particles))])
+        study = read_study(path, replaced)
+        return in_lines([f"{path}: a valid study", *_study(study)])
+    scene = parse_scene(mapping, path, particles)
+    return in_lines([f"{path}: a valid scene", *_scene(scene)])
 
 
 def _scene(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
     cost = forecast.of_run(scene)
-    of_all_disks = forecast.of_run(scene, {"all"})
+    cost_of_all_disks = forecast.of_run(scene, {"all"})
     start = not_diffusive_before(scene)
-    theory = "Enskog" if scene.packing_fraction <= friction.DENSEST else "free volume of a crystal"
-    said = {
+    properties = {
         "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
-        "disks": f"{scene.particles}: {disks_in_words(scene)}; packing fraction "
-        f"{scene.packing_fraction:.4g}",
+        "disks": _disks(scene),
         "start": start_in_words(scene),
         "settle": forecast.settling_in_words(scene),
         "momentum": _momentum(scene),
         "velocities": velocities_in_words(scene),
         "run": times_in_words(scene),
-        "diffusion": f"not before t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"
-        if start > 0
-        else None,
-        "collisions": f"{cost.pair_collisions:,.0f} between disks, "
-        f"{cost.wall_collisions:,.0f} with walls per run"
-        f"{' and its equilibration' if scene.equilibrate.time else ''} ({theory}, in equilibrium)",
-        "cost": f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.recorded)} of file per run"
-        f" of the exact engine; {in_bytes(forecast.memory(cost, 1))} of memory",
-        "record": "the tracer; with `simulate --record all` some "
-        f"{in_time(of_all_disks.seconds)} of CPU, {in_bytes(of_all_disks.recorded)} of file and "
-        f"{in_bytes(forecast.memory(of_all_disks, 1))} of memory per run",
+        "diffusion": _diffusion(start),
+        "collisions": _collisions(scene, cost),
+        "cost": _cost(cost),
+        "record": _all_disks(cost_of_all_disks),
     }
+    lines = [f"{name:12}{text}" for name, text in properties.items() if text]
     window = window_caution(default_windows([scene])[0], {scene.name: start})
     cautions = [forecast.caution(scene), forecast.settling_caution(scene), window]
-    return [*(f"{name:12}{text}" for name, text in said.items() if text), *_cautions(cautions)]
+    return [*lines, *_cautions(cautions)]
+
+
+def _disks(scene: Scene) -> str:
+    """Return number and kinds of the disks, and their packing fraction."""
+    return (
+        f"{scene.particles}: {disks_in_words(scene)}; packing fraction {scene.packing_fraction:.4g}"
+    )
+
+
+def _diffusion(start: float) -> str | None:
+    """Return when the tracer's motion can be diffusive at the earliest; None if from t = 0 on."""
+    if start <= 0:
+        return None
+    return f"not before t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"
+
+
+def _collisions(scene: Scene, cost: forecast.Cost) -> str:
+    """Return the collisions of a run, with the theory that forecasts them."""
+    theory = "Enskog" if scene.packing_fraction <= friction.DENSEST else "free volume of a crystal"
+    run = "run and its equilibration" if scene.equilibrate.time else "run"
+    return (
+        f"{cost.pair_collisions:,.0f} between disks, {cost.wall_collisions:,.0f} with walls per "
+        f"{run} ({theory}, in equilibrium)"
+    )
+
+
+def _cost(cost: forecast.Cost) -> str:
+    """Return what a run of the exact engine takes if it records the tracer."""
+    memory = in_bytes(forecast.memory(cost, 1))
+    return (
+        f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.recorded)} of file per run of the "
+        f"exact engine; {memory} of memory"
+    )
+
+
+def _all_disks(cost: forecast.Cost) -> str:
+    """Return what a run of the exact engine takes if it records all disks."""
+    memory = in_bytes(forecast.memory(cost, 1))
+    return (
+        f"the tracer; with `simulate --record all` some {in_time(cost.seconds)} of CPU, "
+        f"{in_bytes(cost.recorded)} of file and {memory} of memory per run"
+    )
 
 
 def _momentum(scene: Scene) -> str | None:
@@ -75,12 +110,11 @@ def _momentum(scene: Scene) -> str | None:
     if not scene.box.periodic or scene.listed or scene.particles < 2:
         return None
     if motion.starts_with_zero_momentum(scene):
-        return (
-            f"zero in total: D is (1 - m/M)^2 = {motion.bath_share(scene) ** 2:.3g} times that "
-            "without recoil"
-        )
+        recoil = motion.bath_share(scene) ** 2
+        return f"zero in total: D is (1 - m/M)^2 = {recoil:.3g} times that without recoil"
     growth = friction.drift_diffusion(scene)
-    mass, temperature = friction.followed(scene).mass, friction.bath_of(scene).temperature
+    mass = friction.followed(scene).mass
+    temperature = friction.bath_of(scene).temperature
     expected = temperature / mass * not_diffusive_before(scene) / DECAY_TIMES
     return (
         f"not zero: the centre of mass drifts, which adds {growth:.2g} to a D of {expected:.2g} "
@@ -94,41 +128,53 @@ def _study(study: Study) -> list[str]:
     """
     refuse_mistakes(study)
     sets = run_sets(study)
-    columns = {
-        "scene": [runs.case.name for runs in sets],
-        "N": [f"{runs.case.particles}" for runs in sets],
-        "phi": [f"{runs.case.packing_fraction:.4f}" for runs in sets],
-        "engine": [runs.engine.label for runs in sets],
-        "runs": [f"{len(runs.seeds):,}" for runs in sets],
-        "collisions": [
-            f"{runs.cost.pair_collisions + runs.cost.wall_collisions:,.0f}" for runs in sets
-        ],
-        "CPU": [in_time(runs.cost.seconds) for runs in sets],
-    }
-    lines = aligned([(heading, *cells) for heading, cells in columns.items()])
+    lines = aligned(_columns(sets))
     for engine in study.engines:
         cases = [runs.case for runs in sets if runs.engine == engine]
         lines.append(f"engine    {engine.label}: {engine.model(cases)}")
-    cautions: list[str | None] = [
-        line for runs in sets for line in runs.engine.cautions(runs.case, study.observables)
-    ]
-    simulated = [use.case for use in study.uses if use.engine.definition.moves_all_disks]
-    cautions += [forecast.settling_caution(case) for case in simulated]
-    starts = {
-        f"{case.name}, N = {case.particles}": not_diffusive_before(case) for case in study.cases
-    }
-    cautions += [window_caution(window, starts) for window in study.fit_windows or ()]
-    lines += _cautions(cautions)
+    lines += _cautions(_cautions_of_study(study, sets))
     if study.tolerance is not None:
         goal = f"{study.target} to {100 * study.tolerance:g} %"
         lines.append(
             f"seeds     as many as {goal} needs, by pilot runs; here assumed {len(study.seeds):,}"
         )
+    lines.append(f"total     {describe_workload(study)}")
+    lines.append(f"figures   {', '.join(study.figures)}")
+    return lines
+
+
+def _columns(sets: list[RunSet]) -> list[tuple[str, ...]]:
+    """Return the columns of the table of runs, each with its heading first."""
+    cases = [runs.case for runs in sets]
+    costs = [runs.cost for runs in sets]
+    collisions = [cost.pair_collisions + cost.wall_collisions for cost in costs]
     return [
-        *lines,
-        f"total     {describe_workload(study)}",
-        f"figures   {', '.join(study.figures)}",
+        ("scene", *(case.name for case in cases)),
+        ("N", *(f"{case.particles}" for case in cases)),
+        ("phi", *(f"{case.packing_fraction:.4f}" for case in cases)),
+        ("engine", *(runs.engine.label for runs in sets)),
+        ("runs", *(f"{len(runs.seeds):,}" for runs in sets)),
+        ("collisions", *(f"{number:,.0f}" for number in collisions)),
+        ("CPU", *(in_time(cost.seconds) for cost in costs)),
     ]
+
+
+def _cautions_of_study(study: Study, sets: list[RunSet]) -> list[str | None]:
+    """Return what limits the results of a study: its engines, starts and fit windows; None where
+    nothing does.
+    """
+    cautions: list[str | None] = []
+    for runs in sets:
+        cautions += runs.engine.cautions(runs.case, study.observables)
+    for use in study.uses:
+        if use.engine.definition.moves_all_disks:
+            cautions.append(forecast.settling_caution(use.case))
+    starts = {}
+    for case in study.cases:
+        starts[f"{case.name}, N = {case.particles}"] = not_diffusive_before(case)
+    for window in study.fit_windows or ():
+        cautions.append(window_caution(window, starts))
+    return cautions
 
 
 def _cautions(cautions: list[str | None]) -> list[str]:
