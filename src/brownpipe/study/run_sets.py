@@ -83,18 +83,20 @@ def batches(
     machine, and complete batches stay valid when seeds are added. Every range of consecutive seeds
     is cut from its first seed on.
     """
-    most = length or max(1, forecast.most_runs(cost, LARGEST))
-    size = length or min(most, _power_of_two((SECONDS + OFTEN * cost.once) / cost.seconds))
-    found = []
+    if length:
+        most = size = length
+    else:
+        most = max(1, forecast.most_runs(cost, LARGEST))
+        size = min(most, _power_of_two((SECONDS + OFTEN * cost.once) / cost.seconds))
+    ends = []
     for first, last in ranges(seeds):
         start = first
         while start <= last:
-            following = start + min(
-                most, size * _power_of_two((start - first) / (EQUAL_JOBS * size))
-            )
-            found.append((start, min(following - 1, last)))
+            growth = _power_of_two((start - first) / (EQUAL_JOBS * size))
+            following = start + min(most, size * growth)
+            ends.append((start, min(following - 1, last)))
             start = following
-    return found
+    return ends
 
 
 def _power_of_two(number: float) -> int:
@@ -111,12 +113,11 @@ def run_set(study: Study, case: Scene, engine: Engine, seeds: Sequence[int]) -> 
     """Return the runs of these seeds of one engine in one case, recorded and measured as the study
     says.
     """
-    cost, digest = (
-        engine.forecast(case, *study.recording),
-        runs_digest(case, engine, *study.recording),
-    )
+    cost = engine.forecast(case, *study.recording)
+    digest = runs_digest(case, engine, *study.recording)
+    folder = folder_of_runs(case, engine, digest)
     batch = None if study.batch == "auto" else study.batch
-    return RunSet(engine, case, seeds, batch, cost, digest, folder_of_runs(case, engine, digest))
+    return RunSet(engine, case, seeds, batch, cost, digest, folder)
 
 
 def files_of(study: Study) -> list[StoredFile]:
@@ -126,9 +127,8 @@ def files_of(study: Study) -> list[StoredFile]:
     for runs in run_sets(study):
         seeds = np.asarray(runs.seeds, np.int64)
         stored = stored_batches(runs.folder, seeds)
-        for first, last in sorted(
-            [*stored, *batches(without(seeds, stored), runs.cost, runs.batch)]
-        ):
+        due = batches(without(seeds, stored), runs.cost, runs.batch)
+        for first, last in sorted([*stored, *due]):
             files.append(StoredFile(runs.folder / f"{first}-{last}.h5", runs.seeds))
     return files
 
@@ -137,19 +137,28 @@ def commands(study: Study) -> dict[str, str]:
     """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of
     its folder.
     """
-    scenes = {name: shell_path(os.path.relpath(path)) for name, (path, _) in study.varied.items()}
-    for name, (_, values) in study.varied.items():
-        scenes[name] += "".join(
-            f" --value {shlex.quote(f'{key}={json.dumps(one)}')}" for key, one in values.items()
+    recording = f"--record {study.record}"
+    if study.observables:
+        names = shell_path(",".join(study.observables))
+        recording += f" --observables {names} --average {study.average}"
+    commands_by_key = {}
+    for runs in run_sets(study):
+        scene = _scene_words(*study.varied[runs.case.name])
+        commands_by_key[runs.key] = (
+            f"{scene} --particles {runs.case.particles} --engine {runs.engine.options} "
+            f"{recording} --planned {runs.digest}"
         )
-    names = shell_path(",".join(study.observables))
-    measured = f" --observables {names} --average {study.average}" if study.observables else ""
-    return {
-        runs.key: f"{scenes[runs.case.name]} --particles {runs.case.particles} --engine "
-        f"{runs.engine.options}"
-        f" --record {study.record}{measured} --planned {runs.digest}"
-        for runs in run_sets(study)
-    }
+    return commands_by_key
+
+
+def _scene_words(path: Path, values: Mapping[str, object]) -> str:
+    """Return the words of a command that name a scene file and the values of its varied keys:
+    "box.yaml --value packing_fraction=0.3".
+    """
+    words = [shell_path(os.path.relpath(path))]
+    for key, value in values.items():
+        words += ["--value", shlex.quote(f"{key}={json.dumps(value)}")]
+    return " ".join(words)
 
 
 def listed_runs(study: Study) -> list[str]:
@@ -161,12 +170,12 @@ def figure_options(study: Study) -> list[str]:
     """Return the options of `brownpipe figures` for a study, in ASCII: a locale may lack a letter
     of title or note.
     """
+    figures = study.figures if "figures" in study.model_fields_set else ()
+    panel = [short_name(name) if name in study.vary else name for name in study.panel]
     options = {
-        "--figures": ",".join(study.figures if "figures" in study.model_fields_set else ()),
+        "--figures": ",".join(figures),
         "--particles": study.shown_particles,
-        "--panel": ",".join(
-            short_name(name) if name in study.vary else name for name in study.panel
-        ),
+        "--panel": ",".join(panel),
         "--title": study.title and in_ascii(study.title),
         "--note": study.note and in_ascii(study.note),
     }
@@ -178,28 +187,22 @@ def digests(study: Study) -> dict[str, str]:
     is made from.
     """
     unknown = {"seeds": ()} if study.tolerance else {}
-    runs = [
-        *listed_runs(study.model_copy(update=unknown)),
-        study.tolerance,
-        study.target,
-        study.fit_windows[0],
-    ]
-    keys = study.model_dump(
-        include={"fit_windows", "displacement_times", "rings", "vary", "vary_together"}
-    )
+    folders = listed_runs(study.model_copy(update=unknown))
+    runs = [*folders, study.tolerance, study.target, study.fit_windows[0]]
+    analysed = {"fit_windows", "displacement_times", "rings", "vary", "vary_together"}
+    keys = study.model_dump(include=analysed)
     # The dataset says if windows were asked for.
-    aggregate = digest_of(
-        runs, (keys, "fit_windows" in study.model_fields_set), source_digest("aggregate")
-    )
-    tradeoff = digest_of(runs, study.instead_of, source_digest("tradeoff"))
+    analysis = (keys, "fit_windows" in study.model_fields_set)
+    tradeoff_source = source_digest("tradeoff")
+    figures_source = source_digest("figures")
+    aggregate = digest_of(runs, analysis, source_digest("aggregate"))
+    tradeoff = digest_of(runs, study.instead_of, tradeoff_source)
     return {
-        "plan": digest_of(runs, source_digest("tradeoff")),
+        "plan": digest_of(runs, tradeoff_source),
         "aggregate": aggregate,
-        "figures": digest_of(
-            aggregate, study.figures, figure_options(study), source_digest("figures")
-        ),
+        "figures": digest_of(aggregate, study.figures, figure_options(study), figures_source),
         "tradeoff": tradeoff,
-        "tradeoff_figures": digest_of(tradeoff, source_digest("figures")),
+        "tradeoff_figures": digest_of(tradeoff, figures_source),
     }
 
 
@@ -214,11 +217,12 @@ def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
 def describe_workload(study: Study) -> str:
     """Return the workload of the whole study in one line."""
     sets = run_sets(study)
-    total = counted(sum(len(runs.seeds) for runs in sets), "run")
-    jobs = counted(sum(len(runs.jobs) for runs in sets), "job")
-    cpu = sum(seconds_of_jobs(runs.cost, len(runs.seeds), len(runs.jobs)) for runs in sets)
-    size = in_bytes(sum(len(runs.seeds) * runs.cost.recorded for runs in sets))
-    return f"{total} in {jobs}: some {in_time(cpu)} of CPU, {size} of runs"
+    numbers = [len(runs.seeds) for runs in sets]
+    jobs = [len(runs.jobs) for runs in sets]
+    cpu_times = [seconds_of_jobs(runs.cost, len(runs.seeds), len(runs.jobs)) for runs in sets]
+    sizes = [len(runs.seeds) * runs.cost.recorded for runs in sets]
+    total = f"{counted(sum(numbers), 'run')} in {counted(sum(jobs), 'job')}"
+    return f"{total}: some {in_time(sum(cpu_times))} of CPU, {in_bytes(sum(sizes))} of runs"
 
 
 def requests(study: Study) -> dict[str, dict[str, object]]:
@@ -227,34 +231,40 @@ def requests(study: Study) -> dict[str, dict[str, object]]:
     """
     sets = run_sets(study)
     costs = {runs.key: runs.cost for runs in sets}
-    memory = ANALYSIS + max(
-        (REPLICATES + COPIES * max(runs.jobs)) * runs.cost.kept for runs in sets
-    )
+    sizes = [(REPLICATES + COPIES * max(runs.jobs)) * runs.cost.kept for runs in sets]
+    memory = ANALYSIS + max(sizes)
     exact = [REFERENCE.forecast(case, *study.recording) for case in study.cases]
-    trials = ANALYSIS_TIME + sum(RUNS_TRIED * cost.seconds for cost in (*costs.values(), *exact))
+    trials = [RUNS_TRIED * cost.seconds for cost in (*costs.values(), *exact)]
+    trial_time = ANALYSIS_TIME + sum(trials)
 
-    def of_simulate(wildcards: Mapping[str, str]) -> tuple[float, float]:
-        cost, runs = (
-            costs[wildcards["digest"]],
-            int(wildcards["last"]) - int(wildcards["first"]) + 1,
-        )
+    def need_of_runs(wildcards: Mapping[str, str]) -> tuple[float, float]:
+        cost = costs[wildcards["digest"]]
+        runs = int(wildcards["last"]) - int(wildcards["first"]) + 1
         return forecast.memory(cost, runs), seconds_of_jobs(cost, runs)
 
-    analysis = dict.fromkeys(
-        ("aggregate", "figures", "tradeoff_drawings"), _asked(lambda _: (memory, ANALYSIS_TIME))
-    )
-    tried = dict.fromkeys(("plan", "tradeoff"), _asked(lambda _: (memory, trials)))
-    return {"simulate": _asked(of_simulate), **analysis, **tried}
+    analysis = _resources(lambda _: (memory, ANALYSIS_TIME))
+    trial = _resources(lambda _: (memory, trial_time))
+    return {
+        "simulate": _resources(need_of_runs),
+        "aggregate": analysis,
+        "figures": analysis,
+        "tradeoff_drawings": analysis,
+        "plan": trial,
+        "tradeoff": trial,
+    }
 
 
-def _asked(need: Callable[[Mapping[str, str]], tuple[float, float]]) -> dict[str, object]:
+def _resources(need: Callable[[Mapping[str, str]], tuple[float, float]]) -> dict[str, object]:
     """Return the resources of a rule, memory [MB] and wall time [min]; `need`: bytes and CPU
     seconds of a job.
     """
 
-    def request(part: int, more: float, unit: float) -> Callable[..., int]:
-        return lambda wildcards, attempt: (
-            2 ** (attempt - 1) * math.ceil((MARGIN * need(wildcards)[part] + more) / unit)
-        )
+    def megabytes(wildcards: Mapping[str, str], attempt: int) -> int:
+        size, _ = need(wildcards)
+        return 2 ** (attempt - 1) * math.ceil((MARGIN * size + AROUND) / 1e6)
 
-    return {"mem_mb": request(0, AROUND, 1e6), "runtime": request(1, DELAY, 60), "cpus_per_task": 1}
+    def minutes(wildcards: Mapping[str, str], attempt: int) -> int:
+        _, seconds = need(wildcards)
+        return 2 ** (attempt - 1) * math.ceil((MARGIN * seconds + DELAY) / 60)
+
+    return {"mem_mb": megabytes, "runtime": minutes, "cpus_per_task": 1}
