@@ -64,18 +64,24 @@ PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of th
 
 
 def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: str | int) -> None:
-    """Refuse, at a path of keys and indices, values that are not among those of the study."""
-    if others := [value for value in values if value not in allowed]:
+    """Refuse, at a path of keys and indices, values that are not among those of the study. For
+    the scene "dens" in place of "dense" it says "must be dense, not 'dens'".
+    """
+    others = [value for value in values if value not in allowed]
+    if others:
         refuse(f"must be {' or '.join(map(str, allowed))}, not {others[0]!r}", *path)
 
 
 def one_or_more(kind: Any, least: int = 1) -> Any:
     """Return the type of a list of values that differ; a single value stands for a list of one."""
     schema = kind | Annotated[list[kind], Field(min_length=least)]
-    listed = BeforeValidator(
-        lambda one: one if isinstance(one, list | tuple) else [one], json_schema_input_type=schema
-    )
-    return Annotated[tuple[kind, ...], Field(min_length=least), AfterValidator(_differing), listed]
+    length = Field(min_length=least)
+    listed = BeforeValidator(_as_list, json_schema_input_type=schema)
+    return Annotated[tuple[kind, ...], length, AfterValidator(_differing), listed]
+
+
+def _as_list(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else [value]
 
 
 def _differing(values: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -84,17 +90,16 @@ def _differing(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def _share(value: Any) -> Any:
     """Return the number that a text like "2%" stands for; other values as they are."""
-    return (
-        float(value[:-1]) / 100 if isinstance(value, str) and PERCENTAGE.fullmatch(value) else value
-    )
+    if isinstance(value, str) and PERCENTAGE.fullmatch(value):
+        return float(value[:-1]) / 100
+    return value
 
 
 def _ascending(window: tuple[float, float]) -> tuple[float, float]:
-    return (
-        window
-        if window[0] < window[1]
-        else refuse(f"must be [t0, t1] with t0 < t1, not {list(window)}")
-    )
+    t0, t1 = window
+    if t0 >= t1:
+        refuse(f"must be [t0, t1] with t0 < t1, not {[t0, t1]}")
+    return window
 
 
 def _own_name(name: str) -> str:
@@ -103,9 +108,8 @@ def _own_name(name: str) -> str:
 
 Text = Annotated[str, Field(min_length=1)]
 SHARE = BeforeValidator(_share, json_schema_input_type=float | str)
-Tolerance = Annotated[
-    float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE
-]  # a relative error
+# a relative error
+Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE]
 Target = Literal["msd", "d", "displacement_distribution"]
 OF_USE: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
 EngineRecords = [create_model(name, __base__=settings_of(name), **OF_USE) for name in DEFINITIONS]
@@ -198,20 +202,17 @@ class Study(Record):
     allow_failed: Count = key("runs of the study that may fail", 0)
     if TYPE_CHECKING:  # no keys: what is read with them
         name: str  # the stem of the study file
-        cases: tuple[
-            Scene, ...
-        ]  # each scene with each combination of varied keys and each particle count
-        varied: dict[
-            str, tuple[Path, dict[str, Any]]
-        ]  # scene file and values of varied keys, by the scene's name
+        # each scene with each combination of varied keys and each particle count
+        cases: tuple[Scene, ...]
+        # scene file and values of varied keys, by the scene's name
+        varied: dict[str, tuple[Path, dict[str, Any]]]
         uses: tuple[EngineUse, ...]  # the engines, case by case
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
         name, folder = info.context
-        self._resolve(
-            name=name, observables=tuple(beside(folder, name) for name in self.observables)
-        )
+        observables = tuple(beside(folder, observable) for observable in self.observables)
+        self._resolve(name=name, observables=observables)
         self._read_scenes(folder)
         self._read_engines()
         self._check_seeds()
@@ -224,30 +225,26 @@ class Study(Record):
         """Read every scene with all values of varied keys and every particle count, or with its
         own.
         """
-        paths, cases, varied = (
-            dict[str, Path](),
-            list[Scene](),
-            dict[str, tuple[Path, dict[str, Any]]](),
-        )
+        paths: dict[str, Path] = {}
+        cases: list[Scene] = []
+        varied: dict[str, tuple[Path, dict[str, Any]]] = {}
+        counts = self.particles or (None,)
         for k, text in enumerate(self.scenes):
-            if Path(text).stem in paths:
-                refuse(
-                    f"must be a scene with a name (file stem) of its own, not {text!r}", "scenes", k
-                )
-            path = paths[Path(text).stem] = folder / text
+            stem = Path(text).stem
+            if stem in paths:
+                message = f"must be a scene with a name (file stem) of its own, not {text!r}"
+                refuse(message, "scenes", k)
+            path = folder / text
+            paths[stem] = path
             try:
                 mapping = reading.read_yaml(path)
                 for values in combinations(self.vary, self.vary_together):
-                    of_counts = [
-                        scene_with(mapping, str(path), values, count)
-                        for count in self.particles or (None,)
-                    ]
-                    cases += of_counts
-                    varied[of_counts[0].name] = path, values
+                    sizes = [scene_with(mapping, str(path), values, count) for count in counts]
+                    cases += sizes
+                    varied[sizes[0].name] = path, values
             except RequestError as error:
-                refuse(
-                    str(error).removeprefix("vary: "), *(("vary",) if self.vary else ("scenes", k))
-                )
+                place = ("vary",) if self.vary else ("scenes", k)
+                refuse(str(error).removeprefix("vary: "), *place)
         self._resolve(scenes=tuple(paths.values()), cases=tuple(cases), varied=varied)
 
     def _read_engines(self) -> None:
@@ -257,10 +254,14 @@ class Study(Record):
         uses: list[EngineUse] = []
         for k, entry in enumerate(self.engines):
             keys = dict(entry)
-            scenes, seeds, name = keys.pop("scenes") or (), keys.pop("seeds"), keys.pop("name")
+            name = keys.pop("name")
+            seeds = keys.pop("seeds")
+            scenes = keys.pop("scenes") or tuple(self.varied)
             refuse_others(scenes, self.varied, "engines", k, "scenes")
             engine = Engine(name, tuple(keys.items()))
-            for case in (case for case in self.cases if not scenes or case.name in scenes):
+            for case in self.cases:
+                if case.name not in scenes:
+                    continue
                 try:
                     engine.refuse_unfit(case)
                 except RequestError as error:
@@ -268,8 +269,11 @@ class Study(Record):
                 if any(use.engine == engine and use.case is case for use in uses):
                     refuse("must be engines or settings that differ", "engines")
                 uses.append(EngineUse(engine, case, seeds))
-        by_case = [use for case in self.cases for use in uses if use.case is case]
-        self._resolve(engines=tuple(dict.fromkeys(use.engine for use in uses)), uses=tuple(by_case))
+        by_case: list[EngineUse] = []
+        for case in self.cases:
+            by_case += [use for use in uses if use.case is case]
+        engines = dict.fromkeys(use.engine for use in uses)
+        self._resolve(engines=tuple(engines), uses=tuple(by_case))
 
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many.
@@ -286,37 +290,18 @@ class Study(Record):
         for use, size in zip(self.uses, sizes, strict=True):
             if use.case.listed and size > 1:
                 refuse(_repetition(use.case.name, size), "seeds")
-        jobs = 0 if self.batch == "auto" else sum(-(-size // self.batch) for size in sizes)
+        if self.batch == "auto":
+            return
+        jobs = sum(math.ceil(size / self.batch) for size in sizes)
         if jobs > MOST_JOBS:
-            refuse(
-                f"must be large enough for at most {MOST_JOBS} jobs ({jobs} with this one)", "batch"
-            )
+            message = f"must be large enough for at most {MOST_JOBS} jobs ({jobs} with this one)"
+            refuse(message, "batch")
 
     def _check_figures(self) -> None:
         """Refuse figures and settings without data; by default there are all figures whose needs
         are met.
         """
-        moves_all = any(engine.definition.moves_all_disks for engine in self.engines)
-        measured = self.observables if moves_all else measures.of_tracer(self.observables)[0]
-        counts = sorted({case.particles for case in self.cases})
-        of_numbers = [
-            len(values) > 1 and all(map(is_number, values)) for values in self.vary.values()
-        ]
-        conditions = {
-            f"the observable {name}": name in measured for name in measures.OBSERVABLES
-        } | {
-            OWN: any(map(is_own, measured)),
-            FOLLOWED: max(counts) > 0,
-            COLLISIONS: any(
-                use.case.particles and use.engine.definition.moves_all_disks for use in self.uses
-            ),
-            SCAN: len({*counts} - {0}) > 1 or any(of_numbers[: 1 if self.vary_together else None]),
-            ENDS: self.record == "tracer"
-            or ("square_displacement" in measured and self.average == "runs"),
-            WALLS: "density_profile" in measured
-            and any(not case.box.periodic for case in self.cases),
-            SPREADING: self.record == "tracer" or "square_displacement" in measured,
-        }
+        conditions = self._conditions()
         for name, need in (
             ("fit_windows", SPREADING),
             ("rings", ENDS),
@@ -324,17 +309,54 @@ class Study(Record):
         ):
             if name in self.model_fields_set and not conditions[need]:
                 refuse(f"must go with {need}", name)
-        unmet = {
-            name: [need for need in figure.needs if not conditions[need]]
-            for name, figure in FIGURES.items()
-        }
-        if lacking := [
-            f"{name} needs {unmet[name][0]}" for name in self.figures or () if unmet[name]
-        ]:
-            refuse(lacking[0], "figures")
-        self._resolve(figures=self.figures or tuple(name for name in FIGURES if not unmet[name]))
+        unmet = {}
+        for name, figure in FIGURES.items():
+            unmet[name] = [need for need in figure.needs if not conditions[need]]
+        for name in self.figures or ():
+            if unmet[name]:
+                refuse(f"{name} needs {unmet[name][0]}", "figures")
+        drawable = tuple(name for name in FIGURES if not unmet[name])
+        self._resolve(figures=self.figures or drawable)
+        counts = sorted({case.particles for case in self.cases})
         refuse_others(self.panel, ("scene", "particles", "engine", *self.vary), "panel")
         refuse_others({self.shown_particles} - {None}, counts, "shown_particles")
+
+    def _conditions(self) -> dict[str, bool]:
+        """Return whether the runs have what figures and settings need, by the needs of the
+        catalogue of figures.
+        """
+        moves_all = any(engine.definition.moves_all_disks for engine in self.engines)
+        measured = self.observables if moves_all else measures.of_tracer(self.observables)[0]
+        records_tracer = self.record == "tracer"
+        averages_runs = self.average == "runs"
+        measures_squares = "square_displacement" in measured
+        collides = any(
+            use.case.particles and use.engine.definition.moves_all_disks for use in self.uses
+        )
+        has_walls = any(not case.box.periodic for case in self.cases)
+        conditions = {}
+        for name in measures.OBSERVABLES:
+            conditions[f"the observable {name}"] = name in measured
+        conditions[OWN] = any(map(is_own, measured))
+        conditions[FOLLOWED] = any(case.particles for case in self.cases)
+        conditions[COLLISIONS] = collides
+        conditions[SCAN] = self._is_scan()
+        conditions[ENDS] = records_tracer or (measures_squares and averages_runs)
+        conditions[WALLS] = "density_profile" in measured and has_walls
+        conditions[SPREADING] = records_tracer or measures_squares
+        return conditions
+
+    def _is_scan(self) -> bool:
+        """Return whether the cases differ in a number that a figure can have as its axis: particle
+        count or varied key.
+        """
+        counts = {case.particles for case in self.cases} - {0}
+        if len(counts) > 1:
+            return True
+        axes = [*self.vary.values()]
+        if self.vary_together:  # the first key alone is the axis
+            axes = axes[:1]
+        return any(len(values) > 1 and all(map(is_number, values)) for values in axes)
 
     def _check_analysis(self) -> None:
         """Refuse what cannot be measured, windows with fewer than three samples, and times that are
@@ -344,32 +366,28 @@ class Study(Record):
             for wrong, why in measures.problems(case, self.observables, self.average):
                 refuse(f"{case.name}, N = {case.particles}: {why}", wrong)
             for k, (t0, t1) in enumerate(self.fit_windows or ()):
-                if t1 > case.duration or np.count_nonzero(are_inside(case.times, (t0, t1))) < 3:
-                    allowed = (
-                        f"t0 < t1 <= {case.duration!r} and three samples or more of {case.name}"
-                    )
+                samples = np.count_nonzero(are_inside(case.times, (t0, t1)))
+                if t1 > case.duration or samples < 3:
+                    limits = f"t0 < t1 <= {case.duration!r}"
+                    allowed = f"{limits} and three samples or more of {case.name}"
                     refuse(f"must be [t0, t1] with {allowed}, not {[t0, t1]}", "fit_windows", k)
         self._resolve(fit_windows=self.fit_windows or default_windows(self.cases, self.average))
         for k, time in enumerate(self.displacement_times):
-            if not any(
-                np.isclose(case.times, time, rtol=1e-9, atol=0.0).any() for case in self.cases
-            ):
-                refuse(
-                    f"must be a sample time of some scene, not {time!r}", "displacement_times", k
-                )
+            matches = [np.isclose(case.times, time, rtol=1e-9, atol=0.0) for case in self.cases]
+            if not any(match.any() for match in matches):
+                message = f"must be a sample time of some scene, not {time!r}"
+                refuse(message, "displacement_times", k)
 
     def _check_substitutes(self) -> None:
         """Refuse scenes in place of others that do not have their sample times."""
         by_name = {case.name: case for case in self.cases}
         for scene, names in self.instead_of.items():
             refuse_others((scene, *names), by_name, "instead_of", scene)
-            if any(
-                name == scene or not np.array_equal(by_name[name].times, by_name[scene].times)
-                for name in names
-            ):
-                refuse(
-                    f"must be other scenes with the sample times of {scene}", "instead_of", scene
-                )
+            times = by_name[scene].times
+            for name in names:
+                if name == scene or not np.array_equal(by_name[name].times, times):
+                    message = f"must be other scenes with the sample times of {scene}"
+                    refuse(message, "instead_of", scene)
 
     @property
     def recording(self) -> tuple[set[str], tuple[str, ...], str]:
@@ -384,35 +402,31 @@ class Study(Record):
         trade-off.
         """
         exact = [use.case for use in self.uses if use.engine == REFERENCE]
-        compared = [
-            use.case
-            for use in self.uses
-            if use.engine != REFERENCE or use.case.name in self.instead_of
-        ]
+        approximate = [use.case for use in self.uses if use.engine != REFERENCE]
+        replaced = [use.case for use in self.uses if use.case.name in self.instead_of]
+        compared = [*approximate, *replaced]
         return [case.label for case in exact if case in compared]
 
     def refuse_tradeoff(self) -> None:
         """Raise RequestError for a study whose runs cannot be compared with exact ones."""
         exact = [use.case for use in self.uses if use.engine == REFERENCE]
         fewest = min(len(use.seeds or self.seeds) for use in self.uses)
-        if (
-            self.record == "none"
-            or fewest < 2
-            or len(exact) < len(self.cases)
-            or not self.tradeoff_cases
-        ):
-            needed = (
-                "record: tracer, two seeds or more, the engine exact in every case, and another one"
+        lacks_exact = len(exact) < len(self.cases)
+        if self.record == "none" or fewest < 2 or lacks_exact or not self.tradeoff_cases:
+            raise RequestError(
+                f"the study {self.name}: has no trade-off; must have record: tracer, two seeds or "
+                "more, the engine exact in every case, and another one"
             )
-            raise RequestError(f"the study {self.name}: has no trade-off; must have {needed}")
 
 
 def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
     """Return why a relative error is undefined in one of the scenes; None if it is defined in
     all.
     """
-    certain = (scene.name for scene in scenes if scene.listed or rms_speed(scene) == 0.0)
-    return next((f"{name} leaves nothing to chance" for name in certain), None)
+    for scene in scenes:
+        if scene.listed or rms_speed(scene) == 0.0:
+            return f"{scene.name} leaves nothing to chance"
+    return None
 
 
 def forecast_of_runs(
@@ -454,12 +468,11 @@ def read_keys(path: str | Path, overrides: Mapping[str, Any]) -> reading.Documen
     if "scenes" not in mapping and "box" in mapping:
         cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
         raise RequestError(f"{path}: is a scene, not a study; {cure}")
-    runs = (
-        dict.fromkeys(("seeds", "tolerance"))
-        if overrides.get("seeds") or overrides.get("tolerance")
-        else {}
-    )
-    return reading.with_values(mapping, {**runs, **overrides})
+    replaced: dict[str, Any] = {}
+    if overrides.get("seeds") or overrides.get("tolerance"):
+        replaced = {"seeds": None, "tolerance": None}
+    replaced |= overrides
+    return reading.with_values(mapping, replaced)
 
 
 def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
@@ -472,6 +485,7 @@ def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     mapping = read_keys(path, overrides)
     name = reading.validated(Name, Path(path).stem, str(path), "name")
     for replaced, value in sorted(overrides.items()):  # the results then have a folder of their own
-        word = value if isinstance(value, str) else json.dumps(value)
-        name += f"+{replaced}={word if PLAIN.fullmatch(word) else digest_of(word)}"
+        text = value if isinstance(value, str) else json.dumps(value)
+        word = text if PLAIN.fullmatch(text) else digest_of(text)
+        name += f"+{replaced}={word}"
     return reading.validated(Study, mapping, str(path), context=(name, Path(path).parent))
