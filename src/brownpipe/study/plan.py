@@ -54,17 +54,10 @@ FEWEST_PILOT_RUNS, MOST_PILOT_RUNS = 10, 400
 # is then 5 to 9 standard errors from zero.
 FEWEST_FOR_D = 100
 RESOLVED = 3.0  # standard errors from zero, of a D whose relative error can be planned
-SQUARES, DISTRIBUTION = (
-    "square_displacement",
-    "displacement_distribution",
-)  # an observable; a target
-NOT_INHERITED = (
-    "batch",
-    "tolerance",
-    "target",
-    "instead_of",
-    "figures",
-)  # keys of a study that is planned
+SQUARES = "square_displacement"  # an observable
+DISTRIBUTION = "displacement_distribution"  # a target
+# keys that a study with a plan does not take over from the study that was planned
+NOT_INHERITED = ("batch", "tolerance", "target", "instead_of", "figures")
 
 
 # -- pilot runs
@@ -93,26 +86,26 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
         raise RequestError(
             f"{study.name}: the target {target} needs record: tracer, or {SQUARES} for msd and d"
         )
-    cost, first = engine.forecast(scene, *study.recording), study.seeds[0]
-    fewest = min(FEWEST_FOR_D if target == "d" else FEWEST_PILOT_RUNS, MOST_PILOT_RUNS)
+    cost = engine.forecast(scene, *study.recording)
+    fewest = FEWEST_FOR_D if target == "d" else FEWEST_PILOT_RUNS
     number = int(np.clip(PILOT_SECONDS / cost.seconds, fewest, MOST_PILOT_RUNS))
-    wanted = run_set(study, scene, engine, range(first, first + number))
-    seeds = np.asarray(wanted.seeds)
-    parts = stored_runs(scene, engine, wanted.digest, seeds)
-    missing = without(seeds, [(part.seeds[0], part.seeds[-1]) for part in parts])
+    start = study.seeds[0]
+    planned = run_set(study, scene, engine, range(start, start + number))
+    seeds = np.asarray(planned.seeds)
+    batches = stored_runs(scene, engine, planned.digest, seeds)
+    missing = without(seeds, [(batch.seeds[0], batch.seeds[-1]) for batch in batches])
     for first, last in ranges(missing):
-        parts.append(
-            engine.simulate(
-                scene, range(first, last + 1), record, observables=observables, average=average
-            )
+        batch = engine.simulate(
+            scene, range(first, last + 1), record, observables=observables, average=average
         )
-        write_trajectories(
-            wanted.folder / f"{first}-{last}.h5", scene, engine, parts[-1], digest=wanted.digest
-        )
-    every = joined(parts)
-    ensemble = select(every, np.isin(every.seeds, seeds))
+        path = planned.folder / f"{first}-{last}.h5"
+        write_trajectories(path, scene, engine, batch, digest=planned.digest)
+        batches.append(batch)
+    stored = joined(batches)
+    ensemble = select(stored, np.isin(stored.seeds, seeds))
     runs = tradeoff.runs_of(scene, engine, ensemble, squares)
-    return Pilot(runs, cost, len(missing), equilibrium(Trajectories(scene, engine, ensemble)))
+    drifts = equilibrium(Trajectories(scene, engine, ensemble))
+    return Pilot(runs, cost, len(missing), drifts)
 
 
 def refuse_unresolved(runs: tradeoff.EngineRuns, window: tuple[float, float]) -> None:
@@ -123,19 +116,18 @@ def refuse_unresolved(runs: tradeoff.EngineRuns, window: tuple[float, float]) ->
     if mean > RESOLVED * error:
         return
     start, end = window
+    pilot = counted(len(runs.seeds), "pilot run")
+    value = f"{plus_minus(mean, error)} in the window [{start:g}, {end:g}]"
     raise RequestError(
-        f"{case_title(runs.scene)}: the {counted(len(runs.seeds), 'pilot run')} do not tell D from "
-        f"zero, {plus_minus(mean, error)} in the window [{start:g}, {end:g}], and a tolerance is "
-        "relative to it; choose a fit window in which the MSD grows, target: msd, or seeds"
+        f"{case_title(runs.scene)}: the {pilot} do not tell D from zero, {value}, and a tolerance "
+        "is relative to it; choose a fit window in which the MSD grows, target: msd, or seeds"
     )
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
     """Return a line that says how many pilot runs were made, and where they are."""
-    return (
-        f"{counted(sum(pilot.made for pilot in pilots), 'pilot run')} made in {RUNS}; the study "
-        "uses them again"
-    )
+    number = sum(pilot.made for pilot in pilots)
+    return f"{counted(number, 'pilot run')} made in {RUNS}; the study uses them again"
 
 
 def case_title(scene: Scene) -> str:
@@ -158,23 +150,20 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
         raise RequestError(
             f"{study.name}: --count is for a study with a tolerance; this one says its seeds"
         )
-    alone = study.model_copy(
-        update={"uses": [EngineUse(REFERENCE, case, None) for case in study.cases]}
-    )
-    performances, pilots = performance_of(alone, study.target, study.tolerance)
-    needed = {case_title(each.scene): each.runs or 0 for each in performances}  # there is no bias
+    uses = [EngineUse(REFERENCE, case, None) for case in study.cases]
+    exact_study = study.model_copy(update={"uses": uses})
+    performances, pilots = performance_of(exact_study, study.target, study.tolerance)
+    needed = {}
+    for performance in performances:
+        needed[case_title(performance.scene)] = performance.runs or 0  # there is no bias
     title, most = max(needed.items(), key=lambda item: item[1])
     if most > MOST_SEEDS:
         raise RequestError(
             f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}"
         )
     plan = {"planned": f"study {digests(study)['plan']}", "needed": needed, "runs": most}
-    write_sealed(
-        path,
-        (
-            f"# Runs for a tolerance of {study.tolerance:g} of {study.target}\n\n{yaml_text(plan)}"
-        ).encode(),
-    )
+    heading = f"# Runs for a tolerance of {study.tolerance:g} of {study.target}"
+    write_sealed(path, f"{heading}\n\n{yaml_text(plan)}".encode())
     return most, pilots
 
 
@@ -193,9 +182,8 @@ def settled(study: Study, path: str | Path | None) -> Study:
         )
     with naming(path, "plan"):
         plan = read_yaml(verified(path))
-    if (
-        plan.get("planned") != f"study {digests(study)['plan']}"
-    ):  # a digest alone may be a number in YAML
+    # "study": a digest alone may be a number in YAML
+    if plan.get("planned") != f"study {digests(study)['plan']}":
         raise RequestError(
             f"{path}: is the plan of another study; delete it and run the study again"
         )
@@ -214,9 +202,8 @@ class Performance(NamedTuple):
     engine: Engine
     bias: float  # 0 for the exact engine
     bias_error: float  # standard error of the bias
-    runs: (
-        int | None
-    )  # needed for the tolerance, failing ones included; None if bias or its error is too large
+    # needed for the tolerance, failing ones included; None if bias or its error is too large
+    runs: int | None
     cost: forecast.Cost  # of one run
 
 
@@ -239,48 +226,49 @@ def performance_of(
     RequestError for one that the pilot does not tell from zero.
     """
     quantity = "displacement" if target == DISTRIBUTION else target
-    names = [
-        f"{quantity}_{part}" for part in ("bias", "bias_standard_error", "spread")
-    ]  # of `tradeoff.compare`
-    found, pilots = list[Performance](), list[Pilot]()
-    for case in (
-        study.cases if target == "d" else ()
-    ):  # those of default windows are counted here only
-        refuse_windows(study.fit_windows[:1], [case.times])
+    window = study.fit_windows[0]
+    performances: list[Performance] = []
+    pilots: list[Pilot] = []
+    if target == "d":  # the samples of default windows are counted here only
+        for case in study.cases:
+            refuse_windows([window], [case.times])
     for case in tracked(study.cases, "cases"):
         engines = [use.engine for use in study.uses if use.case is case]
-        every = [*dict.fromkeys([REFERENCE, *engines])]
-        of_engine = {
-            engine: pilot_of(study, case, engine, target) for engine in tracked(every, "engines")
-        }
+        compared = [*dict.fromkeys([REFERENCE, *engines])]
+        by_engine: dict[Engine, Pilot] = {}
+        for engine in tracked(compared, "engines"):
+            by_engine[engine] = pilot_of(study, case, engine, target)
+        exact = by_engine[REFERENCE].runs
         if target == "d":
-            refuse_unresolved(of_engine[REFERENCE].runs, study.fit_windows[0])
+            refuse_unresolved(exact, window)
         for engine in engines:
-            runs, cost, *_ = of_engine[engine]
-            values = tradeoff.compare(
-                runs, of_engine[REFERENCE].runs, study.fit_windows[0], cost.seconds
-            )
-            bias, error, spread = (float(values[name]) for name in names)
-            pilot = np.inf if target == DISTRIBUTION else len(runs.seeds)
+            runs = by_engine[engine].runs
+            cost = by_engine[engine].cost
+            values = tradeoff.compare(runs, exact, window, cost.seconds)
+            bias = float(values[f"{quantity}_bias"])
+            error = float(values[f"{quantity}_bias_standard_error"])
+            spread = float(values[f"{quantity}_spread"])
+            pilot_runs = np.inf if target == DISTRIBUTION else len(runs.seeds)
             needed = tradeoff.runs_for(
-                tolerance, bias**2 + error**2, spread, runs.share_sound, pilot
+                tolerance, bias**2 + error**2, spread, runs.share_sound, pilot_runs
             )
-            found.append(Performance(case, engine, bias, error, needed, cost))
-        pilots += of_engine.values()
-    return found, pilots
+            performances.append(Performance(case, engine, bias, error, needed, cost))
+        pilots += by_engine.values()
+    return performances, pilots
 
 
 def offers(performances: Sequence[Performance]) -> list[Offer]:
     """Return the offers of engines that meet the tolerance in all cases, the cheapest first."""
-    made, cases = list[Offer](), {case_title(each.scene) for each in performances}
-    for engine in dict.fromkeys(each.engine for each in performances):
-        of_engine = [each for each in performances if each.engine == engine]
-        runs = max(each.runs or MOST_SEEDS + 1 for each in of_engine)
-        if len(of_engine) == len(cases) and runs <= MOST_SEEDS:
-            made.append(
-                Offer(engine, runs, sum(seconds_of_jobs(each.cost, runs) for each in of_engine))
-            )
-    return sorted(made, key=lambda offer: offer.seconds)
+    sufficient: list[Offer] = []
+    cases = {case_title(performance.scene) for performance in performances}
+    engines = dict.fromkeys(performance.engine for performance in performances)
+    for engine in engines:
+        in_cases = [performance for performance in performances if performance.engine == engine]
+        runs = max(performance.runs or MOST_SEEDS + 1 for performance in in_cases)
+        if len(in_cases) == len(cases) and runs <= MOST_SEEDS:
+            seconds = sum(seconds_of_jobs(performance.cost, runs) for performance in in_cases)
+            sufficient.append(Offer(engine, runs, seconds))
+    return sorted(sufficient, key=lambda offer: offer.seconds)
 
 
 def recommendation(
@@ -289,28 +277,29 @@ def recommendation(
     """Return a table of the engines in each case, whether runs drift, and the best two offers for
     all cases.
     """
-    columns = {
-        "case": [case_title(each.scene) for each in performances],
-        "engine": [each.engine.label for each in performances],
-        "CPU of a run": [in_time(each.cost.seconds) for each in performances],
-        f"bias of {target}": [
-            f"{_percent(each.bias)} +- {_percent(each.bias_error)}" for each in performances
-        ],
-        "runs": [
-            f"{each.runs:,}" if each.runs else "bias or its error too large"
-            for each in performances
-        ],
-    }
-    table = aligned([(heading, *cells) for heading, cells in columns.items()])
-    drifts = [
-        f"{case_title(pilot.runs.scene)}: {line}" for pilot in pilots for line in pilot.drifts
-    ]
-    lines = [*table, *drifts, f"{target} to {_percent(tolerance)}:"]
-    made = offers(performances)
-    for word, offer in zip(("use", "or"), made, strict=False):
-        runs = f"{offer.engine.label}: {offer.runs:,} runs in each case"
-        lines.append(f"{word:<4}{runs}; {in_time(offer.seconds)} of CPU")
-    return in_lines(lines if made else [*lines, "no engine can"])
+    cases = ["case"]
+    engines = ["engine"]
+    cpu_times = ["CPU of a run"]
+    biases = [f"bias of {target}"]
+    runs = ["runs"]
+    for performance in performances:
+        cases.append(case_title(performance.scene))
+        engines.append(performance.engine.label)
+        cpu_times.append(in_time(performance.cost.seconds))
+        biases.append(f"{_percent(performance.bias)} +- {_percent(performance.bias_error)}")
+        number = performance.runs
+        runs.append(f"{number:,}" if number else "bias or its error too large")
+    lines = aligned([cases, engines, cpu_times, biases, runs])
+    for pilot in pilots:
+        lines += [f"{case_title(pilot.runs.scene)}: {drift}" for drift in pilot.drifts]
+    lines.append(f"{target} to {_percent(tolerance)}:")
+    cheapest = offers(performances)[:2]
+    for word, offer in zip(("use", "or"), cheapest, strict=False):
+        workload = f"{offer.engine.label}: {offer.runs:,} runs in each case"
+        lines.append(f"{word:<4}{workload}; {in_time(offer.seconds)} of CPU")
+    if not cheapest:
+        lines.append("no engine can")
+    return in_lines(lines)
 
 
 def _percent(share: float) -> str:
@@ -326,14 +315,15 @@ def write_study(
     keys: those given for the copied study, as from `study.read_keys`. comment: the first line of
     the file.
     """
-    mapping: dict[str, Any] = {
-        key: value for key, value in keys.items() if key not in NOT_INHERITED
-    }
-    folder, first = Path(path).resolve().parent, study.seeds[0]
+    inherited = keys.keys() - {*NOT_INHERITED}
+    mapping: dict[str, Any] = {key: value for key, value in keys.items() if key in inherited}
+    folder = Path(path).resolve().parent
+    first = study.seeds[0]
     mapping["scenes"] = [os.path.relpath(scene, folder) for scene in study.scenes]
     mapping["observables"] = [
         os.path.relpath(name, folder) if is_own(name) else name for name in study.observables
     ]
-    mapping["engines"] = [{"name": offer.engine.name, **dict(offer.engine.settings)}]
+    engine = offer.engine
+    mapping["engines"] = [{"name": engine.name, **dict(engine.settings)}]
     mapping["seeds"] = f"{first}-{first + offer.runs - 1}" if first else offer.runs
     write_file(path, f"# {comment}\n\n{yaml_text(mapping)}".encode())
