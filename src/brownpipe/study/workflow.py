@@ -62,11 +62,17 @@ def read_workflow_study(
     Keys of later files replace those of the first, as Snakemake has it.
     """
     first, *others = (os.path.relpath(file) for file in files)
-    replaced = {key: value for file in others for key, value in read_yaml(file).items()}
+    replaced: dict[str, Any] = {}
+    for file in others:
+        replaced |= read_yaml(file)
     replaced |= from_command_line(dict(config))
     study = read_study(first, replaced)
-    words = [shlex.quote(f"{key}={json.dumps(value)}") for key, value in replaced.items()]
-    return study, " ".join([shell_path(first), *(["--config", *words] if words else [])])
+    words = [shell_path(first)]
+    if replaced:
+        words.append("--config")
+    for key, value in replaced.items():
+        words.append(shlex.quote(f"{key}={json.dumps(value)}"))
+    return study, " ".join(words)
 
 
 def from_command_line(value: Any) -> Any:
@@ -76,9 +82,9 @@ def from_command_line(value: Any) -> Any:
     Snakemake reads numbers inside lists and mappings, null, true and false as text.
     """
     if isinstance(value, dict):
-        return {key: from_command_line(part) for key, part in value.items()}
+        return {key: from_command_line(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [from_command_line(part) for part in value]
+        return [from_command_line(item) for item in value]
     return scalar(value) if isinstance(value, str) else value
 
 
@@ -95,9 +101,8 @@ def remove_stale_locks() -> None:
             fcntl.flock(_held[-1], fcntl.LOCK_EX | fcntl.LOCK_NB)
             for lock in LOCKS.iterdir():
                 lock.unlink(missing_ok=True)
-        fcntl.flock(
-            _held[-1], fcntl.LOCK_SH
-        )  # with others: a dry run does not keep a study from having one
+        # shared: a dry run does not keep a study from having one
+        fcntl.flock(_held[-1], fcntl.LOCK_SH)
 
 
 def forecast(study: Study, files: Sequence[str], logger: Logger) -> None:
@@ -105,21 +110,19 @@ def forecast(study: Study, files: Sequence[str], logger: Logger) -> None:
 
     The logger plugin derives the time left from it.
     """
-    costs, runs, seconds = (
-        {runs.key: runs.cost for runs in run_sets(study)},
-        dict[str, int](),
-        dict[str, float](),
-    )
+    costs = {runs.key: runs.cost for runs in run_sets(study)}
+    runs: dict[str, int] = {}
+    seconds: dict[str, float] = {}
     for file in files:
-        first, last = map(int, Path(file).stem.split("-"))
+        path = Path(file)
+        first, last = map(int, path.stem.split("-"))
+        cost = costs[path.parent.name[-DIGITS:]]
         runs[file] = last - first + 1
-        seconds[file] = seconds_of_jobs(costs[Path(file).parent.name[-DIGITS:]], runs[file])
-    text = (
-        f"{counted(sum(runs.values()), 'run')} in {counted(len(runs), 'job')}, some "
-        f"{in_time(sum(seconds.values()))}"
-    )
+        seconds[file] = seconds_of_jobs(cost, runs[file])
+    work = f"{counted(sum(runs.values()), 'run')} in {counted(len(runs), 'job')}"
+    cpu = in_time(sum(seconds.values()))
     logger.info(
-        f"brownpipe: the study {study.name}: {text} of CPU",
+        f"brownpipe: the study {study.name}: {work}, some {cpu} of CPU",
         extra={"runs": runs, "seconds": seconds},
     )
 
@@ -159,27 +162,21 @@ def run_study(
             f"{Path.cwd()}: Snakemake cannot run in a folder with such braces in its path; run the "
             "study from another folder"
         ) from None
-    place = ["--cores", str(cores or "all")]
-    if profile is not None:
-        place = [
-            "--profile",
-            str(profile_folder(profile)),
-            *(["--jobs", str(cores)] if cores else []),
-        ]
-    path = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", os.defpath)])
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "snakemake",
-        "--snakefile",
-        str(pipeline_folder() / "Snakefile"),
-    ]
-    os.execve(
-        command[0],
-        [*command, "--configfile", study_file, *place, *further],
-        os.environ | {"PATH": path} | cache_folder(profile is not None),
-    )
+    command = [sys.executable, "-P", "-m", "snakemake"]
+    command += ["--snakefile", str(pipeline_folder() / "Snakefile")]
+    command += ["--configfile", study_file]
+    if profile is None:
+        command += ["--cores", str(cores or "all")]
+    else:
+        command += ["--profile", str(profile_folder(profile))]
+        if cores:
+            command += ["--jobs", str(cores)]
+    command += further
+    path = os.environ.get("PATH", os.defpath)
+    environment = {**os.environ}
+    environment["PATH"] = os.pathsep.join([sysconfig.get_path("scripts"), path])
+    environment |= cache_folder(profile is not None)
+    os.execve(sys.executable, command, environment)
 
 
 def cache_folder(is_shared: bool) -> dict[str, str]:
@@ -192,7 +189,8 @@ def cache_folder(is_shared: bool) -> dict[str, str]:
     if is_shared:
         return here
     with suppress(OSError, RuntimeError):  # RuntimeError: the user has no home
-        usual = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "snakemake")
+        caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        usual = caches / "snakemake"
         usual.mkdir(parents=True, exist_ok=True)
         if os.access(usual, os.W_OK):
             return {}
@@ -206,15 +204,13 @@ def profile_folder(profile: str) -> Path:
     Raises RequestError if it has no config.yaml, or if Snakemake's plugin for its executor is not
     installed.
     """
-    folder = (
-        Path(profile).absolute()
-        if Path(profile).is_dir()
-        else pipeline_folder() / "profiles" / profile
-    )
-    executor = str(dict(read_yaml(folder / "config.yaml")).get("executor", "local"))
-    if executor != "local" and not find_spec(
-        f"snakemake_executor_plugin_{executor.replace('-', '_')}"
-    ):
+    folder = pipeline_folder() / "profiles" / profile
+    if Path(profile).is_dir():
+        folder = Path(profile).absolute()
+    settings = read_yaml(folder / "config.yaml")
+    executor = str(settings.get("executor", "local"))
+    plugin = f"snakemake_executor_plugin_{executor.replace('-', '_')}"
+    if executor != "local" and not find_spec(plugin):
         raise RequestError(
             f"--profile {profile}: needs snakemake-executor-plugin-{executor}; install it by pip"
         )
