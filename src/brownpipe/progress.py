@@ -25,9 +25,8 @@ INTERVAL = 0.2  # s between two updates of it
 LINE_INTERVAL = 30.0  # s between two lines in a log, and before the first
 Item = TypeVar("Item")
 
-listeners: list[
-    Callable[[str, float, int], object]
-] = []  # called with unit, done and total of a stage
+# called with unit, done and total of a stage
+listeners: list[Callable[[str, float, int], object]] = []
 remark_listeners: list[Callable[[str], object]] = []  # called with every remark, a line
 _tracked: list[tuple[str, int, int]] = []  # stages that `tracked` has begun, outermost first
 _piece: list[tuple[str, int, int]] = []  # the stage whose next piece has begun
@@ -37,8 +36,10 @@ def report(unit: str, done: float, total: int) -> None:
     """Tell the listeners how much is done of the outermost stage; each inner stage is a piece of
     the one around it.
     """
-    for outer, before, count in reversed(_tracked):
-        unit, done, total = outer, before + done / total, count
+    for outer_unit, outer_done, outer_total in reversed(_tracked):
+        unit = outer_unit
+        done = outer_done + done / total
+        total = outer_total
     for listener in listeners:
         listener(unit, done, total)
 
@@ -80,11 +81,12 @@ def unreported() -> Iterator[None]:
     """Report no stage in this context, so that CPU times measured in it are of the calculation
     alone.
     """
-    before, listeners[:] = listeners[:], []
+    suspended = [*listeners]
+    listeners.clear()
     try:
         yield
     finally:
-        listeners[:] = before
+        listeners[:] = suspended
 
 
 # -- the screen ------------------------------------------------------------------------------------
@@ -103,9 +105,9 @@ def shown(title: str, silent: bool = False) -> Iterator[None]:
     display = Display()
 
     def update(unit: str, done: float, total: int) -> None:
-        display.update(
-            f"{title}: {int(done):,} of {total:,} {unit} ({100 * done / total:.0f} %)", done, total
-        )
+        percentage = f"{100 * done / total:.0f} %"
+        text = f"{title}: {int(done):,} of {total:,} {unit} ({percentage})"
+        display.update(text, done, total)
 
     listeners.append(update)
     remark_listeners.append(display.say)
@@ -137,10 +139,9 @@ class Display:
     """A line of progress and the messages above it. No error of the screen ends a calculation."""
 
     def __init__(self) -> None:
-        is_terminal = (
-            getattr(sys.stderr, "isatty", lambda: False)() and os.environ.get("TERM") != "dumb"
-        )
-        self.overwrites = is_terminal or "ipykernel" in sys.modules
+        is_terminal = getattr(sys.stderr, "isatty", lambda: False)()
+        is_dumb = os.environ.get("TERM") == "dumb"
+        self.overwrites = (is_terminal and not is_dumb) or "ipykernel" in sys.modules
         self.began = self.stage_began = time.monotonic()
         self.due = self.began + (DELAY if self.overwrites else LINE_INTERVAL)
         # of the stage: done at its first report and at the last one, all
@@ -153,15 +154,17 @@ class Display:
         """
         now = time.monotonic()
         if total != self.total or done < self.done:  # another stage, or it begins again
-            self.stage_began, self.first, self.total = now, done, total
+            self.stage_began = now
+            self.first = done
+            self.total = total
         self.done = done
         if now < self.due:
             return
         self.due = now + (INTERVAL if self.overwrites else LINE_INTERVAL)
         text += f", {_whole_seconds(now - self.began)}"
         if self.first < done < total:
-            left = (now - self.stage_began) / (done - self.first) * (total - done)
-            text += f", about {_whole_seconds(left)} to go"
+            pace = (now - self.stage_began) / (done - self.first)
+            text += f", about {_whole_seconds(pace * (total - done))} to go"
         if self.overwrites:
             self._overwrite(text[: _columns() - 1])
         else:
@@ -180,10 +183,8 @@ class Display:
             self._overwrite("")
 
     def _overwrite(self, text: str) -> None:
-        padded, self.length = (
-            f"{text:{self.length}}",
-            len(text),
-        )  # before it is printed: Ctrl-C may come meanwhile
+        padded = f"{text:{self.length}}"
+        self.length = len(text)  # before it is printed: Ctrl-C may come meanwhile
         with suppress(OSError):
             print(f"\r{padded}", end="", file=sys.stderr, flush=True)
 
