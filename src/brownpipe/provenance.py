@@ -28,9 +28,10 @@ STEPS = {
 }
 
 
-def digest_of(*parts: object) -> str:
+def digest_of(*values: object) -> str:
     """Return the first digits of a SHA-256 over values as JSON writes them."""
-    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:12]
+    text = json.dumps(values, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def made_with(step: str, engine: str | None = None) -> dict[str, str]:
@@ -44,8 +45,12 @@ def sources(step: str, engine: str | None = None, folder: Path = PACKAGE) -> lis
     """Return the source files that determine the output of a step, sorted; with those of an
     `engine`.
     """
-    patterns = STEPS[step] if engine is None else (*STEPS[step], f"engines/{engine}/*")
-    files = {file for pattern in patterns for file in folder.glob(pattern)}
+    patterns = [*STEPS[step]]
+    if engine is not None:
+        patterns.append(f"engines/{engine}/*")
+    files: set[Path] = set()
+    for pattern in patterns:
+        files.update(folder.glob(pattern))
     return sorted(file for file in files if file.suffix in SUFFIXES)
 
 
@@ -57,7 +62,8 @@ def source_digest(step: str, engine: str | None = None, folder: Path = PACKAGE) 
     total = hashlib.sha256()
     for file in sources(step, engine, folder):
         text = file.read_text(encoding="utf-8").encode()
-        total.update(f"{file.relative_to(folder).as_posix()} {len(text)}\n".encode())
+        name = file.relative_to(folder).as_posix()
+        total.update(f"{name} {len(text)}\n".encode())
         total.update(text)
     return total.hexdigest()
 
@@ -66,7 +72,9 @@ def versions(step: str = "simulate") -> dict[str, str]:
     """Return the versions of brownpipe and of the packages that compute and write what a step
     makes.
     """
-    names = (NAME, *PACKAGES, *(() if step == "simulate" else ANALYSIS_PACKAGES))
+    names = [NAME, *PACKAGES]
+    if step != "simulate":
+        names += ANALYSIS_PACKAGES
     return {f"{name}_version": _version(name) for name in names}
 
 

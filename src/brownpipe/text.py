@@ -13,9 +13,13 @@ def printable(text: object) -> str:
     """Return a text as one line; control characters and undecodable bytes of file names become
     escapes: \\x1b.
     """
-    return "".join(
-        char if char.isprintable() else char.encode("unicode_escape").decode() for char in str(text)
-    )
+    return "".join(map(_printable_character, str(text)))
+
+
+def _printable_character(character: str) -> str:
+    if character.isprintable():
+        return character
+    return character.encode("unicode_escape").decode()
 
 
 def in_lines(lines: Iterable[str]) -> str:
@@ -49,12 +53,11 @@ def in_time(seconds: float) -> str:
     ms, 3 days.
     """
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0), ("s", 1.0)):
-        if seconds >= 2 * size or (unit == "s" and seconds >= size):
-            return (
-                f"{seconds / size:.2g} {unit}"
-                if seconds < 100 * size
-                else f"{seconds / size:,.0f} {unit}"
-            )
+        least = size if unit == "s" else 2 * size
+        if seconds >= least:
+            number = seconds / size
+            has_two_digits = seconds < 100 * size
+            return f"{number:.2g} {unit}" if has_two_digits else f"{number:,.0f} {unit}"
     return f"{1e3 * seconds:.0f} ms" if seconds >= 0.01 else f"{1e3 * seconds:.2g} ms"
 
 
@@ -62,10 +65,12 @@ def in_bytes(count: float) -> str:
     """Return a size in bytes: 512 B, 1.4 kB, 23 MB."""
     for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if count >= size:
-            return f"{float(f'{count / size:.2g}'):g} {unit}"
+            two_digits = float(f"{count / size:.2g}")
+            return f"{two_digits:g} {unit}"
     return f"{count:.0f} B"
 
 
 def counted(number: int, noun: str) -> str:
     """Return a number with its noun: 1 run, 2,400 runs."""
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+    plural = noun if number == 1 else f"{noun}s"
+    return f"{number:,} {plural}"
