@@ -53,9 +53,8 @@ def _status(argv: list[str]) -> int:
         try:
             parser = build_parser(argv)
             arguments, further = parser.parse_known_args(argv, Namespace(argv=argv))
-            arguments.further = [
-                word for word in further if word != "--"
-            ]  # passed on to another program
+            # passed on to another program
+            arguments.further = [word for word in further if word != "--"]
             if further and argv[0] != "run":
                 parser.error(f"unrecognized arguments: {' '.join(further)}")
             return arguments.verb(arguments) or DONE
@@ -84,15 +83,15 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
     parser = _Parser(
         "brownpipe", description="Exact dynamics of hard disks, with a heavy one among light ones."
     )
-    version = (
-        f"brownpipe {versions()['brownpipe_version']}" if "--version" in argv else ""
-    )  # to look it up takes time
+    version = ""
+    if "--version" in argv:  # to look it up takes time
+        version = f"brownpipe {versions()['brownpipe_version']}"
     parser.add_argument(
         "--version", action="version", version=version, help="show the version and exit"
     )
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
-    given = [name for name in argv[:1] if name in VERBS]
-    for name in given or VERBS:
+    requested = [name for name in argv[:1] if name in VERBS]
+    for name in requested or VERBS:
         module = import_module(f"brownpipe.verbs.{VERBS[name]}")
         verb = getattr(module, name)
         description, _, example = (verb.__doc__ or "").rpartition("\n\n")
@@ -101,7 +100,7 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
             name, help=brief, description=description, epilog=example.strip()
         )
         subparser.set_defaults(verb=verb)
-        if given:
+        if requested:
             parser.of_verb = subparser
             getattr(module, f"add_{name}")(subparser.add_argument)
     return parser
@@ -114,13 +113,12 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         parser = self.of_verb or self
-        hinted = _with_hint(
-            " ".join(message.split()),
-            [name for one in parser._actions for name in one.option_strings],
-        )
-        self.exit(
-            WRONG_REQUEST, f"{printable(f'{parser.prog}: {hinted} (see {parser.prog} --help)')}\n"
-        )
+        options: list[str] = []
+        for action in parser._actions:
+            options += action.option_strings
+        hinted = _with_hint(" ".join(message.split()), options)
+        line = f"{parser.prog}: {hinted} (see {parser.prog} --help)"
+        self.exit(WRONG_REQUEST, f"{printable(line)}\n")
 
 
 def _with_hint(message: str, options: Sequence[str]) -> str:
@@ -129,10 +127,14 @@ def _with_hint(message: str, options: Sequence[str]) -> str:
     """
     from brownpipe.scene.reading import did_you_mean  # takes 0.2 s
 
-    if found := re.fullmatch(r"unrecognized arguments: (\S+).*", message):
-        hint = did_you_mean(found[1], options) if found[1].startswith("-") else JOINED
+    unrecognized = re.fullmatch(r"unrecognized arguments: (\S+).*", message)
+    if unrecognized:
+        word = unrecognized[1]
+        hint = did_you_mean(word, options) if word.startswith("-") else JOINED
         return f"{message}; {hint}".rstrip("; ")
-    if found := re.search(r"(invalid choice: '([^']+)') \(choose from (.*)\)", message):
-        hint = did_you_mean(found[2], re.findall(r"\w+", found[3]))
-        return message.replace(found[1], f"{found[1]}; {hint}".rstrip("; "))
+    invalid = re.search(r"(invalid choice: '([^']+)') \(choose from (.*)\)", message)
+    if invalid:
+        reason, word, choices = invalid.groups()
+        hint = did_you_mean(word, re.findall(r"\w+", choices))
+        return message.replace(reason, f"{reason}; {hint}".rstrip("; "))
     return message

@@ -11,4 +11,6 @@ MODULES = {
     "results": ("aggregate", "figures", "tradeoff"),
     "files": ("inspect", "verify", "movie", "export"),
 }
-VERBS = {verb: module for module, verbs in MODULES.items() for verb in verbs}
+VERBS: dict[str, str] = {}
+for _module, _verbs in MODULES.items():
+    VERBS |= dict.fromkeys(_verbs, _module)
