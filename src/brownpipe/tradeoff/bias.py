@@ -16,10 +16,9 @@ import numpy as np
 
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate, replicates, resample
 
-SHELLS, NEAR_CONTACT = (
-    5,
-    1.25,
-)  # shells of equal width, from contact to NEAR_CONTACT contact distances, for g(r)
+# for g(r): shells of equal width, from contact to NEAR_CONTACT contact distances
+SHELLS = 5
+NEAR_CONTACT = 1.25
 RINGS = 10  # rings of equal probability, for displacement distributions
 CERTAIN = 0.95
 # standard errors from one event to the upper end of Poisson's 95 % interval; from two 3.7, from
@@ -64,12 +63,13 @@ def relative_bias(
     Approximate runs without an exact partner are left out, unless the unpaired bias of all runs has
     a smaller standard error.
     """
-    found = _relative_bias(approximate, exact, pairs)
+    paired = _relative_bias(approximate, exact, pairs)
     if pairs is None or len(pairs[0]) == len(approximate):
-        return found
+        return paired
     unpaired = _relative_bias(approximate, exact, None)
-    is_better = unpaired.standard_error < found.standard_error
-    return Estimate(*(np.where(is_better, *values) for values in zip(unpaired, found, strict=True)))
+    is_better = unpaired.standard_error < paired.standard_error
+    fields = zip(unpaired, paired, strict=True)
+    return Estimate(*(np.where(is_better, *choices) for choices in fields))
 
 
 def _relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | None) -> Estimate:
@@ -80,32 +80,31 @@ def _relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | No
     27, 1693 (2008), eq. 7), each a bootstrap-t over runs.
     """
     shape = np.shape(exact)[1:]
-    approximate, exact = (
-        np.reshape(np.asarray(runs, float), (len(runs), -1)) for runs in (approximate, exact)
-    )
+    approximate = np.reshape(np.asarray(approximate, float), (len(approximate), -1))
+    exact = np.reshape(np.asarray(exact, float), (len(exact), -1))
     mean = exact.mean(axis=0)
     defined = mean > 0.0
     scale = np.where(defined, mean, 1.0)
     residual, slope = _corrected(approximate / scale, exact / scale, pairs)
     value = residual.mean(axis=0) + (slope - 1.0) * mean / scale
-    own, other = _resampled(residual), _resampled((1.0 + value - slope) * exact / scale)
+    own = _resampled(residual)
+    other = _resampled((1.0 + value - slope) * exact / scale)
     low = value - np.hypot(own.mean - own.low, other.high - other.mean)
     high = value + np.hypot(own.high - own.mean, other.mean - other.low)
     error = np.hypot(own.standard_error, other.standard_error)
-    return Estimate(
-        *(np.where(defined, values, np.nan).reshape(shape) for values in (value, error, low, high))
-    )
+    fields = (value, error, low, high)
+    return Estimate(*(np.where(defined, field, np.nan).reshape(shape) for field in fields))
 
 
 def _resampled(runs: np.ndarray) -> Estimate:
     """Return `resample`; where it gives no interval, as at most three runs differ from the others,
     +-RARE errors.
     """
-    found = resample(runs)
-    reach = RARE * found.standard_error if len(runs) >= FEWEST_FOR_INTERVAL else np.nan
-    low = np.where(np.isnan(found.low), found.mean - reach, found.low)
-    high = np.where(np.isnan(found.high), found.mean + reach, found.high)
-    return found._replace(low=low, high=high)
+    estimate = resample(runs)
+    reach = RARE * estimate.standard_error if len(runs) >= FEWEST_FOR_INTERVAL else np.nan
+    low = np.where(np.isnan(estimate.low), estimate.mean - reach, estimate.low)
+    high = np.where(np.isnan(estimate.high), estimate.mean + reach, estimate.high)
+    return estimate._replace(low=low, high=high)
 
 
 def _corrected(
@@ -119,12 +118,14 @@ def _corrected(
     """
     if pairs is None:
         return approximate, np.zeros(())
-    paired, partner = approximate[pairs[0]], exact[pairs[1]]
-    centred, reference = (runs - runs.mean(axis=0) for runs in (paired, partner))
-    square = (reference**2).sum(axis=axis)
-    slope = np.divide(
-        (reference * centred).sum(axis=axis), square, out=np.zeros_like(square), where=square > 0.0
-    )
+    rows, exact_rows = pairs
+    paired = approximate[rows]
+    partner = exact[exact_rows]
+    centred = paired - paired.mean(axis=0)
+    reference = partner - partner.mean(axis=0)
+    covariance = (reference * centred).sum(axis=axis)
+    variance = (reference**2).sum(axis=axis)
+    slope = np.divide(covariance, variance, out=np.zeros_like(variance), where=variance > 0.0)
     return paired - slope * partner, slope
 
 
@@ -142,17 +143,18 @@ def total_variation(
     95 %. The mean of these distances, the noise, stands in place of the standard error.
     """
     edges = np.quantile(exact, np.linspace(0.0, 1.0, RINGS + 1))
-    edges[0], edges[-1] = 0.0, np.inf
+    edges[0] = 0.0
+    edges[-1] = np.inf
     reference = _indicators(exact, edges)
     # One slope for all rings, so that the differences of shares still sum to 0.
     residual, slope = _corrected(_indicators(approximate, edges), reference, pairs, axis=None)
     distance = _half_sum(residual.mean(axis=0) - (1.0 - slope) * reference.mean(axis=0))
-    noise = np.sort(
-        _half_sum(replicates(residual) - (1.0 - slope) * replicates(reference, other=True))
-    )
+    differences = replicates(residual) - (1.0 - slope) * replicates(reference, other=True)
+    noise = np.sort(_half_sum(differences))
     quantile = noise[int(np.ceil(CERTAIN * len(noise))) - 1]
     value = np.sqrt(np.maximum(distance**2 - noise.mean() ** 2, 0.0))
-    return Estimate(value, noise.mean(), np.maximum(distance - quantile, 0.0), distance + quantile)
+    low = np.maximum(distance - quantile, 0.0)
+    return Estimate(value, noise.mean(), low, distance + quantile)
 
 
 def contact_deviation(
@@ -169,19 +171,23 @@ def contact_deviation(
     shells = _shells(np.asarray(exact).sum(axis=0))
     if not shells:
         return None
-    pooled, reference = (
-        np.stack([runs[:, p, k:m].sum(axis=1) for p, k, m in shells], axis=1)
-        for runs in (approximate, exact)
-    )
-    biases = relative_bias(pooled, reference, pairs)
+    biases = relative_bias(_pooled(approximate, shells), _pooled(exact, shells), pairs)
     size = np.abs(biases.mean)
-    significance = np.divide(
-        size, biases.standard_error, out=np.zeros_like(size), where=biases.standard_error > 0.0
-    )
-    value, error, low, high = (part[int(np.nanargmax(significance))] for part in biases)
+    error = biases.standard_error
+    significance = np.divide(size, error, out=np.zeros_like(size), where=error > 0.0)
+    worst = biases.at(int(np.nanargmax(significance)))
     tail = (1.0 - CERTAIN) / 2
     wider = NormalDist().inv_cdf(1.0 - tail / len(shells)) / NormalDist().inv_cdf(1.0 - tail)
-    return Estimate(value, error, value - wider * (value - low), value + wider * (high - value))
+    low = worst.mean - wider * (worst.mean - worst.low)
+    high = worst.mean + wider * (worst.high - worst.mean)
+    return worst._replace(low=low, high=high)
+
+
+def _pooled(counts: np.ndarray, shells: list[tuple[int, int, int]]) -> np.ndarray:
+    """Return the counts (S, shells) of pairs in the shells of `_shells`, from those in bins (S, P,
+    R).
+    """
+    return np.stack([counts[:, pair, k:m].sum(axis=1) for pair, k, m in shells], axis=1)
 
 
 def _shells(counts: np.ndarray) -> list[tuple[int, int, int]]:
@@ -191,11 +197,8 @@ def _shells(counts: np.ndarray) -> list[tuple[int, int, int]]:
     shells = []
     for pair, row in enumerate(counts):
         contact = int(np.argmax(row > 0))
-        edges = np.unique(
-            np.rint(
-                np.linspace(contact, min(NEAR_CONTACT * (contact + 0.5), len(row)), SHELLS + 1)
-            ).astype(int)
-        )
+        end = min(NEAR_CONTACT * (contact + 0.5), len(row))
+        edges = np.unique(np.rint(np.linspace(contact, end, SHELLS + 1)).astype(int))
         shells += [(pair, k, m) for k, m in pairwise(edges) if row[k:m].sum() > 0]
     return shells
 

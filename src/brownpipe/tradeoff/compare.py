@@ -39,9 +39,8 @@ class EngineRuns(NamedTuple):
     worst_overlap: np.ndarray  # (S,) in contact distances; NaN where an engine does not report it
     pair_counts: np.ndarray | None  # (S, P, R) pairs of species by distance, if recorded
     failed: int  # number of runs left out
-    quarters: Mapping[
-        str, np.ndarray
-    ]  # (S, 4) what may drift within the runs, if they are counted in quarters
+    # (S, 4) what may drift within the runs, if they are counted in quarters
+    quarters: Mapping[str, np.ndarray]
 
     @property
     def share_sound(self) -> float:
@@ -55,40 +54,50 @@ class EngineRuns(NamedTuple):
 
 def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
     """Return the runs of groups of trajectory files, `analysis.runs.groups_of`."""
-    found = []
+    all_runs = []
     for group in groups:
         contents = group.pattern.contents
-        found.append(runs_of(contents.scene, contents.engine, joined([*blocks_of(group)])))
-    return found
+        ensemble = joined([*blocks_of(group)])
+        all_runs.append(runs_of(contents.scene, contents.engine, ensemble))
+    return all_runs
 
 
 def runs_of(
-    scene: Scene, engine: Engine, every: Ensemble, squares: str | None = None
+    scene: Scene, engine: Engine, ensemble: Ensemble, squares: str | None = None
 ) -> EngineRuns:
     """Return the runs of an ensemble with ascending seeds.
 
     squares: an observable that stands for the tracer's squared displacement. Without its track
     displacements are NaN.
     """
-    runs = select(every, reported(every, "failed") == 0)
-    moved = np.full((len(runs.seeds), len(every.times), 2), np.nan)
-    if runs.tracer is not None:
-        moved = displacement(
-            runs.tracer.position, runs.tracer.image, (scene.box.width, scene.box.height)
-        )
-        moved = np.ascontiguousarray(moved.transpose(1, 0, 2))
+    runs = select(ensemble, reported(ensemble, "failed") == 0)
+    failed = len(ensemble.seeds) - len(runs.seeds)
+    from_start = _from_start(scene, runs)
+    squared = runs.observables[squares] if squares else (from_start**2).sum(axis=-1)
+    worst_overlap = reported(runs, "worst_overlap")
+    pair_counts = runs.observables.get("pair_counts")
+    quarters = quarters_of(scene, runs.times, runs.observables)
     return EngineRuns(
         scene=scene,
         engine=engine,
         seeds=runs.seeds,
-        times=every.times,
-        displacement=moved,
-        squared=runs.observables[squares] if squares else (moved**2).sum(axis=-1),
-        worst_overlap=reported(runs, "worst_overlap"),
-        pair_counts=runs.observables.get("pair_counts"),
-        failed=len(every.seeds) - len(runs.seeds),
-        quarters=quarters_of(scene, every.times, runs.observables),
+        times=runs.times,
+        displacement=from_start,
+        squared=squared,
+        worst_overlap=worst_overlap,
+        pair_counts=pair_counts,
+        failed=failed,
+        quarters=quarters,
     )
+
+
+def _from_start(scene: Scene, runs: Ensemble) -> np.ndarray:
+    """Return the tracer's displacements (S, T, 2) from its start; NaN without its track."""
+    if runs.tracer is None:
+        return np.full((len(runs.seeds), len(runs.times), 2), np.nan)
+    size = (scene.box.width, scene.box.height)
+    by_time = displacement(runs.tracer.position, runs.tracer.image, size)
+    return np.ascontiguousarray(by_time.transpose(1, 0, 2))
 
 
 # --- biases
@@ -111,20 +120,17 @@ def compare(
     pairs = bias.same_seeds(runs.seeds, exact.seeds) if paired else None
     if pairs is not None and len(pairs[0]) < 2:
         pairs = None
-    values = {
+    values: dict[str, Any] = {
         "runs": len(runs.seeds),
         "failed_runs": runs.failed,
         "paired_runs": 0 if pairs is None else len(pairs[0]),
         "seconds": seconds,
         "worst_overlap": runs.worst_overlap.max(),
-        "departure_time": np.nan if pairs is None else _departure(runs, exact, pairs),
-        **_biases(runs, exact, pairs, window),
-        "displacement_bias": bias.total_variation(
-            np.sqrt(runs.squared[:, -1]), np.sqrt(exact.squared[:, -1]), pairs
-        ),
-        "displacement_spread": bias.spread_of_shares(),
-        **_contact(runs, exact, pairs),
     }
+    values["departure_time"] = np.nan if pairs is None else _departure(runs, exact, pairs)
+    values |= _biases(runs, exact, pairs, window)
+    values |= _distribution(runs, exact, pairs)
+    values |= _contact(runs, exact, pairs)
     return with_intervals(values)
 
 
@@ -146,14 +152,14 @@ def _biases(
     runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]
 ) -> dict[str, Any]:
     """MSD at the end and D in the window, in one resampling."""
-    samples, references = _per_run(runs, window), _per_run(exact, window)
+    samples = _per_run(runs, window)
+    references = _per_run(exact, window)
     biases = bias.relative_bias(samples, references, pairs)
     values: dict[str, Any] = {}
     for name, column in TARGET_COLUMNS.items():
+        deviation = samples[:, column].std(ddof=1)
         values[f"{name}_bias"] = biases.at(column)
-        values[f"{name}_spread"] = samples[:, column].std(ddof=1) / abs(
-            references[:, column].mean()
-        )
+        values[f"{name}_spread"] = deviation / abs(references[:, column].mean())
     return values
 
 
@@ -170,6 +176,16 @@ def diffusion_of(runs: EngineRuns, window: tuple[float, float]) -> tuple[float, 
     return float(slopes.mean()) / 4, float(error) / 4
 
 
+def _distribution(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Any]:
+    """Distance of the distributions of displacements at the end, and its spread in one run."""
+    distance = np.sqrt(runs.squared[:, -1])
+    exact_distance = np.sqrt(exact.squared[:, -1])
+    return {
+        "displacement_bias": bias.total_variation(distance, exact_distance, pairs),
+        "displacement_spread": bias.spread_of_shares(),
+    }
+
+
 def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Estimate]:
     """g(r) near contact; {} without pair counts, or if the two sets of runs have different bins."""
     counts, reference = runs.pair_counts, exact.pair_counts
@@ -184,11 +200,10 @@ def _departure(runs: EngineRuns, exact: EngineRuns, pairs: Pairs) -> float:
     inf for never.
     """
     rows, exact_rows = pairs
-    tracks = (
-        runs.displacement[rows].transpose(1, 0, 2),
-        exact.displacement[exact_rows].transpose(1, 0, 2),
-    )
-    times = np.sort(departure_time(exact.times, *tracks, APART * exact.scene.radius[0]))
+    track = runs.displacement[rows].transpose(1, 0, 2)
+    exact_track = exact.displacement[exact_rows].transpose(1, 0, 2)
+    bound = APART * exact.scene.radius[0]
+    times = np.sort(departure_time(exact.times, track, exact_track, bound))
     return float(times[len(times) // 2])
 
 

@@ -34,9 +34,11 @@ ATTRIBUTES = {
         "bias is not resolved."
     ),
 }
-SCENE, SETTING = ("scene",), ("scene", "setting")
+SCENE = ("scene",)
+SETTING = ("scene", "setting")
 BEST = "no setting has a smaller total error of the MSD"
-MSD, D = "MSD at the end", "D in the window"
+MSD = "MSD at the end"
+D = "D in the window"
 DISTRIBUTION = (
     "total variation distance of the distribution of displacements at the end, in ten rings"
 )
@@ -113,8 +115,7 @@ def measure(
     window: (start, end) in which D is fitted [time], by default from a tenth of each scene's
     duration to its end.
     seconds_per_run: CPU seconds of a run of an engine in a scene; by default measured, in turn with
-    the exact engine
-        (`timing.ratio_to`).
+    the exact engine (`timing.ratio_to`).
 
     Scenes that have exact runs only are left out. `Study.refuse_tradeoff` refuses what cannot be
     compared. Raises what `groups_of` raises.
@@ -123,39 +124,19 @@ def measure(
     all_runs = read_runs(groups)
     references = [runs for runs in all_runs if runs.is_reference]
     instead_of = instead_of or {}
-    every = (
-        (exact, _compared(exact, all_runs, instead_of.get(exact.scene.name, ())))
-        for exact in references
-    )
-    pairs = [(exact, compared) for exact, compared in every if len(compared) > 1]
+    comparisons = []
+    for exact in references:
+        settings = _settings(exact, all_runs, instead_of.get(exact.scene.name, ()))
+        if len(settings) > 1:
+            comparisons.append((exact, settings))
     parts = []
-    for exact, compared in tracked(pairs, "cases"):
-        fitted = window or (exact.times[-1] / 10, exact.times[-1])
-        of_scene = {
-            "scene": [exact.scene.label],
-            "particles": exact.scene.particles,
-            "duration": exact.times[-1],
-            "window_start": fitted[0],
-            "window_end": fitted[1],
-        }
-        unit = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene)
-        for label, runs in tracked(compared.items(), "settings"):
-            cost = _cost(runs, exact, unit, seconds_per_run)
-            values = compare(
-                runs, exact, fitted, unit * cost.ratio, paired=runs.scene.label == exact.scene.label
-            )
-            costs = dict(
-                zip(("cost_ratio", "cost_ratio_low", "cost_ratio_high"), cost, strict=True)
-            )
-            parts.append(of_scene | {"setting": [label]} | values | costs)
-    options = {
-        "instead_of": {scene: [*others] for scene, others in instead_of.items()},
-        "fit_window": window,
-    }
-    made = origin_attributes(
-        "tradeoff", ((group.pattern.contents, group.seeds) for group in groups), options
-    )
-    return _with_front(joined(parts, VARIABLES, COORDINATES, ATTRIBUTES | made))
+    for exact, settings in tracked(comparisons, "cases"):
+        parts += _compared(exact, settings, window, seconds_per_run)
+    replaced = {scene: [*stand_ins] for scene, stand_ins in instead_of.items()}
+    options = {"instead_of": replaced, "fit_window": window}
+    sources = ((group.pattern.contents, group.seeds) for group in groups)
+    attributes = ATTRIBUTES | origin_attributes("tradeoff", sources, options)
+    return _with_front(joined(parts, VARIABLES, COORDINATES, attributes))
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
@@ -165,29 +146,59 @@ def is_tradeoff(dataset: "xarray.Dataset") -> bool:
     return "setting" in dataset.dims
 
 
-def _compared(
+def _settings(
     exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequence[str]
 ) -> dict[str, EngineRuns]:
     """By setting: all engines in the scene, also the exact one, and exact runs of scenes that may
     stand in for it.
     """
-    compared = {
-        runs.engine.label: runs for runs in all_runs if runs.scene.label == exact.scene.label
-    }
+    label = exact.scene.label
+    settings = {runs.engine.label: runs for runs in all_runs if runs.scene.label == label}
     for name in stand_ins:
-        others = [runs for runs in all_runs if runs.scene.name == name and runs.is_reference]
-        compared |= {f"{REFERENCE_NAME} in {runs.scene.label}": runs for runs in others}
-    return compared
+        cheaper = [runs for runs in all_runs if runs.scene.name == name and runs.is_reference]
+        settings |= {f"{REFERENCE_NAME} in {runs.scene.label}": runs for runs in cheaper}
+    return settings
+
+
+def _compared(
+    exact: EngineRuns,
+    settings: Mapping[str, EngineRuns],
+    window: tuple[float, float] | None,
+    seconds_per_run: Callable[[Engine, Scene], float] | None,
+) -> list[dict]:
+    """The variables of each setting of one scene: name -> value."""
+    start, end = window or (exact.times[-1] / 10, exact.times[-1])
+    scene_variables = {
+        "scene": [exact.scene.label],
+        "particles": exact.scene.particles,
+        "duration": exact.times[-1],
+        "window_start": start,
+        "window_end": end,
+    }
+    exact_seconds = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene)
+    parts = []
+    for label, runs in tracked(settings.items(), "settings"):
+        cost = _cost(runs, exact, exact_seconds, seconds_per_run)
+        seconds = exact_seconds * cost.ratio
+        is_same_scene = runs.scene.label == exact.scene.label
+        biases = compare(runs, exact, (start, end), seconds, paired=is_same_scene)
+        costs = {
+            "cost_ratio": cost.ratio,
+            "cost_ratio_low": cost.low,
+            "cost_ratio_high": cost.high,
+        }
+        parts.append({**scene_variables, "setting": [label], **biases, **costs})
+    return parts
 
 
 def _cost(
-    runs: EngineRuns, exact: EngineRuns, unit: float, seconds_per_run: Callable | None
+    runs: EngineRuns, exact: EngineRuns, exact_seconds: float, seconds_per_run: Callable | None
 ) -> timing.Ratio:
-    """CPU time of a run over that of an exact run, which is `unit` seconds."""
+    """CPU time of a run over that of an exact run, which is `exact_seconds`."""
     if runs is exact:
         return timing.Ratio(1.0, 1.0, 1.0)
     if seconds_per_run is not None:
-        ratio = seconds_per_run(runs.engine, runs.scene) / unit
+        ratio = seconds_per_run(runs.engine, runs.scene) / exact_seconds
         return timing.Ratio(ratio, ratio, ratio)
     return timing.ratio_to((exact.engine, exact.scene), runs.engine, runs.scene)
 

@@ -68,10 +68,10 @@ def runs_for(
     if variance <= 0.0:
         return None
     student, normal = stdtrit([pilot - 1, np.inf], 0.975)
-    sound = max(
-        FEWEST_RUNS, int(np.ceil((spread * student / normal) ** 2 / variance * (1 - 1e-12)))
-    )
-    return sound + max(0, int(np.ceil(sound * (1.0 / share_sound - 1.0) - 1e-3)))
+    needed = (spread * student / normal) ** 2 / variance
+    sound = max(FEWEST_RUNS, int(np.ceil(needed * (1 - 1e-12))))
+    expected_failures = sound * (1.0 / share_sound - 1.0)
+    return sound + max(0, int(np.ceil(expected_failures - 1e-3)))
 
 
 def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
@@ -83,10 +83,8 @@ def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
     """
     settings = [setting for setting in settings if np.isfinite(setting.bias_square)]
     starts = {FEWEST_RUNS * setting.seconds for setting in settings}
-    changes = sorted(
-        starts
-        | {time for pair in combinations(settings, 2) if (time := _crossing(*pair)) > min(starts)}
-    )
+    crossings = [_crossing(first, second) for first, second in combinations(settings, 2)]
+    changes = sorted(starts.union(time for time in crossings if time > min(starts)))
     front: list[Interval] = []
     for start, end in zip(changes, [*changes[1:], np.inf], strict=True):
         middle = np.sqrt(start * end) if end < np.inf else 2 * start
@@ -105,18 +103,17 @@ def settings_of(
     the MSD at the end.
 
     careful: take an unresolved bias at its 95 % upper bound, so that no setting appears better than
-    the data show;
-        otherwise take all biases at their estimates, with their variances subtracted.
+    the data show; otherwise take all biases at their estimates, with their variances subtracted.
     """
-    of_scene = dataset.sel(scene=scene)
-    of_scene = of_scene.isel(setting=of_scene.runs.values > 0)
-    estimate = Estimate(*(of_scene[name].values for name in names_of("msd_bias")))
-    squares = (bias.careful_square if careful else bias.square)(estimate)
-    columns = of_scene.setting.values, squares, of_scene.msd_spread.values, of_scene.seconds.values
-    settings = [
-        MeasuredSetting(str(label), *map(float, of_one))
-        for label, *of_one in zip(*columns, strict=True)
-    ]
+    rows = dataset.sel(scene=scene)
+    rows = rows.isel(setting=rows.runs.values > 0)
+    estimate = Estimate(*(rows[name].values for name in names_of("msd_bias")))
+    bias_square = bias.careful_square(estimate) if careful else bias.square(estimate)
+    settings = []
+    for k, label in enumerate(rows.setting.values):
+        spread = float(rows.msd_spread.values[k])
+        seconds = float(rows.seconds.values[k])
+        settings.append(MeasuredSetting(str(label), float(bias_square[k]), spread, seconds))
     return sorted(settings, key=lambda setting: setting.label != REFERENCE_NAME)
 
 

@@ -11,11 +11,11 @@ from brownpipe import progress
 from brownpipe.engines import Engine
 from brownpipe.scene import Scene
 
-REPEATS, FEWER = (
-    5,
-    3,
-)  # measurements, of which the median is taken; FEWER if a run takes longer than LONG
-LEAST, LONG = 0.2, 2.0  # CPU seconds: the shortest measurement; a long run
+# measurements, of which the median is taken; FEWER if a run takes longer than LONG
+REPEATS = 5
+FEWER = 3
+LEAST = 0.2  # CPU seconds of the shortest measurement
+LONG = 2.0  # CPU seconds of a long run
 MOST_TIMED_RUNS = 10_000  # in a measurement
 # shortest measurement in units of the fixed part of a call, so that the noise of that part is small
 LONGER = 4.0
@@ -61,15 +61,16 @@ def _ready(engine: Engine, scene: Scene) -> tuple[Callable[[], float], int]:
     """A function that measures the CPU seconds of a run, and how often to call it."""
     seeds = count(FIRST_TIMED_SEED)
     _seconds(engine, scene, seeds, 1)
-    single, five = _seconds(engine, scene, seeds, 1), _seconds(engine, scene, seeds, 5)
+    single = _seconds(engine, scene, seeds, 1)
+    five = _seconds(engine, scene, seeds, 5)
     estimate = max((five - single) / 4, 1e-6)
-    runs = int(
-        np.clip(np.ceil(max(LEAST, LONGER * (single - estimate)) / estimate), 1, MOST_TIMED_RUNS)
-    )
+    shortest = max(LEAST, LONGER * (single - estimate))  # measurement
+    runs = int(np.clip(np.ceil(shortest / estimate), 1, MOST_TIMED_RUNS))
 
     def measurement() -> float:
-        alone = _seconds(engine, scene, seeds, 1)
-        return max((_seconds(engine, scene, seeds, 1 + runs) - alone) / runs, 1e-9)
+        single = _seconds(engine, scene, seeds, 1)
+        several = _seconds(engine, scene, seeds, 1 + runs)
+        return max((several - single) / runs, 1e-9)
 
     return measurement, FEWER if estimate > LONG else REPEATS
 
