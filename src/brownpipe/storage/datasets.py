@@ -31,10 +31,10 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
 
     Raises StorageError if the file cannot be written.
     """
-    large = [name for name, variable in dataset.variables.items() if variable.nbytes > SMALL]
-    encoding = {
-        name: {"zlib": True, "shuffle": True} for name in large if dataset[name].dtype.kind in "iuf"
-    }
+    encoding = {}
+    for name, variable in dataset.variables.items():
+        if variable.nbytes > SMALL and variable.dtype.kind in "iuf":
+            encoding[name] = {"zlib": True, "shuffle": True}
     with writing(path, LookedUpOnce, track_order=True) as file:  # netCDF4 wants the order
         dataset.drop_encoding().to_netcdf(file, engine="h5netcdf", encoding=encoding)
 
@@ -60,17 +60,17 @@ class LookedUpOnce(h5py.File):
     time.
 
     While it is written it is its own root group, and so knows of arrays that h5netcdf deletes, to
-    write others there.
+    write others there: `file["/"]["time"]` is `file["time"]`.
     """
 
     def __getitem__(self, name: str) -> h5py.Group | h5py.Dataset:
-        found = self.__dict__.setdefault("found", {} if self.mode == "r" else {"/": self})
-        if name not in found:
-            found[name] = super().__getitem__(name)
-        return found[name]
+        items = self.__dict__.setdefault("items_by_name", {} if self.mode == "r" else {"/": self})
+        if name not in items:
+            items[name] = super().__getitem__(name)
+        return items[name]
 
     def __delitem__(self, name: str) -> None:
-        self.__dict__.pop("found", None)
+        self.__dict__.pop("items_by_name", None)
         super().__delitem__(name)
 
 
@@ -92,10 +92,11 @@ def origin_attributes(
     seeds (S,).
     """
     records = [runs_record(contents, seeds) for contents, seeds in runs]
-    told = {"options": options, "made_from": records}
-    return made_by(step) | {
-        name: json.dumps(one, sort_keys=True, allow_nan=False) for name, one in told.items()
+    origin = {"options": options, "made_from": records}
+    texts = {
+        name: json.dumps(value, sort_keys=True, allow_nan=False) for name, value in origin.items()
     }
+    return made_by(step) | texts
 
 
 @cache
@@ -111,15 +112,8 @@ def commit_of(package: Path) -> str:
     That of a checkout with modified files ends with `, modified`.
     """
     folder = package.parents[1]
-    command = [
-        "git",
-        f"--git-dir={folder}/.git",
-        f"--work-tree={folder}",
-        "describe",
-        "--always",
-        "--abbrev=40",
-    ]
-    command += ["--exclude=*", "--dirty=, modified"]
+    command = ["git", f"--git-dir={folder}/.git", f"--work-tree={folder}", "describe"]
+    command += ["--always", "--abbrev=40", "--exclude=*", "--dirty=, modified"]
     with suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     return ""

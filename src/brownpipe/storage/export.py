@@ -15,26 +15,25 @@ program reads it.
 
 import json
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from brownpipe.engines.ensemble import Track, failures
+from brownpipe.engines.ensemble import Ensemble, Track, failures
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
 from brownpipe.storage.files import replacing
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, runs_record
 
-GSD_SCHEMA = (
-    1,
-    4,
-)  # version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
-TITLES = {
+# version 2.0 adds double precision, and needs HOOMD-blue 7, OVITO 3.15.2 or later
+GSD_SCHEMA = (1, 4)
+TITLES = {  # in a CSV
     "position": ("x", "y"),
     "velocity": ("velocity_x", "velocity_y"),
     "image": ("image_x", "image_y"),
-}  # in a CSV
+}
 
 
 def export(
@@ -50,12 +49,14 @@ def export(
     RequestError for a file without such runs, numbers beyond single precision (GSD), or if the
     package gsd cannot be imported; StorageError if the file cannot be written.
     """
-    scene, ensemble, tracks = trajectories.scene, trajectories.ensemble, trajectories.ensemble.whole
-    if form == "csv" and not tracks and ensemble.tracer is not None:
-        ended = ((s, k) for s, k in enumerate(ensemble.seeds.tolist()) if k not in ensemble.stopped)
-        tracks = {k: ensemble.tracer.of(slice(s, s + 1)) for s, k in ended}
+    scene = trajectories.scene
+    ensemble = trajectories.ensemble
+    tracks = ensemble.whole
+    if form == "csv" and not tracks:
+        tracks = _tracers(ensemble)
     first = chosen_seed(trajectories, path, seed, tracks)
-    tracks = tracks if form == "csv" and seed is None else {first: tracks[first]}
+    if form != "csv" or seed is not None:
+        tracks = {first: tracks[first]}
     record = runs_record(trajectories, sorted(tracks), "all" if ensemble.whole else "")
     with replacing(output) as part:
         FORMATS[form](part, scene, ensemble.times, tracks, record)
@@ -68,6 +69,17 @@ def export(
     return tracks, remarks
 
 
+def _tracers(ensemble: Ensemble) -> dict[int, Track]:
+    """Return the tracks (M = 1) of the tracers of all runs that came to their end, by seed."""
+    if ensemble.tracer is None:
+        return {}
+    return {
+        seed: ensemble.tracer.of(slice(column, column + 1))
+        for column, seed in enumerate(ensemble.seeds.tolist())
+        if seed not in ensemble.stopped
+    }
+
+
 def _in_space(vectors: np.ndarray, kind: type = float) -> np.ndarray:
     """Return vectors (N, 2) with a third component, 0, perhaps of another type."""
     return np.pad(vectors.astype(kind), ((0, 0), (0, 1)))
@@ -75,10 +87,11 @@ def _in_space(vectors: np.ndarray, kind: type = float) -> np.ndarray:
 
 def _rows(scene: Scene, *columns: np.ndarray) -> Iterator[list[str]]:
     """Yield the species of each disk and its numbers in columns (N, ...), with every digit."""
-    table = species_table(scene)
-    numbers = (np.reshape(values, (len(values), -1)).tolist() for values in columns)
-    for label, *row in zip(table.label[: len(columns[0])], *numbers, strict=True):
-        yield [table.name[label], *(repr(number) for part in row for number in part)]
+    species = species_table(scene)
+    flat = [np.reshape(values, (len(values), -1)).tolist() for values in columns]
+    for disk, vectors in enumerate(zip(*flat, strict=True)):
+        name = species.name[species.label[disk]]
+        yield [name, *map(repr, chain.from_iterable(vectors))]
 
 
 # -- formats ---------------------------------------------------------------------------------------
@@ -107,14 +120,15 @@ def _gsd(
             f"--to gsd: needs the package gsd ({error}): pip install gsd; or xyz or csv"
         ) from error
 
-    ((position, velocity, image),), box, species = tracks.values(), scene.box, species_table(scene)
+    ((position, velocity, image),) = tracks.values()
     assert velocity is not None  # whole runs have velocities
+    box = scene.box
+    species = species_table(scene)
     edges = np.array([box.width, box.height])
-    sizes, single = np.concatenate([edges, scene.radius, scene.mass]), np.finfo(np.float32)
-    if (
-        sizes.min() < single.tiny
-        or max(2 * sizes.max(), velocity.max(), -velocity.min()) > single.max
-    ):
+    sizes = np.concatenate([edges, scene.radius, scene.mass])
+    largest = max(2 * sizes.max(), velocity.max(), -velocity.min())
+    single = np.finfo(np.float32)
+    if sizes.min() < single.tiny or largest > single.max:
         raise RequestError(
             f"--to gsd: holds numbers from {single.tiny:.1e} to {single.max:.1e} only; use xyz or "
             "csv"
@@ -126,23 +140,22 @@ def _gsd(
     with gsd.hoomd.HOOMDTrajectory(file) as trajectory:
         for k, time in enumerate(times):
             frame = gsd.hoomd.Frame()
-            frame.configuration.step, frame.configuration.dimensions = k, 2
+            frame.configuration.step = k
+            frame.configuration.dimensions = 2
             frame.configuration.box = np.array([*edges, 0, 0, 0, 0], np.float32)
-            frame.particles.N, frame.particles.types = scene.particles, list(species.name)
+            frame.particles.N = scene.particles
+            frame.particles.types = list(species.name)
             frame.particles.typeid = species.label
-            frame.particles.diameter, frame.particles.mass = (
-                np.float32(2 * scene.radius),
-                np.float32(scene.mass),
-            )
+            frame.particles.diameter = np.float32(2 * scene.radius)
+            frame.particles.mass = np.float32(scene.mass)
             frame.particles.position = _in_space(position[k] - box.origin - edges / 2, np.float32)
             frame.particles.velocity = _in_space(velocity[k], np.float32)
             if image is not None:
                 frame.particles.image = _in_space(image[k], np.int32)
             frame.log = {"time": np.array([time]), "periodic": np.array([box.periodic], np.uint8)}
             if k == 0:
-                frame.log["origin"] = np.frombuffer(
-                    json.dumps(record, sort_keys=True).encode(), np.uint8
-                )
+                origin = json.dumps(record, sort_keys=True).encode()
+                frame.log["origin"] = np.frombuffer(origin, np.uint8)
             trajectory.append(frame)
 
 
@@ -156,36 +169,48 @@ def _xyz(
     `momenta` for ASE, which otherwise takes 1 and 0. The species is a `type`, as ASE takes
     `species` for chemical elements.
     """
-    ((position, velocity, image),), box, mass = tracks.values(), scene.box, scene.mass[:, None]
+    ((position, velocity, image),) = tracks.values()
     assert velocity is not None  # whole runs have velocities
-    head = f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1" Origin="{box.x[0]} {box.y[0]} -0.5"'
-    head += (
-        f' pbc="{"T T" if box.periodic else "F F"} F" '
-        "Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1"
-    )
-    head += f":velo:R:3:momenta:R:3{':image:I:3' if box.periodic else ''}"
-    made = "".join(
-        f" {key}={json.dumps(record[key])}" for key in ("command", "scene_digest", "source_digest")
-    )
+    radius = scene.radius
+    mass = scene.mass[:, None]
+    head = _xyz_head(scene)
+    keys = ("command", "scene_digest", "source_digest")
+    origin = "".join(f" {key}={json.dumps(record[key])}" for key in keys)
     with open(path, "w", encoding="ascii") as file:
         for k, time in enumerate(times.tolist()):
-            moving = _in_space(velocity[k]), _in_space(mass * velocity[k])
-            images = () if image is None else (_in_space(image[k], np.int32),)
-            rows = _rows(scene, _in_space(position[k]), scene.radius, mass, mass, *moving, *images)
-            file.write(f"{scene.particles}\n{head} Time={time}{made if k == 0 else ''}\n")
-            file.writelines(f"{' '.join(row)}\n" for row in rows)
+            columns = [_in_space(position[k]), radius, mass, mass]
+            columns += [_in_space(velocity[k]), _in_space(mass * velocity[k])]
+            if image is not None:
+                columns.append(_in_space(image[k], np.int32))
+            file.write(f"{scene.particles}\n{head} Time={time}{origin if k == 0 else ''}\n")
+            file.writelines(f"{' '.join(row)}\n" for row in _rows(scene, *columns))
+
+
+def _xyz_head(scene: Scene) -> str:
+    """Return the box and the columns, as the comment of every frame of an XYZ states them."""
+    box = scene.box
+    columns = ["type:S:1", "pos:R:3", "radius:R:1", "mass:R:1", "masses:R:1"]
+    columns += ["velo:R:3", "momenta:R:3"]
+    if box.periodic:
+        columns.append("image:I:3")
+    words = [
+        f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1"',
+        f'Origin="{box.x[0]} {box.y[0]} -0.5"',
+        f'pbc="{"T T" if box.periodic else "F F"} F"',
+        f"Properties={':'.join(columns)}",
+    ]
+    return " ".join(words)
 
 
 def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], _: dict) -> None:
     """Write a table with a heading: a row for each seed, time and disk."""
-    recorded = [name for name in TITLES if getattr(next(iter(tracks.values())), name) is not None]
+    first = next(iter(tracks.values()))
+    recorded = [name for name in TITLES if getattr(first, name) is not None]
+    titles = ["seed", "time", "disk", "species"]
+    for name in recorded:
+        titles += TITLES[name]
     with open(path, "w", encoding="ascii") as file:
-        file.write(
-            ",".join(
-                ["seed,time,disk,species", *(title for name in recorded for title in TITLES[name])]
-            )
-            + "\n"
-        )
+        file.write(f"{','.join(titles)}\n")
         for seed, track in tracks.items():
             for k, time in enumerate(times.tolist()):
                 rows = _rows(scene, *(getattr(track, name)[k] for name in recorded))

@@ -23,7 +23,10 @@ from brownpipe.errors import RequestError, StorageError, UnsealedError, WrongFil
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of every HDF5 file
 SEAL = b"# brownpipe-sha256:"
-TRAJECTORIES, CHECKPOINT, DATASET = "runs_digest", "checkpoint", "dataset"
+SEAL_LENGTH = len(SEAL) + 64 + 1  # with the digits of the digest and the end of the line
+TRAJECTORIES = "runs_digest"
+CHECKPOINT = "checkpoint"
+DATASET = "dataset"
 SOURCE = "source_digest"  # an attribute of every trajectory file and dataset
 KINDS = {  # of HDF5 files, by the attribute that marks them; datasets have none
     TRAJECTORIES: "a trajectory file (of `brownpipe simulate`)",
@@ -88,9 +91,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
         wrong = f"not written: {error.strerror or error}; free some space, or choose another place"
         raise StorageError(f"{path}: {wrong}") from error
     finally:
-        with suppress(
-            OSError
-        ):  # there may be no such folder, and some file systems cannot wait for one
+        # There may be no such folder, and some file systems cannot wait for one.
+        with suppress(OSError):
             part.unlink(missing_ok=True)
             sync(path.parent)
 
@@ -107,19 +109,21 @@ def sync(path: Path) -> None:
 def write_sealed(path: str | Path, contents: bytes | memoryview) -> None:
     """Write a file as `write_file`, with its seal behind the contents."""
     with replacing(path) as part, part.open("wb") as file:
-        file.writelines([contents, SEAL + f"{hashlib.sha256(contents).hexdigest()}\n".encode()])
+        file.writelines([contents, _seal(hashlib.sha256(contents).hexdigest())])
+
+
+def _seal(digest: str) -> bytes:
+    """Return the last line of a file whose contents have this SHA-256."""
+    return SEAL + f"{digest}\n".encode()
 
 
 def seal_of(path: str | Path) -> str:
     """Return the SHA-256 that the seal of a file states, without verifying it; nothing if it does
     not end with one.
     """
-    return (
-        np.memmap(path, mode="r")[-len(SEAL) - 65 :]
-        .tobytes()
-        .partition(SEAL)[2][:-1]
-        .decode("ascii", "replace")
-    )
+    end = np.memmap(path, mode="r")[-SEAL_LENGTH:].tobytes()
+    _, _, digest = end.partition(SEAL)
+    return digest[:-1].decode("ascii", "replace")
 
 
 def refuse_foreign(path: str | Path) -> None:
@@ -141,12 +145,13 @@ def verified(path: str | Path) -> str | Path:
     the first bytes of HDF5.
     """
     with Path(path).open("rb") as file:
-        start, end = file.read(len(HDF5)), os.fstat(file.fileno()).st_size - len(SEAL) - 65
+        start = file.read(len(HDF5))
+        end = os.fstat(file.fileno()).st_size - SEAL_LENGTH
         digest = hashlib.sha256(start)
         while block := file.read(min(2**20, max(end - file.tell(), 0))):
             digest.update(block)
         seal = file.read()
-    if seal != SEAL + f"{digest.hexdigest()}\n".encode():
+    if seal != _seal(digest.hexdigest()):
         if has_lost_its_seal(path):
             raise UnsealedError(UNSEALED)
         if not (seal.startswith(SEAL) or HDF5.startswith(start)):
@@ -234,9 +239,8 @@ def reading(path: str | Path, *kinds: str) -> Iterator[h5py.File]:
     with naming(path, verb), opened(verified(path)) as file:
         kind = next((kind for kind in KINDS if kind in file.attrs), DATASET)
         if kind not in kinds:
-            raise WrongFileError(
-                f"is {KINDS[kind]}, not {' or '.join(KINDS[one] for one in kinds)}"
-            )
+            wanted = " or ".join(map(KINDS.__getitem__, kinds))
+            raise WrongFileError(f"is {KINDS[kind]}, not {wanted}")
         yield file
 
 
@@ -263,10 +267,8 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
     if not Path(path).exists():
         return None
     with reading(path, CHECKPOINT) as file:
-        stored, arrays = (
-            json.loads(file.attrs[CHECKPOINT]),
-            {name: item[()] for name, item in file.items()},
-        )
+        stored = json.loads(file.attrs[CHECKPOINT])
+        arrays = {name: item[()] for name, item in file.items()}
     for name, value in made_by.items():
         if stored.get(name) != value:
             cure = "repeat that command, delete this file to begin anew, or choose another --output"

@@ -94,8 +94,12 @@ Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the ro
 
 def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
     """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
-    dims = ("seed", *own[name].dims) if name in own else VARIABLES[name][2:] or ("seed",)
-    return (*dims[:2], "disk", *dims[2:]) if group == "/disks" and "time" in dims else dims
+    if name in own:
+        return ("seed", *own[name].dims)
+    _, _, *dims = VARIABLES[name]
+    if group == "/disks" and "time" in dims:
+        dims.insert(len(("time", "seed")), "disk")
+    return tuple(dims) or ("seed",)
 
 
 def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
@@ -103,27 +107,28 @@ def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
     measured it.
     """
     if name in own:
-        return {key: getattr(own[name], key) for key in ("units", "long_name", "observable")}
-    return dict(zip(("units", "long_name"), VARIABLES[name][:2], strict=True))
+        array = own[name]
+        meaning = {"units": array.units, "long_name": array.long_name}
+        return meaning | {"observable": array.observable}
+    units, long_name, *_ = VARIABLES[name]
+    return {"units": units, "long_name": long_name}
 
 
 def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     """Return runs as the variables of each group; tracks of several whole runs, and collisions, are
     copied.
     """
-    dims = {dim for name in ensemble.observables for dim in dims_of("/", name, ensemble.own)}
-    root = {
-        dim: np.asarray(AXES[dim].coordinates(scene)) for dim in AXES if dim in {*dims, "component"}
-    }
-    root |= (
-        {"time": ensemble.times, "seed": ensemble.seeds}
-        | _recorded(ensemble.tracer)
-        | ensemble.observables
-    )
+    dims = {"component"}
+    for name in ensemble.observables:
+        dims.update(dims_of("/", name, ensemble.own))
+    root = {dim: np.asarray(axis.coordinates(scene)) for dim, axis in AXES.items() if dim in dims}
+    root["time"] = ensemble.times
+    root["seed"] = ensemble.seeds
+    root |= _recorded(ensemble.tracer)
+    root |= ensemble.observables
     if ensemble.stopped:
-        root["stopped"] = np.array(
-            [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
-        )
+        reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
+        root["stopped"] = np.array(reasons)
     groups = {"/": root}
     if ensemble.whole:
         sizes = {"disk": np.arange(scene.particles), "radius": scene.radius, "mass": scene.mass}
@@ -135,25 +140,25 @@ def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
 
 def _recorded(track: Track | None) -> dict[str, np.ndarray]:
     """Return position, velocity and image, as far as they are recorded."""
-    return (
-        {}
-        if track is None
-        else {name: values for name, values in track._asdict().items() if values is not None}
-    )
+    if track is None:
+        return {}
+    return {name: values for name, values in track._asdict().items() if values is not None}
 
 
 def _side_by_side(ensemble: Ensemble) -> Track:
     """Return the tracks of all disks of all runs (T, S, N, 2); without values for runs that could
     not go on.
     """
-    seeds, first = ensemble.seeds.tolist(), next(iter(ensemble.whole.values()))
+    seeds = ensemble.seeds.tolist()
+    first = next(iter(ensemble.whole.values()))
     if len(seeds) == 1:  # not copied
         return Track(*(None if values is None else values[:, None] for values in first))
-    absent = Track(
-        *(None if values is None else blank(values.shape, values.dtype) for values in first)
-    )
-    tracks = zip(*(ensemble.whole.get(seed, absent) for seed in seeds), strict=True)
-    return Track(*(None if values[0] is None else np.stack(values, axis=1) for values in tracks))
+    tracks = [_recorded(ensemble.whole.get(seed)) for seed in seeds]
+    fields = {}
+    for name, like in _recorded(first).items():
+        absent = blank(like.shape, like.dtype)
+        fields[name] = np.stack([track.get(name, absent) for track in tracks], axis=1)
+    return Track(**fields)
 
 
 def _logs_side_by_side(ensemble: Ensemble) -> dict[str, np.ndarray]:
@@ -168,38 +173,43 @@ def _logs_side_by_side(ensemble: Ensemble) -> dict[str, np.ndarray]:
     shapes = {"event_time": rows, "a": rows, "b": rows, "impulse": (*rows, 2)}
     logs = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
     for row, seed in enumerate(ensemble.seeds.tolist()):
-        for name, values in zip(LOG, ensemble.events.get(seed, ()), strict=False):
+        if seed not in ensemble.events:
+            continue
+        for name, values in zip(LOG, ensemble.events[seed], strict=True):
             logs[name][row, : len(values)] = values
     return logs
 
 
 def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
-    """Return the runs of such variables."""
+    """Return the runs of variables as `groups_of` returns them."""
     root = groups["/"]
     seeds = root["seed"].tolist()
-    stopped = {
-        seed: str(reason)
-        for seed, reason in zip(seeds, root.get("stopped", ()), strict=False)
-        if reason
-    }
-    disks = Track(*map(groups["/disks"].get, Track._fields)) if "/disks" in groups else None
-    tracer = Track(*map(root.get, Track._fields)) if "position" in root else None
-    observables = {name: values for name, values in root.items() if name not in PLACES["/"]}
-    whole = (
-        {seed: disks.of(column) for column, seed in enumerate(seeds) if seed not in stopped}
-        if disks
-        else {}
-    )
+    reasons = root["stopped"] if "stopped" in root else [""] * len(seeds)
+    stopped = {seed: str(reason) for seed, reason in zip(seeds, reasons, strict=True) if reason}
+    ended = {seed: row for row, seed in enumerate(seeds) if seed not in stopped}
+    whole: dict[int, Track] = {}
+    if "/disks" in groups:
+        disks = _track_of(groups["/disks"])
+        whole = {seed: disks.of(row) for seed, row in ended.items()}
     events: dict[int, Events] = {}
     if "/events" in groups:
-        events = {
-            seed: _log_of(groups["/events"], row)
-            for row, seed in enumerate(seeds)
-            if seed not in stopped
-        }
+        events = {seed: _log_of(groups["/events"], row) for seed, row in ended.items()}
     return Ensemble(
-        root["seed"], root["time"], tracer, observables, whole, events, stopped, dict(own), average
+        seeds=root["seed"],
+        times=root["time"],
+        tracer=_track_of(root) if "position" in root else None,
+        observables={name: root[name] for name in root if name not in PLACES["/"]},
+        whole=whole,
+        events=events,
+        stopped=stopped,
+        own=dict(own),
+        average=average,
     )
+
+
+def _track_of(variables: dict[str, np.ndarray]) -> Track:
+    """Return the track among the variables of a group."""
+    return Track(*map(variables.get, Track._fields))
 
 
 def _log_of(variables: dict[str, np.ndarray], row: int) -> Events:

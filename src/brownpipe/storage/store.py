@@ -42,7 +42,8 @@ def runs_digest(
     """Return the digest of all that determines runs besides their seeds, and of the scene's name,
     which they carry.
     """
-    source, names = source_digest("simulate", engine.name), sorted(map(identity, observables))
+    source = source_digest("simulate", engine.name)
+    names = sorted(map(identity, observables))
     return digest_of(
         scene.name, scene.digest, engine.options, sorted(record), names, average, source
     )
@@ -58,8 +59,10 @@ def read_stored(path: Path, outline: bool = False) -> Trajectories:
 
     Raises StorageError if the file is damaged or holds other runs than its folder and name say.
     """
-    runs, (first, last) = read_trajectories(path, outline), map(int, path.stem.split("-"))
-    is_of_folder = path.parent.name.endswith(f"-{runs.header['runs_digest'][:DIGITS]}")
+    runs = read_trajectories(path, outline)
+    first, last = map(int, path.stem.split("-"))
+    digits = runs.header["runs_digest"][:DIGITS]
+    is_of_folder = path.parent.name.endswith(f"-{digits}")
     if not is_of_folder or not np.array_equal(runs.ensemble.seeds, range(first, last + 1)):
         raise StorageError(
             f"{path}: holds other runs than its name says; delete it and run the study again"
@@ -82,11 +85,11 @@ def stored_batches(folder: str | Path, seeds: np.ndarray) -> list[tuple[int, int
     """Return first and last seed of the files in a folder that hold some of `seeds` (ascending), no
     seed twice.
     """
-    found = [FILE.fullmatch(path.name) for path in Path(folder).glob("*.h5")]
-    batches = sorted(
-        ((int(match[1]), int(match[2])) for match in found if match),
-        key=lambda pair: (pair[0], -pair[1]),
-    )
+    batches = []
+    for path in Path(folder).glob("*.h5"):
+        if match := FILE.fullmatch(path.name):
+            batches.append((int(match[1]), int(match[2])))
+    batches.sort(key=lambda batch: (batch[0], -batch[1]))  # of equal first seeds the longest
     chosen: list[tuple[int, int]] = []
     for first, last in batches:
         is_wanted = np.searchsorted(seeds, last, "right") > np.searchsorted(seeds, first)

@@ -48,62 +48,64 @@ class Trajectories(NamedTuple):
     engine: Engine
     ensemble: Ensemble
     source: str = ""  # digest of the source code that made the runs
-    header: Mapping[
-        str, Any
-    ] = {}  # attributes that were read: versions, and more; empty for runs just made
+    # attributes that were read: versions, and more; empty for runs just made
+    header: Mapping[str, Any] = {}
 
     @property
     def record(self) -> frozenset[str]:
         """What is recorded, in the words of `--record`: whose tracks, and whether collisions."""
-        runs, tracer = self.ensemble, self.ensemble.tracer
-        tracks = {
-            "tracer": tracer,
-            "velocity": tracer and tracer.velocity,
-            "all": runs.whole or None,
+        ensemble = self.ensemble
+        tracer = ensemble.tracer
+        is_recorded = {
+            "tracer": tracer is not None,
+            "velocity": tracer is not None and tracer.velocity is not None,
+            "all": bool(ensemble.whole),
+            "events": bool(ensemble.events),
         }
-        return frozenset(
-            name
-            for name, part in (tracks | {"events": runs.events or None}).items()
-            if part is not None
-        )
+        return frozenset(word for word, is_there in is_recorded.items() if is_there)
 
     @property
     def measured(self) -> tuple[str, ...] | None:
         """The observables that were measured in the runs; None if none of them came to its end."""
         arrays = self.ensemble.observables.keys()
-        listed = [
-            name
-            for name, observable in OBSERVABLES.items()
-            if next(iter(observable.arrays)) in arrays
-        ]
+        if arrays <= {"failed"}:
+            return None
+        listed = []
+        for name, observable in OBSERVABLES.items():
+            first_array = next(iter(observable.arrays))  # measured in every scene
+            if first_array in arrays:
+                listed.append(name)
         own = dict.fromkeys(array.observable for array in self.ensemble.own.values())
-        return None if arrays <= {"failed"} else (*listed, *own)
+        return (*listed, *own)
 
     @property
     def attributes(self) -> dict:
         """The attributes of the root: scene, engine, versions, the command that makes the runs
         again.
         """
-        scene, engine, ensemble = self.scene, self.engine, self.ensemble
-        made = {
+        scene = self.scene
+        engine = self.engine
+        ensemble = self.ensemble
+        attributes = {
             "scene": scene.text,
             "scene_name": scene.name,
             "particles": scene.particles,
             "engine": engine.name,
-            "settings": json.dumps(dict(engine.settings), sort_keys=True, allow_nan=False),
-            "average": ensemble.average,
-            "variables": json.dumps(sorted(ensemble.observables)),
-            "command": runs_record(
-                self, ensemble.seeds, ",".join(sorted(self.record - {"tracer"}))
-            )["command"],
-            "source_digest": self.source or source_digest("simulate", engine.name),
-            TRAJECTORIES: self.header.get(TRAJECTORIES, ""),
-            **({"own_arrays": json.dumps(ensemble.own)} if ensemble.own else {}),
         }
-        return made | (
-            {name: self.header[name] for name in self.header if name.endswith("_version")}
-            or versions()
-        )
+        settings = dict(engine.settings)
+        attributes["settings"] = json.dumps(settings, sort_keys=True, allow_nan=False)
+        attributes["average"] = ensemble.average
+        attributes["variables"] = json.dumps(sorted(ensemble.observables))
+        beside_tracer = ",".join(sorted(self.record - {"tracer"}))
+        attributes["command"] = runs_record(self, ensemble.seeds, beside_tracer)["command"]
+        attributes["source_digest"] = self.source or source_digest("simulate", engine.name)
+        attributes[TRAJECTORIES] = self.header.get(TRAJECTORIES, "")
+        if ensemble.own:
+            attributes["own_arrays"] = json.dumps(ensemble.own)
+        stored_versions = {
+            name: version for name, version in self.header.items() if name.endswith("_version")
+        }
+        return attributes | (stored_versions or versions())
 
 
 def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> dict:
@@ -112,24 +114,24 @@ def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: s
 
     record: as --record takes it; by default what was recorded of the tracer, `none` if nothing was.
     """
-    record = record or next(
-        (word for word in ("velocity", "tracer") if word in runs.record), "none"
-    )
+    scene = runs.scene
+    recorded_of_tracer = [word for word in ("velocity", "tracer") if word in runs.record]
     options = {
-        "record": record,
+        "record": record or next(iter(recorded_of_tracer), "none"),
         "observables": ",".join(runs.measured or ()),
         "average": runs.ensemble.average,
     }
-    words = [f"--particles {runs.scene.particles}"] if runs.scene.species else []
+    words = ["brownpipe", "simulate", f"{scene.name}.yaml"]
+    if scene.species:
+        words.append(f"--particles {scene.particles}")
     words += [f"--seeds {seed_text(seeds)}", f"--engine {runs.engine.options}"]
-    words += [
-        f"--{key} {value}" for key, value in options.items() if value not in ("", "tracer", "runs")
-    ]  # defaults
+    defaults = ("", "tracer", "runs")
+    words += [f"--{key} {value}" for key, value in options.items() if value not in defaults]
     return {
-        "command": f"brownpipe simulate {runs.scene.name}.yaml {' '.join(words)}",
-        "name": runs.scene.name,
-        "scene_digest": runs.scene.digest,
-        "scene": json.loads(runs.scene.text),
+        "command": " ".join(words),
+        "name": scene.name,
+        "scene_digest": scene.digest,
+        "scene": json.loads(scene.text),
         "source_digest": runs.source,
     }
 
@@ -144,15 +146,15 @@ def write_trajectories(
 
     Raises StorageError if the file cannot be written.
     """
-    attributes, own = Trajectories(scene, engine, ensemble, *made).attributes, ensemble.own
+    attributes = Trajectories(scene, engine, ensemble, *made).attributes
     with writing(path) as file:
         file.attrs.update(attributes | {TRAJECTORIES: digest})
         for place, variables in groups_of(scene, ensemble).items():
             group = file.require_group(place)
-            for name in sorted(variables, key=lambda name: (name not in SCALES, name)):
-                _write_variable(
-                    group, name, variables.pop(name), own
-                )  # whole runs are copies: one variable at a time
+            scales_first = sorted(variables, key=lambda name: (name not in SCALES, name))
+            for name in scales_first:
+                values = variables.pop(name)  # whole runs are copies: one variable at a time
+                _write_variable(group, name, values, ensemble.own)
 
 
 def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) -> None:
@@ -161,22 +163,8 @@ def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) 
     """
     dims = dims_of(group.name, name, own)
     values = values.astype(object) if values.dtype.kind == "U" else values  # text, as h5py takes it
-    filters: dict[str, Any] = {}
-    if (
-        values.nbytes > SMALL and values.dtype.kind in "iuf"
-    ):  # a chunk: as much of a run as fits, then more runs
-        chunks, items = dict.fromkeys(dims, 1), CHUNK_BYTES // values.itemsize
-        for dim, size in sorted(
-            zip(dims[::-1], values.shape[::-1], strict=True), key=lambda pair: pair[0] == "seed"
-        ):
-            chunks[dim] = max(1, min(size, items))
-            items //= chunks[dim]
-        filters = {
-            "chunks": tuple(chunks.values()),
-            "compression": "gzip",
-            "compression_opts": 4,
-            "shuffle": True,
-        }
+    is_compressed = values.nbytes > SMALL and values.dtype.kind in "iuf"
+    filters = _filters(dims, values) if is_compressed else {}
     dataset = group.create_dataset(name, data=values, **filters)
     dataset.attrs.update(described(name, own))
     if name in SCALES:
@@ -184,10 +172,28 @@ def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) 
         return
     for axis, dim in enumerate(dims):
         if dim not in group and dim not in group.file:  # collisions have no coordinates
-            group.create_dataset(dim, values.shape[axis : axis + 1], ">f4").make_scale(
-                NO_COORDINATES
-            )
+            scale = group.create_dataset(dim, values.shape[axis : axis + 1], ">f4")
+            scale.make_scale(NO_COORDINATES)
         dataset.dims[axis].attach_scale(group[dim] if dim in group else group.file[dim])
+
+
+def _filters(dims: tuple[str, ...], values: np.ndarray) -> dict[str, Any]:
+    """Return h5py's options for a compressed variable. A chunk is as much of a run as fits, then
+    more runs.
+    """
+    sizes = dict(zip(dims, values.shape, strict=True))
+    chunks = dict.fromkeys(dims, 1)
+    items = CHUNK_BYTES // values.itemsize  # that still fit
+    inner_first = dims[::-1]
+    for dim in sorted(inner_first, key=lambda dim: dim == "seed"):
+        chunks[dim] = max(1, min(sizes[dim], items))
+        items //= chunks[dim]
+    return {
+        "chunks": tuple(chunks.values()),
+        "compression": "gzip",
+        "compression_opts": 4,
+        "shuffle": True,
+    }
 
 
 def read_trajectories(path: str | Path, outline: bool = False) -> Trajectories:
@@ -207,14 +213,16 @@ def trajectories_in(file: h5py.File, outline: bool = False) -> Trajectories:
     """Return the contents of an open trajectory file; in an `outline` tracks and observables are
     still in the file.
     """
-    groups: Groups = {place: {} for place in (["/"] if outline else PLACES) if place in file}
+    places = ["/"] if outline else [place for place in PLACES if place in file]
+    groups: Groups = {place: {} for place in places}
     for place, variables in groups.items():
         for name, item in file[place].items():
-            if "units" in item.attrs:  # no group, and no dimension without coordinates
-                texts = item.asstr() if h5py.check_string_dtype(item.dtype) else item
-                variables[name] = (
-                    item if outline and texts is item and not item.is_scale else texts[()]
-                )
+            if "units" not in item.attrs:  # a group, or a dimension without coordinates
+                continue
+            if h5py.check_string_dtype(item.dtype):
+                variables[name] = item.asstr()[()]
+            else:
+                variables[name] = item if outline and not item.is_scale else item[()]
     return _runs_of(dict(file.attrs), groups)
 
 
@@ -232,8 +240,10 @@ def _runs_of(attributes: Mapping, groups: Groups) -> Trajectories:
 
     Raises RequestError for a scene or an engine that this version refuses.
     """
-    scene = parse_scene(json.loads(attributes["scene"]), f"{attributes['scene_name']}.yaml")
-    engine = recorded({"name": attributes["engine"], **json.loads(attributes["settings"])})
+    keys = json.loads(attributes["scene"])
+    scene = parse_scene(keys, f"{attributes['scene_name']}.yaml")
+    settings = json.loads(attributes["settings"])
+    engine = recorded({"name": attributes["engine"], **settings})
     ensemble = ensemble_of(groups, attributes["average"], own_arrays(attributes))
     return Trajectories(scene, engine, ensemble, attributes["source_digest"], attributes)
 
@@ -247,14 +257,13 @@ def chosen_seed(
     """
     if runs.scene.particles and tracks and seed in {None, *tracks}:
         return min(tracks) if seed is None else seed
-    which = "whole runs" if seed is None else f"run of seed {seed}"
-    cure = (
-        f"must be of {seed_text(sorted(tracks))}"
-        if tracks
-        else "brownpipe simulate SCENE --record all makes some"
-    )
-    stopped = f"; {stopped_in_words(runs.ensemble.stopped)}" if runs.ensemble.stopped else ""
-    raise RequestError(f"{path}: holds no {which}; {cure}{stopped}")
+    lacking = "whole runs" if seed is None else f"run of seed {seed}"
+    remarks = ["brownpipe simulate SCENE --record all makes some"]
+    if tracks:
+        remarks = [f"must be of {seed_text(sorted(tracks))}"]
+    if runs.ensemble.stopped:
+        remarks.append(stopped_in_words(runs.ensemble.stopped))
+    raise RequestError(f"{path}: holds no {lacking}; {'; '.join(remarks)}")
 
 
 # -- as xarray.DataTree ----------------------------------------------------------------------------
@@ -268,24 +277,23 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     """
     import xarray
 
-    scene, ensemble, own = trajectories.scene, trajectories.ensemble, trajectories.ensemble.own
-    size, nodes = np.array([scene.box.width, scene.box.height]), {}
+    scene = trajectories.scene
+    ensemble = trajectories.ensemble
+    own = ensemble.own
+    size = np.array([scene.box.width, scene.box.height])
+    nodes = {}
     for place, group in groups_of(scene, ensemble).items():
         if "position" in group:
-            group |= {
-                "box_size": size,
-                "failed": ensemble.observables["failed"],
-                "unwrapped": group["position"],
-            }
+            group["box_size"] = size
+            group["failed"] = ensemble.observables["failed"]
+            group["unwrapped"] = group["position"]
         if "image" in group:
             group["unwrapped"] = group["position"] + group["image"] * size
-        variables = {
-            name: (dims_of(place, name, own), values, described(name, own))
-            for name, values in group.items()
-        }
-        nodes[place] = xarray.Dataset(variables).set_coords(
-            {"box_size", "failed"} & variables.keys()
-        )
+        variables = {}
+        for name, values in group.items():
+            variables[name] = (dims_of(place, name, own), values, described(name, own))
+        coordinates = {"box_size", "failed"} & variables.keys()
+        nodes[place] = xarray.Dataset(variables).set_coords(coordinates)
     nodes["/"].attrs = trajectories.attributes
     return xarray.DataTree.from_dict(nodes, name=scene.name)
 
@@ -298,19 +306,19 @@ def from_tree(tree: "DataTree", strict: bool = False) -> Trajectories:
     """
     groups: Groups = {}
     try:
-        own, measured = own_arrays(tree.attrs), json.loads(tree.attrs["variables"])
+        own = own_arrays(tree.attrs)
+        measured = json.loads(tree.attrs["variables"])
         for node in tree.subtree:
             names = {*PLACES.get(node.path, ()), *measured}
-            if strict and (
-                added := sorted(map(str, node.data_vars.keys() - {*names, "unwrapped"}))
-            ):
+            added = sorted(map(str, node.data_vars.keys() - {*names, "unwrapped"}))
+            if strict and added:
                 raise ValueError(
                     f"a file has no place for {added[0]}; remove this variable, or save it apart"
                 )
-            stored = sorted(names & node.variables.keys())
-            groups[node.path] = {
-                name: node[name].transpose(*dims_of(node.path, name, own)).values for name in stored
-            }
+            groups[node.path] = {}
+            for name in sorted(names & node.variables.keys()):
+                dims = dims_of(node.path, name, own)
+                groups[node.path][name] = node[name].transpose(*dims).values
         runs = _runs_of(tree.attrs, groups)
         _refuse_part(runs.scene, groups)
     except MALFORMED as error:
@@ -326,21 +334,22 @@ def _refuse_part(scene: Scene, groups: Groups) -> None:
     """Raise ValueError for a selection of other things than seeds, for a part of the collisions,
     and for positions without the images they need.
     """
-    for dim, values in (
-        item for group in groups.values() for item in group.items() if item[0] in AXES
-    ):
-        complete = AXES[dim].coordinates(scene)
-        if not np.array_equal(values, complete):
-            raise ValueError(
-                f"of {dim} it must hold all {len(complete)} in order; select from the analysis "
-                "instead"
-            )
+    for group in groups.values():
+        for dim in (name for name in group if name in AXES):
+            complete = AXES[dim].coordinates(scene)
+            if not np.array_equal(group[dim], complete):
+                raise ValueError(
+                    f"of {dim} it must hold all {len(complete)} in order; select from the analysis "
+                    "instead"
+                )
     root = groups["/"]
-    if root["seed"].dtype != np.int64 or not 0 < len(root["seed"]) == len(np.unique(root["seed"])):
+    seeds = root["seed"]
+    if seeds.dtype != np.int64 or not 0 < len(seeds) == len(np.unique(seeds)):
         raise ValueError("its seeds must be one or several different integers")
     if "position" in root and scene.box.periodic and "image" not in root:
         raise ValueError("lacks image, which a periodic box needs")
     if "/events" in groups:
         collisions = root["pair_collisions"] + root["wall_collisions"]
-        if not np.array_equal((~np.isnan(groups["/events"]["a"])).sum(axis=1), collisions):
+        logged = (~np.isnan(groups["/events"]["a"])).sum(axis=1)
+        if not np.array_equal(logged, collisions):
             raise ValueError("of event it must hold all collisions of each run")
