@@ -27,15 +27,12 @@ from brownpipe.observables import (
     velocity,
 )
 from brownpipe.observables.equilibrium import is_stationary, why_not_stationary
-from brownpipe.observables.observable import Axis, Observable, Run, RunArray
+from brownpipe.observables.observable import Axis, Observable, Run, RunArray, Track
 from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.scene import Scene
 
-AVERAGES = (
-    "runs",
-    "origins",
-    "disks",
-)  # over runs alone, and within each run over time origins or equal disks
+# over runs alone, and within each run over time origins or equal disks
+AVERAGES = ("runs", "origins", "disks")
 OBSERVABLES: dict[str, Observable] = {
     "square_displacement": displacement.SQUARE_DISPLACEMENT,
     "velocity_autocorrelation": velocity.AUTOCORRELATION,
@@ -47,17 +44,17 @@ OBSERVABLES: dict[str, Observable] = {
     "quartic_displacement": displacement.QUARTIC_DISPLACEMENT,
     "orientational_order": orientation.ORDER,
 }
-ARRAYS: dict[str, RunArray] = equilibrium.ARRAYS | {
-    name: array for observable in OBSERVABLES.values() for name, array in observable.arrays.items()
-}
+ARRAYS: dict[str, RunArray] = {**equilibrium.ARRAYS}
 AXES: dict[str, Axis] = {
     "time": Axis(
         "time", "time since the start of the run, or since a time origin", lambda scene: scene.times
     ),
     "species": Axis("1", "species of the disk", lambda scene: list(species_table(scene).name)),
     **equilibrium.AXES,
-    **{name: axis for observable in OBSERVABLES.values() for name, axis in observable.axes.items()},
 }
+for _observable in OBSERVABLES.values():
+    ARRAYS |= _observable.arrays
+    AXES |= _observable.axes
 
 
 def record_of(name: str) -> Observable:
@@ -71,23 +68,30 @@ def observe(
     """Return the arrays of the named observables of one run. The user's own are left to
     `own.measure`.
     """
-    arrays, whole = dict[str, np.ndarray](), run.whole
-    for observable in (OBSERVABLES[name] for name in names if not own.is_own(name)):
-        if observable.of == "tracer":
-            track = whole.of(equal_disks(scene)) if average == "disks" else run.tracer
-        else:
-            track = (
-                whole.at_end() if observable.is_over_samples and not is_stationary(scene) else whole
-            )
-        arrays |= observable.measure(scene, track, average)
+    arrays: dict[str, np.ndarray] = {}
+    for name in names:
+        if not own.is_own(name):
+            observable = OBSERVABLES[name]
+            track = _track_for(observable, scene, run, average)
+            arrays |= observable.measure(scene, track, average)
     return arrays
+
+
+def _track_for(observable: Observable, scene: Scene, run: Run, average: str) -> Track:
+    """Return the track that an observable is measured from."""
+    if observable.of == "tracer":
+        return run.whole.of(equal_disks(scene)) if average == "disks" else run.tracer
+    if observable.is_over_samples and not is_stationary(scene):
+        return run.whole.at_end()
+    return run.whole
 
 
 def needs_every_disk(names: Collection[str], average: str = "runs") -> bool:
     """Return whether these observables need the tracks of all disks; otherwise the tracer's is
     enough.
     """
-    return bool(names) and (average == "disks" or len(of_tracer(names)[0]) < len(names))
+    measurable_by_tracer, _ = of_tracer(names)
+    return bool(names) and (average == "disks" or len(measurable_by_tracer) < len(names))
 
 
 def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, ...], str]:
@@ -100,10 +104,11 @@ def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, .
 
 def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run at most, all arrays together."""
-    arrays = (array for name in names for array in record_of(name).arrays.values())
-    return sum(
-        math.prod(len(AXES[dim].coordinates(scene)) for dim in array.dims) for array in arrays
-    )
+    total = 0
+    for name in names:
+        for array in record_of(name).arrays.values():
+            total += math.prod(len(AXES[dim].coordinates(scene)) for dim in array.dims)
+    return total
 
 
 # -- refusals --------------------------------------------------------------------------------------

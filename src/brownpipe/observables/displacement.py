@@ -19,9 +19,11 @@ def square_displacement(scene: Scene, track: Track, average: str) -> dict[str, n
     = 0 (`runs`), of the tracer from every sample as time origin (`origins`; Frenkel and Smit,
     Understanding Molecular Simulation, section 4.4.2), or of all disks equal to it (`disks`).
     """
-    square, growth = averaged(
-        scene, track, average, lambda r, _, later: (squared(r), dot(r, track.velocity[later]))
-    )
+
+    def square_and_growth(r: np.ndarray, _: slice, later: slice) -> tuple[np.ndarray, np.ndarray]:
+        return squared(r), dot(r, track.velocity[later])
+
+    square, growth = averaged(scene, track, average, square_and_growth)
     return {"square_displacement": square, "displacement_velocity": growth}
 
 
@@ -44,13 +46,16 @@ def averaged(scene: Scene, track: Track, average: str, products: Callable) -> np
     velocities.
     """
     size = (scene.box.width, scene.box.height)
-    pairs = lags(scene) if average == "origins" else [(slice(0, 1), slice(None))]
-    found = (
-        products(displacement(track.position, track.image, size, *pair), *pair) for pair in pairs
-    )
     if average != "origins":
-        return np.stack([product.mean(axis=1) for product in next(found)])
-    return np.array([[product.mean() for product in of_lag] for of_lag in found]).T
+        start = slice(0, 1)
+        samples = slice(None)
+        moved = displacement(track.position, track.image, size, start, samples)
+        return np.stack([product.mean(axis=1) for product in products(moved, start, samples)])
+    means = []
+    for earlier, later in lags(scene):
+        moved = displacement(track.position, track.image, size, earlier, later)
+        means.append([product.mean() for product in products(moved, earlier, later)])
+    return np.array(means).T
 
 
 def displacement(
@@ -68,11 +73,10 @@ def displacement(
     far from its first image loses no digits.
     """
     moved = position[later] - position[earlier]
-    return (
-        moved
-        if image is None
-        else moved + (image[later] - image[earlier]) * np.asarray(size, float)
-    )
+    if image is None:
+        return moved
+    crossings = image[later] - image[earlier]
+    return moved + crossings * np.asarray(size, float)
 
 
 def dot(moved: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -85,9 +89,8 @@ def dot(moved: np.ndarray, velocity: np.ndarray) -> np.ndarray:
 def squared(moved: np.ndarray) -> np.ndarray:
     """Return squared lengths (T, M) of displacements (T, M, 2)."""
     squares = moved**2
-    return (
-        squares[..., 0] + squares[..., 1]
-    )  # .sum(axis=-1) takes 20 times as long along an axis of two
+    # .sum(axis=-1) takes 20 times as long along an axis of two.
+    return squares[..., 0] + squares[..., 1]
 
 
 SQUARE_DISPLACEMENT = Observable(

@@ -99,14 +99,11 @@ def lags(scene: Scene) -> Iterator[tuple[slice, slice]]:
     Sample times are multiples of the sample interval; a duration that is not has t = 0 as its only
     time origin.
     """
-    times = scene.times
-    count = len(times)
-    equal = (
-        count
-        if abs(times[-1] - (count - 1) * scene.sample_interval) <= SAME * scene.sample_interval
-        else count - 1
-    )
-    for lag in range(equal):
-        yield slice(0, equal - lag), slice(lag, equal)
-    if equal < count:
-        yield slice(0, 1), slice(equal, count)
+    interval = scene.sample_interval
+    count = len(scene.times)
+    is_multiple = abs(scene.duration - (count - 1) * interval) <= SAME * interval
+    equidistant = count if is_multiple else count - 1
+    for lag in range(equidistant):
+        yield slice(0, equidistant - lag), slice(lag, equidistant)
+    if not is_multiple:
+        yield slice(0, 1), slice(equidistant, count)

@@ -45,9 +45,8 @@ class Run(NamedTuple):
     tracer: Track  # disk 0, M = 1
     whole: Track | None  # all disks, M = N; None if not recorded, see `needs_every_disk`
     events: Events | None = None  # if recorded
-    observables: Mapping[str, Any] = MappingProxyType(
-        {}
-    )  # what the engine itself reports, like numbers of collisions
+    # what the engine itself reports, like numbers of collisions
+    observables: Mapping[str, Any] = MappingProxyType({})
 
 
 class Axis(NamedTuple):
@@ -55,17 +54,15 @@ class Axis(NamedTuple):
 
     units: str
     long_name: str
-    coordinates: Callable[
-        [Scene], np.ndarray | list[str]
-    ]  # along it in a scene: numbers, or names of species
+    # along it in a scene: numbers, or names of species
+    coordinates: Callable[[Scene], np.ndarray | list[str]]
 
 
 class RunArray(NamedTuple):
     """Description of an array that is measured in every run."""
 
-    dims: tuple[
-        str, ...
-    ]  # names in AXES, or the user's own; in files the dimension of the runs, `seed`, comes first
+    # names in AXES, or the user's own; in files the dimension of the runs, `seed`, comes first
+    dims: tuple[str, ...]
     units: str
     long_name: str
     # whether its average over runs is of interest as it is, and a variable of datasets
@@ -81,27 +78,23 @@ class Observable(NamedTuple):
     2.
     """
 
-    measure: Callable[
-        [Scene, Track, str], Mapping[str, np.ndarray]
-    ]  # (scene, track, average): values by array
+    # (scene, track, average): values by array
+    measure: Callable[[Scene, Track, str], Mapping[str, np.ndarray]]
     arrays: dict[str, RunArray]  # by name; the first is measured in every scene
-    seconds_per_disk_sample: (
-        float  # CPU seconds for each disk in each sample, or each pair of samples of an average
-    )
+    # CPU seconds for each disk in each sample, or each pair of samples of an average
+    seconds_per_disk_sample: float
     # Whose tracks it needs: the tracer's alone (all AVERAGES apply), the bath's (which may be
     # averaged over origins) or those of all disks; for the last two the track has all disks
     of: Literal["tracer", "bath", "all"] = "all"
     axes: Mapping[str, Axis] = MappingProxyType({})  # the dimensions that are its own, by name
     # its track has all samples of a stationary scene, otherwise the last one alone
     is_over_samples: bool = False
-    times_as_long: Callable[[Scene], float] = lambda scene: (
-        1.0
-    )  # in this scene, as those CPU seconds
+    # in this scene, as those CPU seconds
+    times_as_long: Callable[[Scene], float] = lambda scene: 1.0
     # bytes that it takes while it is measured, besides its tracks and arrays
     working_memory: Callable[[Scene], float] = lambda scene: 0.0
-    unfit: Callable[[Scene], str | None] = lambda scene: (
-        None
-    )  # why the scene cannot have it, None if it can
+    # why the scene cannot have it, None if it can
+    unfit: Callable[[Scene], str | None] = lambda scene: None
 
 
 def counted_bins(end: float, width: float) -> tuple[int, float]:

@@ -7,6 +7,7 @@ See docs/theory.md, section 3.
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,7 +45,7 @@ def order(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     ends = ends_of_quarters(scene.times)
     if is_stationary(scene) and claims_equilibrium(scene) and len(ends):
         quarters = np.split(np.sqrt(squared), ends[:-1] + 1)[1:]
-        values["quarter_order"] = np.array([part.mean() for part in quarters])
+        values["quarter_order"] = np.array([samples.mean() for samples in quarters])
     return values
 
 
@@ -55,14 +56,20 @@ def square_order(scene: Scene, position: np.ndarray) -> float:
     disk, bond = bonds(scene, position)
     dx, dy = bond.T
     square = dx * dx + dy * dy
-    c, s = (dx * dx - dy * dy) / square, 2 * dx * dy / square  # cosine and sine of 2 theta
-    number = np.maximum(np.bincount(disk, minlength=len(position)), 1)
-    of_disks = [
-        np.bincount(disk, part, len(position)) / number
-        for part in (c * (4 * c * c - 3), s * (3 - 4 * s * s))
-    ]
-    real, imaginary = (part.sum() / len(position) for part in of_disks)
+    c = (dx * dx - dy * dy) / square  # cosine of 2 theta
+    s = 2 * dx * dy / square  # sine of 2 theta
+    number = np.maximum(np.bincount(disk, minlength=len(position)), 1)  # of neighbours
+    real = _mean_over_disks(disk, c * (4 * c * c - 3), number)
+    imaginary = _mean_over_disks(disk, s * (3 - 4 * s * s), number)
     return real * real + imaginary * imaginary
+
+
+def _mean_over_disks(disk: np.ndarray, value: np.ndarray, number: np.ndarray) -> float:
+    """Return the mean over disks of the mean over the bonds of each: value (Q,) of the bonds of
+    disk (Q,), number (N,) of bonds.
+    """
+    means = np.bincount(disk, value, len(number)) / number
+    return means.sum() / len(number)
 
 
 def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -77,9 +84,12 @@ def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     from scipy.spatial import Delaunay
 
-    number, size = len(position), np.array([scene.box.width, scene.box.height])
-    unit = math.sqrt(size[0] / number * size[1])
-    inside, size, margin = (position - scene.box.origin) / unit, size / unit, MARGIN
+    number = len(position)
+    sides = np.array([scene.box.width, scene.box.height])
+    unit = math.sqrt(sides[0] / number * sides[1])
+    size = sides / unit
+    inside = (position - scene.box.origin) / unit
+    margin = MARGIN
     while True:
         points = with_images(inside, size, scene.box.periodic, margin)
         triangulation = Delaunay(points)
@@ -87,16 +97,18 @@ def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             break
         margin *= 2
     starts, neighbours = triangulation.vertex_neighbor_vertices
-    disk, other = (
-        np.repeat(np.arange(number), np.diff(starts[: number + 1])),
-        neighbours[: starts[number]],
-    )
+    disk = np.repeat(np.arange(number), np.diff(starts[: number + 1]))
+    other = neighbours[: starts[number]]
     if not scene.box.periodic:
-        disk, other = disk[other < number], other[other < number]
+        is_disk = other < number
+        disk = disk[is_disk]
+        other = other[is_disk]
     corners = _pairs_at_corners(points, triangulation, number)
     if len(corners):
-        share_corner = np.isin(disk * len(points) + other, corners @ [len(points), 1])
-        disk, other = disk[~share_corner], other[~share_corner]
+        numbered = [len(points), 1]  # a pair (a, b) as the number a * len(points) + b
+        share_edge = ~np.isin(disk * len(points) + other, corners @ numbered)
+        disk = disk[share_edge]
+        other = other[share_edge]
     return disk, points[other] - points[disk]
 
 
@@ -109,7 +121,7 @@ def _pairs_at_corners(points: np.ndarray, triangulation: Delaunay, number: int) 
     """
     near = np.flatnonzero((triangulation.simplices < number).any(axis=1))
     centre = np.full((len(triangulation.simplices), 2), np.nan)
-    centre[near] = _circles(points, triangulation.simplices[near])[0]
+    centre[near], _ = _circles(points, triangulation.simplices[near])
     edge = centre[near][:, None] - centre[triangulation.neighbors[near]]
     is_corner = np.hypot(edge[..., 0], edge[..., 1]) < SHORTEST_EDGE
     triangle, opposite = np.nonzero(is_corner)
@@ -123,12 +135,15 @@ def with_images(inside: np.ndarray, size: np.ndarray, periodic: bool, margin: fl
     """Return the disks (N, 2), relative to the corner of the box, then their images up to `margin`
     from the box.
     """
-    across, up = (range(-n, n + 1) for n in np.ceil(margin / size).astype(int).tolist())
+    columns, rows = np.ceil(margin / size).astype(int).tolist()  # of tiles at each side of the box
     images = [inside]
-    for tile in ((a, b) for a in across for b in up if (a, b) != (0, 0)):
-        mirrored = np.array(tile) % 2 != (0, 0) if not periodic else False
+    for tile in product(range(-columns, columns + 1), range(-rows, rows + 1)):
+        if tile == (0, 0):
+            continue
+        mirrored = False if periodic else np.array(tile) % 2 != (0, 0)
         image = np.where(mirrored, size - inside, inside) + tile * size
-        images.append(image[((image > -margin) & (image < size + margin)).all(axis=1)])
+        is_near = (image > -margin) & (image < size + margin)
+        images.append(image[is_near.all(axis=1)])
     return np.concatenate(images)
 
 
@@ -145,10 +160,16 @@ def _reach(points: np.ndarray, triangles: np.ndarray, number: int, size: np.ndar
 def _circles(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the centres (T, 2) and radii (T, 1) of the circles around triangles (T, 3)."""
     a, b, c = (points[corner] for corner in triangles.T)
-    (bx, by), (cx, cy) = (b - a).T, (c - a).T
-    b2, c2, twice = bx * bx + by * by, cx * cx + cy * cy, 2 * (bx * cy - by * cx)
-    offset = np.stack([(cy * b2 - by * c2) / twice, (bx * c2 - cx * b2) / twice], axis=1)
-    return a + offset, np.sqrt((offset * offset).sum(axis=1))[:, None]
+    bx, by = (b - a).T
+    cx, cy = (c - a).T
+    b2 = bx * bx + by * by
+    c2 = cx * cx + cy * cy
+    twice = 2 * (bx * cy - by * cx)  # four times the area
+    x = (cy * b2 - by * c2) / twice
+    y = (bx * c2 - cx * b2) / twice
+    offset = np.stack([x, y], axis=1)
+    radius = np.sqrt((offset * offset).sum(axis=1))
+    return a + offset, radius[:, None]
 
 
 ORDER = Observable(
@@ -164,7 +185,6 @@ ORDER = Observable(
     },
     seconds_per_disk_sample=6e-6,
     is_over_samples=True,
-    times_as_long=lambda scene: (
-        1 + 150 / max(scene.particles, 1)
-    ),  # few disks have many images near them
+    # few disks have many images near them
+    times_as_long=lambda scene: 1 + 150 / max(scene.particles, 1),
 )

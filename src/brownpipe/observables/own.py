@@ -3,8 +3,8 @@
 A function of scene and run, with the tracks `run.tracer` (M = 1) and `run.whole` (M = N) of
 `observable.Track`, returns named arrays as xarray takes variables: a number, `(dims, values)`, or
 `(dims, values, attributes)` with `units` and `long_name`. The bytes of the module's file are part
-of what determines the runs. Files of runs describe these arrays
-completely: reading a file runs no module.
+of what determines the runs. Files of runs describe these arrays completely: reading a file runs no
+module.
 """
 
 import hashlib
@@ -36,11 +36,12 @@ def own_arrays(attributes: Mapping) -> dict[str, RunArray]:
     """Return the descriptions (JSON) of the user's own arrays in the attributes of runs, or in a
     checkpoint.
     """
-    said = json.loads(attributes.get("own_arrays", "{}"))
-    return {
-        name: RunArray(tuple(dims), units, long_name, averaged, tuple(shape), *origin)
-        for name, (dims, units, long_name, averaged, shape, *origin) in said.items()
-    }
+    stored = json.loads(attributes.get("own_arrays", "{}"))
+    arrays = {}
+    for name, fields in stored.items():
+        array = RunArray(*fields)  # with lists, as JSON has no tuples
+        arrays[name] = array._replace(dims=tuple(array.dims), shape=tuple(array.shape))
+    return arrays
 
 
 class Function(NamedTuple):
@@ -51,10 +52,18 @@ class Function(NamedTuple):
     source: str  # SHA-256 of the file; of one given in Python a random number
 
 
+class Variable(NamedTuple):
+    """An array that a function has returned."""
+
+    dims: tuple[str, ...]
+    values: np.ndarray
+    units: str
+    long_name: str
+
+
 taken: set[str] = set()  # names that no array and dimension may have: `analysis.dataset` knows them
-_given: dict[
-    str, Function
-] = {}  # given in Python, by `my_module:my_function@id`; none is ever removed
+# given in Python, by `my_module:my_function@id`; none is ever removed
+_functions: dict[str, Function] = {}
 
 
 def is_own(name: str) -> bool:
@@ -87,9 +96,9 @@ def named(observable: str | Callable) -> str:
     if not isinstance(observable, FunctionType):
         raise RequestError(f"observables: {observable!r:.60}: must be a function, made by def")
     name = f"{observable.__module__}:{observable.__name__}@{id(observable):x}"
-    _given.setdefault(
-        name, Function(observable, observable.__code__.co_filename, os.urandom(16).hex())
-    )
+    if name not in _functions:
+        file = observable.__code__.co_filename
+        _functions[name] = Function(observable, file, source=os.urandom(16).hex())
     return name
 
 
@@ -97,7 +106,7 @@ def identity(name: str) -> str:
     """Return the name of an observable, of the user's own with the source's digest; RequestError if
     it is not found.
     """
-    return f"{title_of(name)} {_found(name).source}" if is_own(name) else name
+    return f"{title_of(name)} {_function_of(name).source}" if is_own(name) else name
 
 
 def observable_of(name: str) -> Observable:
@@ -107,22 +116,21 @@ def observable_of(name: str) -> Observable:
 
     def unfit(_: Scene) -> str | None:
         try:
-            _found(name)
+            _function_of(name)
         except RequestError as error:
             return str(error).removeprefix(f"{name} ")
         return None
 
-    return Observable(
-        lambda *_: {}, {}, SECONDS_PER_DISK_SAMPLE, unfit=unfit
-    )  # `measure` alone knows its arrays
+    # `measure` alone knows its arrays.
+    return Observable(lambda *_: {}, {}, SECONDS_PER_DISK_SAMPLE, unfit=unfit)
 
 
-def _found(name: str) -> Function:
+def _function_of(name: str) -> Function:
     """Return a function in a module. Raises RequestError, which begins with its name, if it is not
     there.
     """
-    if name in _given:
-        return _given[name]
+    if name in _functions:
+        return _functions[name]
     module, _, function = name.rpartition(":")
     file = f"{module}.py"
     try:
@@ -147,12 +155,10 @@ def _defined_in(file: str, source: bytes) -> dict[str, Any]:
 
 def _in_words(error: Exception, file: str) -> str:
     """Return an exception with the last line of a file that it passed."""
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(error.__traceback__)
-        if frame.filename == file
-    ]
-    return f"{type(error).__name__}: {error}" + (f" ({file}, line {lines[-1]})" if lines else "")
+    words = f"{type(error).__name__}: {error}"
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [frame.lineno for frame in frames if frame.filename == file]
+    return f"{words} ({file}, line {lines[-1]})" if lines else words
 
 
 def measure(
@@ -163,44 +169,67 @@ def measure(
     `axes` are the dimensions with coordinates. Raises RequestError for whatever goes wrong in a
     function, and for arrays that are not numbers, or are unlike those of the runs before.
     """
-    function, measured = _found(name), dict[str, np.ndarray]()
-    tracer, whole = (Track(*map(_read_only, track)) for track in (run.tracer, run.whole))
+    function = _function_of(name)
+    arrays: dict[str, np.ndarray] = {}
     try:
-        returned = function.call(scene, Run(tracer, whole))
+        returned = function.call(scene, Run(_read_only(run.tracer), _read_only(run.whole)))
         if not isinstance(returned, Mapping):
             raise TypeError(f"must return a mapping of names to arrays, not {returned!r:.40}")
         for array, value in returned.items():
-            dims, measured[array], attributes = _taken_apart(array, value)
-            shape = tuple(len(axes[d].coordinates(scene)) if d in axes else None for d in dims)
-            own = RunArray(
-                dims, *attributes, True, measured[array].shape, title_of(name), function.source
+            variable = _variable_of(array, value)
+            _refuse_misfit(array, variable, scene, axes)
+            arrays[array] = variable.values
+            description = RunArray(
+                variable.dims,
+                variable.units,
+                variable.long_name,
+                averaged=True,
+                shape=variable.values.shape,
+                observable=title_of(name),
+                source=function.source,
             )
-            if any(size not in (None, found) for size, found in zip(shape, own.shape, strict=True)):
-                raise ValueError(f"{array}: must have {shape} values along {dims}, not {own.shape}")
-            if clash := taken & {array, *(dim for dim in dims if dim not in axes)}:
+            before = known.setdefault(array, description)
+            if before != description:
                 raise ValueError(
-                    f"{array}: {min(clash)} is a name in runs or datasets; choose another"
-                )
-            if known.setdefault(array, own) != own:
-                raise ValueError(
-                    f"{array}: must be alike in all runs; was {known[array][:5]}, is {own[:5]}"
+                    f"{array}: must be alike in all runs; was {before[:5]}, is {description[:5]}"
                 )
     except Exception as error:
         raise RequestError(f"{title_of(name)}: {_in_words(error, function.file)}") from error
-    return measured
+    return arrays
 
 
-def _read_only(values: np.ndarray | None) -> np.ndarray | None:
-    return None if values is None else np.broadcast_to(values, values.shape)
+def _read_only(track: Track) -> Track:
+    """Return a track whose arrays cannot be written to."""
+    return Track(
+        *(None if values is None else np.broadcast_to(values, values.shape) for values in track)
+    )
 
 
-def _taken_apart(name: object, value: Any) -> tuple[tuple[str, ...], np.ndarray, tuple[str, str]]:
-    """Return dims, values, and units and meaning of a variable as xarray takes it. Raises
-    ValueError for any other.
+def _refuse_misfit(name: str, variable: Variable, scene: Scene, axes: Mapping) -> None:
+    """Raise ValueError for an array whose length along a dimension of `axes` is another, and for
+    names that runs or datasets have already.
     """
-    given, numbers, *attributes = value if isinstance(value, tuple) else ((), value)
-    dims, array = (given,) if isinstance(given, str) else tuple(given), np.asarray(numbers, float)
-    if not all(re.fullmatch(r"[A-Za-z_]\w*", str(word), re.ASCII) for word in (name, *dims)):
+    dims = variable.dims
+    shape = variable.values.shape
+    lengths = tuple(len(axes[dim].coordinates(scene)) if dim in axes else None for dim in dims)
+    for length, size in zip(lengths, shape, strict=True):
+        if length not in (None, size):
+            raise ValueError(f"{name}: must have {lengths} values along {dims}, not {shape}")
+    own_dims = {dim for dim in dims if dim not in axes}
+    clashes = taken & {name, *own_dims}
+    if clashes:
+        raise ValueError(f"{name}: {min(clashes)} is a name in runs or datasets; choose another")
+
+
+def _variable_of(name: object, value: Any) -> Variable:
+    """Return a variable from what xarray takes as one: `3.0`, `("time", values)`, or `(["time"],
+    values, {"units": "1"})`. Raises ValueError for any other.
+    """
+    along, numbers, *attributes = value if isinstance(value, tuple) else ((), value)
+    dims = (along,) if isinstance(along, str) else tuple(along)
+    array = np.asarray(numbers, float)
+    is_word = re.compile(r"[A-Za-z_]\w*", re.ASCII).fullmatch
+    if not all(is_word(str(word)) for word in (name, *dims)):
         raise ValueError(
             f"{name}: names of arrays and dimensions must be words of letters, digits and _"
         )
@@ -210,4 +239,6 @@ def _taken_apart(name: object, value: Any) -> tuple[tuple[str, ...], np.ndarray,
             f"{dims}"
         )
     described = dict[str, object](*attributes)
-    return dims, array, (str(described.get("units", "1")), str(described.get("long_name", name)))
+    units = str(described.get("units", "1"))
+    long_name = str(described.get("long_name", name))
+    return Variable(dims, array, units, long_name)

@@ -47,12 +47,13 @@ def bins(scene: Scene) -> tuple[int, float]:
     """
     if scene.particles < 2:
         return 0, 0.0
-    box, radius = scene.box, np.sort(scene.radius)
-    side, width = min(box.width, box.height), (radius[0] + radius[1]) / BINS_PER_CONTACT
-    reach = min(
-        side / 2 if box.periodic else side - 2 * radius[-1], FARTHEST * (radius[-1] + radius[-2])
-    )
-    return counted_bins(reach, width)
+    radius = np.sort(scene.radius)
+    smallest_contact = radius[0] + radius[1]
+    largest_contact = radius[-1] + radius[-2]
+    side = min(scene.box.width, scene.box.height)
+    farthest = side / 2 if scene.box.periodic else side - 2 * radius[-1]
+    reach = min(farthest, FARTHEST * largest_contact)
+    return counted_bins(reach, smallest_contact / BINS_PER_CONTACT)
 
 
 def pairs_in_reach(scene: Scene) -> float:
@@ -69,7 +70,8 @@ def pair_names(scene: Scene) -> list[str]:
 
 def unfit(scene: Scene) -> str | None:
     """Return why the scene has no such histograms, None if it has."""
-    number, kinds = bins(scene)[0], len(species_table(scene).name)
+    number, _ = bins(scene)
+    kinds = len(species_table(scene).name)
     if number < 1:
         return "needs two disks, and room for them to be apart"
     if number * kinds * (kinds + 1) / 2 > MOST_COUNTS:
@@ -84,7 +86,8 @@ def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     All samples of a stationary run are counted, otherwise the last one. Between walls the counts
     that an ideal gas would have around lone disks (`expected_pairs`) are returned, too.
     """
-    species, (number, width) = species_table(scene), bins(scene)
+    species = species_table(scene)
+    number, width = bins(scene)
     pairs = species_pairs(species)
     row = np.zeros((len(species.name),) * 2, np.int64)  # of a pair of species in the counts
     for p, (a, b) in enumerate(pairs):
@@ -97,10 +100,8 @@ def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
             a, b = species.label.take(disks.T)
             bins_of_pairs = (row[a, b] * number + column)[inside]
             counts += np.bincount(bins_of_pairs, minlength=len(counts))
-    arrays = {
-        "pair_counts": counts.reshape(-1, number),
-        "pair_snapshots": np.array(len(track.position)),
-    }
+    samples = np.array(len(track.position))
+    arrays = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": samples}
     if not scene.box.periodic and len(pairs) > 1 and species.number.min() == 1:
         arrays["pair_expected"] = expected_pairs(scene, species, track.position)
     return arrays
@@ -115,29 +116,33 @@ def expected_pairs(scene: Scene, species: SpeciesTable, position: np.ndarray) ->
     position of the lone disk in each sample, so that nothing is assumed about the distribution of
     that disk. NaN for pairs of species of which none is a single disk.
     """
-    size, (number, width) = np.array([scene.box.width, scene.box.height]), bins(scene)
-    edges, expected = (
-        np.arange(number + 1) * width,
-        np.full((len(species_pairs(species)), number), np.nan),
-    )
-    for p, (a, b) in enumerate(species_pairs(species)):
+    size = np.array([scene.box.width, scene.box.height])
+    middle = scene.box.origin + size / 2
+    pairs = species_pairs(species)
+    number, width = bins(scene)
+    edges = np.arange(number + 1) * width
+    expected = np.full((len(pairs), number), np.nan)
+    for row, (a, b) in enumerate(pairs):
         lone, other = (a, b) if species.number[a] == 1 else (b, a)
         if a == b or species.number[lone] > 1:
             continue
-        accessible, disk = (
-            scene.box.accessible(species.radius[other])[1],
-            np.flatnonzero(species.label == lone)[0],
-        )
-        off_centre = position[:, disk, :, None] - (scene.box.origin + size / 2)[:, None]
-        parts = [
-            off_centre[k : k + SAMPLES_AT_ONCE].swapaxes(0, 1)
-            for k in range(0, len(position), SAMPLES_AT_ONCE)
-        ]
-        area = sum(
-            theory.disk_area_in_rectangle(edges, *part, *accessible).sum(axis=0) for part in parts
-        )
-        expected[p] = species.number[other] * np.diff(area) / np.prod(accessible)
+        _, accessible = scene.box.accessible(species.radius[other])
+        (disk,) = np.flatnonzero(species.label == lone)
+        area = _area_inside(position[:, disk] - middle, edges, accessible)
+        expected[row] = species.number[other] * np.diff(area) / np.prod(accessible)
     return expected
+
+
+def _area_inside(off_centre: np.ndarray, edges: np.ndarray, sides: np.ndarray) -> np.ndarray:
+    """Return the area of circles of radius `edges` (R,) inside a rectangle with these sides (2,),
+    summed over the samples (T, 2) of their centre, which is measured from that of the rectangle.
+    """
+    width, height = sides
+    area = np.zeros(len(edges))
+    for first in range(0, len(off_centre), SAMPLES_AT_ONCE):
+        x, y = off_centre[first : first + SAMPLES_AT_ONCE].T[:, :, None]
+        area += theory.disk_area_in_rectangle(edges, x, y, width, height).sum(axis=0)
+    return area
 
 
 def blocks_of_pairs(
@@ -189,7 +194,8 @@ def _distances(scene: Scene, inside: np.ndarray, pair: np.ndarray) -> np.ndarray
     """
     a, b = pair.T
     x, y = inside.T
-    dx, dy = x.take(a) - x.take(b), y.take(a) - y.take(b)  # much faster than inside[a] - inside[b]
+    dx = x.take(a) - x.take(b)  # much faster than inside[a] - inside[b]
+    dy = y.take(a) - y.take(b)
     if scene.box.periodic:
         dx -= scene.box.width * np.rint(dx / scene.box.width)
         dy -= scene.box.height * np.rint(dy / scene.box.height)

@@ -33,8 +33,9 @@ def bins(scene: Scene) -> tuple[int, float]:
     if not len(radius):
         return 0, 0.0
     width = 2 * radius.min() / BINS_PER_DIAMETER
-    side = scene.box.accessible(radius.max())[1].min()
-    return counted_bins(min(side / 2, FARTHEST * 2 * radius.max()), width)
+    _, accessible = scene.box.accessible(radius.max())
+    end = min(accessible.min() / 2, FARTHEST * 2 * radius.max())
+    return counted_bins(end, width)
 
 
 def density_profile(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
@@ -47,16 +48,18 @@ def density_profile(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]
     walls left and right, and of those below and above. The corners are part of both walls, as they
     are of the momentum that walls take up.
     """
-    position, species, (number, width) = track.position, species_table(scene), bins(scene)
+    position = track.position
+    species = species_table(scene)
+    number, width = bins(scene)
     profile = np.zeros((len(species.name), number))
     for k, radius in enumerate(species.radius):
-        (corner, size), disks = scene.box.accessible(radius), np.flatnonzero(species.label == k)
+        corner, size = scene.box.accessible(radius)
+        disks = np.flatnonzero(species.label == k)
         counts = np.zeros(number, np.int64)
         for first in range(0, len(position), SAMPLES_AT_ONCE):
             from_low = position[first : first + SAMPLES_AT_ONCE, disks] - corner
-            distance = np.minimum(
-                from_low, size - from_low
-            ).ravel()  # from the nearer of two opposite walls
+            # from the nearer of two opposite walls
+            distance = np.minimum(from_low, size - from_low).ravel()
             column = (np.maximum(distance, 0.0) / width).astype(np.int64)  # by round-off below 0
             counts += np.bincount(column[column < number], minlength=number)
         profile[k] = counts / (len(position) * 2 * width * size.sum())

@@ -25,24 +25,21 @@ def species_table(scene: Scene) -> SpeciesTable:
     An explicit list of disks names no species: disks of equal radius and mass are one, called
     kind-1, kind-2, ... in the order of the list.
     """
+    kinds: list[tuple[float, float]]  # radius and mass of each species
     if scene.listed:
-        alike = {
-            pair: k
-            for k, pair in enumerate(
-                dict.fromkeys((disk.radius, disk.mass) for disk in scene.listed)
-            )
-        }
-        sizes, names = list(alike), tuple(f"kind-{k + 1}" for k in alike.values())
-        label = np.array([alike[disk.radius, disk.mass] for disk in scene.listed])
+        disks = [(disk.radius, disk.mass) for disk in scene.listed]
+        kinds = list(dict.fromkeys(disks))
+        names = tuple(f"kind-{k + 1}" for k in range(len(kinds)))
+        index = {kind: k for k, kind in enumerate(kinds)}
+        label = np.array([index[disk] for disk in disks])
     else:
         present = [species for species in scene.species if species.count]
-        sizes, names = (
-            [(species.radius, species.mass) for species in present],
-            tuple(s.name for s in present),
-        )
+        kinds = [(species.radius, species.mass) for species in present]
+        names = tuple(species.name for species in present)
         label = np.repeat(np.arange(len(present)), [species.count for species in present])
-    radius, mass = np.array(sizes, float).reshape(-1, 2).T
-    return SpeciesTable(names, np.bincount(label, minlength=len(names)), radius, mass, label)
+    number = np.bincount(label, minlength=len(names))
+    radius, mass = np.array(kinds, float).reshape(-1, 2).T
+    return SpeciesTable(names, number, radius, mass, label)
 
 
 def equal_disks(scene: Scene) -> np.ndarray:
@@ -58,5 +55,8 @@ def bath_disks(scene: Scene) -> np.ndarray:
     there is no other.
     """
     species = species_table(scene)
-    number = np.where(np.isin(np.arange(len(species.number)), species.label[:1]), 0, species.number)
-    return np.flatnonzero(species.label == np.argmax(number)) if number.any() else np.array([], int)
+    number = species.number.copy()
+    number[species.label[:1]] = 0  # the tracer's species
+    if not number.any():
+        return np.array([], int)
+    return np.flatnonzero(species.label == np.argmax(number))

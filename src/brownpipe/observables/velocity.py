@@ -13,13 +13,10 @@ from brownpipe.scene import Scene, motion
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
 # velocity component, either sign, in these units; the outermost bins include all values beyond
 LARGEST_COMPONENT = 6.0
-VELOCITIES, SPEEDS = (
-    (np.arange(120) - 59.5) * BIN,
-    (np.arange(80) + 0.5) * BIN,
-)  # centres of the bins
-VALUES_AT_ONCE = (
-    2**18
-)  # velocity components that are scaled and counted at a time, so that temporary arrays stay small
+VELOCITIES = (np.arange(120) - 59.5) * BIN  # centres of the bins
+SPEEDS = (np.arange(80) + 0.5) * BIN
+# velocity components that are scaled and counted at a time, so that temporary arrays stay small
+VALUES_AT_ONCE = 2**18
 
 
 def autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
@@ -29,9 +26,11 @@ def autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.nd
     its mean (Green-Kubo). `average` as in `displacement.square_displacement`.
     """
     correlation = _correlation(scene, track.velocity, average)
-    (integral,) = averaged(
-        scene, track, average, lambda r, earlier, _: (dot(r, track.velocity[earlier]),)
-    )
+
+    def integral_of(r: np.ndarray, earlier: slice, _: slice) -> tuple[np.ndarray]:
+        return (dot(r, track.velocity[earlier]),)
+
+    (integral,) = averaged(scene, track, average, integral_of)
     return {"velocity_autocorrelation": correlation, "velocity_displacement": integral}
 
 
@@ -41,18 +40,16 @@ def bath_autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, 
 
     `average`: from t = 0, or for `origins` from every sample as time origin.
     """
-    return {
-        "bath_velocity_autocorrelation": _correlation(
-            scene, track.velocity[:, bath_disks(scene)], average
-        )
-    }
+    velocity = track.velocity[:, bath_disks(scene)]
+    return {"bath_velocity_autocorrelation": _correlation(scene, velocity, average)}
 
 
 def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray:
     """Return v(0).v(t) (T,), averaged over M disks and, for `origins`, over time origins; velocity:
     (T, M, 2).
     """
-    disks, flat = velocity.shape[1], velocity.reshape(len(velocity), -1)
+    disks = velocity.shape[1]
+    flat = velocity.reshape(len(velocity), -1)
     if average != "origins":
         return np.einsum("tm,m->t", flat, flat[0]) / disks
     products = (np.einsum("tm,tm->t", flat[earlier], flat[later]) for earlier, later in lags(scene))
@@ -65,11 +62,13 @@ def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
 
     Where the total momentum is zero it is kT (1 - m/M), with the mass m of a disk and M of all.
     """
-    species, square = species_table(scene), np.sum(track.velocity**2, axis=-1)
-    energy = [
-        mass / 2 * square[:, species.label == k].mean(axis=1) for k, mass in enumerate(species.mass)
-    ]
-    return {"species_energy": np.stack(energy, axis=1)}
+    species = species_table(scene)
+    square = np.sum(track.velocity**2, axis=-1)
+    energies = []
+    for k, mass in enumerate(species.mass):
+        square_speed = square[:, species.label == k].mean(axis=1)
+        energies.append(mass / 2 * square_speed)
+    return {"species_energy": np.stack(energies, axis=1)}
 
 
 def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
@@ -81,11 +80,12 @@ def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     equilibrium the components are standard normal and the speeds have the density u exp(-u^2/2)
     (Maxwell-Boltzmann). The outermost bins include all values beyond.
     """
-    species, velocity = species_table(scene), track.velocity
-    scale = np.sqrt(scene.mass / (_temperature(scene, velocity) or np.inf))[:, None]
-    components, speeds = (
-        np.zeros((len(species.name), len(bins)), np.int64) for bins in (VELOCITIES, SPEEDS)
-    )
+    species = species_table(scene)
+    velocity = track.velocity
+    temperature = _temperature(scene, velocity) or np.inf
+    scale = np.sqrt(scene.mass / temperature)[:, None]
+    components = np.zeros((len(species.name), len(VELOCITIES)), np.int64)
+    speeds = np.zeros((len(species.name), len(SPEEDS)), np.int64)
     step = max(1, VALUES_AT_ONCE // velocity[0].size)  # samples at a time
     for first in range(0, len(velocity), step):
         scaled = velocity[first : first + step] * scale
@@ -101,16 +101,16 @@ def _temperature(scene: Scene, velocity: np.ndarray) -> float:
     drawn = motion.temperature(scene)
     if drawn is not None:
         return drawn
-    return float(
-        np.mean([(scene.mass / 2 * np.sum(sample**2, axis=-1)).mean() for sample in velocity])
-    )
+    energies = [(scene.mass / 2 * np.sum(sample**2, axis=-1)).mean() for sample in velocity]
+    return float(np.mean(energies))
 
 
 def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:
     """Add values >= 0 to the histograms counts (K, bins), each to the row of its label."""
     last = counts.shape[1] - 1
-    column = np.clip(np.floor(value / BIN), 0, last).astype(np.int64) + label * (last + 1)
-    counts += np.bincount(column.ravel(), minlength=counts.size).reshape(counts.shape)
+    column = np.clip(np.floor(value / BIN), 0, last).astype(np.int64)
+    flat = (column + label * (last + 1)).ravel()  # places in the flattened histograms
+    counts += np.bincount(flat, minlength=counts.size).reshape(counts.shape)
 
 
 AUTOCORRELATION = Observable(
