@@ -46,9 +46,8 @@ from brownpipe.storage.trajectories import Trajectories
 if TYPE_CHECKING:
     from xarray import Dataset
 
-Part = dict[
-    str, Any
-]  # results of one case: variable or coordinate -> array whose size is that of its dimensions
+# Results of one case: variable or coordinate -> array whose size is that of its dimensions.
+Part = dict[str, Any]
 
 ESTIMATORS = displacement, distribution, velocity, pairs, thermodynamics, drift
 # These come first in a dataset, so that xarray shows them among its hundred variables; then other
@@ -60,12 +59,9 @@ FIRST = (
     "contact_value",
     "velocity_autocorrelation",
 )
+MODULES = displacement, diffusive, *ESTIMATORS[1:], variables
 BY_NAME = with_uncertainties(
-    {
-        name: one
-        for part in (displacement, diffusive, *ESTIMATORS[1:], variables)
-        for name, one in part.VARIABLES.items()
-    }
+    dict(chain.from_iterable(module.VARIABLES.items() for module in MODULES))
 )
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
 LABELS_AND_HEALTH = {
@@ -76,15 +72,17 @@ LABELS_AND_HEALTH = {
     "failed_runs",
     "run_status",
 }
+# In every dataset.
 ALWAYS = LABELS_AND_HEALTH.union(
     with_uncertainties(displacement.VARIABLES | diffusive.VARIABLES | distribution.AT_TIMES)
-)  # in every dataset
+)
 ALL_COORDINATES = {
     dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()
 } | variables.COORDINATES
 ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
 taken.update(ALL_VARIABLES, ALL_COORDINATES, VARIABLES)
 Table = Mapping[str, Variable]
+Axis = list | np.ndarray  # labels in order of appearance, or ascending numbers
 
 
 def aggregate(
@@ -121,32 +119,13 @@ def aggregate(
     if (dr is None) != (rings is None):
         raise AnalysisError("rings: width and number must be given together")
     groups = groups_of(sources)
-    every = [group.pattern.contents for group in groups]
-    scenes = [contents.scene for contents in every]
+    outlines = [group.pattern.contents for group in groups]
+    scenes = [contents.scene for contents in outlines]
     times = [*displacement_times]
-    cases = [
-        Case(
-            contents.scene,
-            contents.engine,
-            contents.ensemble.times,
-            contents.ensemble.average,
-            windows or (),
-            times,
-            None if dr is None else dr * np.arange(rings + 1),
-            own=contents.ensemble.own,
-            varied=vary,
-        )
-        for contents in every
-    ]
-    ended = [{*one.record, *one.measured} for one in every if one.measured is not None]
-    if (
-        ended
-        and set().union(*ended).isdisjoint({"tracer", "square_displacement"})
-        and (windows or dr or times)
-    ):
-        raise AnalysisError(
-            "fit windows, rings and displacement times: must go with runs that have displacements"
-        )
+    edges = None if dr is None else dr * np.arange(rings + 1)
+    cases = [_case_of(contents, windows or (), times, edges, vary) for contents in outlines]
+    if windows or dr or times:
+        _refuse_without_displacements(outlines)
     refuse_windows(windows or (), [case.times for case in cases])
     _refuse_times(cases)
     own = _own_variables(groups)
@@ -157,30 +136,26 @@ def aggregate(
         all_windows = tuple(dict.fromkeys(chain.from_iterable(pairs_of_windows)))
         cases = [case._replace(windows=all_windows) for case in cases]
     parts: list[Part] = []
-    for case, group in tracked([*zip(cases, groups, strict=True)], "cases"):
+    runs_of_cases = [*zip(cases, groups, strict=True)]
+    for case, group in tracked(runs_of_cases, "cases"):
         parts += _results(case, group)
-    asked = {
+    settings = {
         "fit_windows": windows or None,
         "ring_width": dr,
         "rings": rings,
         "displacement_times": times,
     }
-    made = origin_attributes(
-        "aggregate", ((group.pattern.contents, group.seeds) for group in groups), asked
-    )
-    attributes = (
-        variables.ATTRIBUTES
-        | {"msd_of": " or ".join(sorted({*map(_followed, every)})), "average": cases[0].average}
-        | made
-    )
-    found = ALWAYS.union(*parts)
-    held = {
-        name: one
-        for name, one in (ALL_VARIABLES | with_uncertainties(own)).items()
-        if name in found
+    origins = ((group.pattern.contents, group.seeds) for group in groups)
+    averaged_disks = sorted({_followed(contents) for contents in outlines})
+    attributes: dict[str, Any] = {
+        **variables.ATTRIBUTES,
+        "msd_of": " or ".join(averaged_disks),
+        "average": cases[0].average,
+        **origin_attributes("aggregate", origins, settings),
     }
-    table, keys = _over_keys(held, scenes, vary, vary_together)
-    attributes |= {VARIED: " ".join(keys)} if keys else {}
+    table, keys = _over_keys(_variables_in(parts, own), scenes, vary, vary_together)
+    if keys:
+        attributes[VARIED] = " ".join(keys)
     dataset = joined(parts, table, {**ALL_COORDINATES, **keys}, attributes, (*EACH, *keys))
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value
@@ -188,6 +163,47 @@ def aggregate(
     if windows:
         return diffusive.marked(dataset)
     return diffusive.best_windows(dataset, pairs_of_windows)
+
+
+def _case_of(
+    contents: Trajectories,
+    windows: Sequence[Window],
+    displacement_times: Sequence[float],
+    edges: np.ndarray | None,
+    varied: Sequence[str],
+) -> Case:
+    """Return the case of a file of runs, with the settings of its analysis."""
+    return Case(
+        scene=contents.scene,
+        engine=contents.engine,
+        times=contents.ensemble.times,
+        average=contents.ensemble.average,
+        windows=windows,
+        displacement_times=displacement_times,
+        edges=edges,
+        own=contents.ensemble.own,
+        varied=varied,
+    )
+
+
+def _refuse_without_displacements(outlines: Sequence[Trajectories]) -> None:
+    """Refuse settings of the analysis of displacements if no run that came to its end has them."""
+    arrays = [
+        {*contents.record, *contents.measured}
+        for contents in outlines
+        if contents.measured is not None
+    ]
+    if arrays and set().union(*arrays).isdisjoint({"tracer", "square_displacement"}):
+        raise AnalysisError(
+            "fit windows, rings and displacement times: must go with runs that have displacements"
+        )
+
+
+def _variables_in(parts: Sequence[Part], own: Table) -> dict[str, Variable]:
+    """Return the variables of a dataset of some parts, with those of the user's own functions."""
+    names = ALWAYS.union(*parts)
+    table = ALL_VARIABLES | with_uncertainties(own)
+    return {name: variable for name, variable in table.items() if name in names}
 
 
 def _over_keys(
@@ -199,34 +215,32 @@ def _over_keys(
     With `together`, keys beyond the first are coordinates along the dimension of the first. A
     variable with the name of a key, such as the packing fraction, is the coordinate then.
     """
-    values = {
-        short_name(path): np.array([value_of(scene, path) for scene in scenes]) for path in paths
-    }
-    dims = [*values][: 1 if together else None]
-    keys = {
-        key: Variable(
-            (key if key in dims else dims[0],), unit_of(path), path, (), of_key.dtype, of_key[0]
-        )
-        for path, (key, of_key) in zip(paths, values.items(), strict=True)
-    }
-    spread = {
-        name: one._replace(dims=(EACH[0], *dims, *one.dims[1:])) for name, one in table.items()
-    }
-    return {name: one for name, one in spread.items() if name not in keys}, keys
+    names = [short_name(path) for path in paths]
+    dims = names[:1] if together else names
+    keys = {}
+    for name, path in zip(names, paths, strict=True):
+        values = np.array([value_of(scene, path) for scene in scenes])
+        dim = name if name in dims else dims[0]
+        keys[name] = Variable((dim,), unit_of(path), path, (), values.dtype, values[0])
+    spread = {}
+    for name, variable in table.items():
+        if name not in keys:
+            spread[name] = variable._replace(dims=(EACH[0], *dims, *variable.dims[1:]))
+    return spread, keys
 
 
-def _difference(one: RunArray, other: RunArray) -> str:
+def _difference(array: RunArray, other: RunArray) -> str:
     """Return how an array of the user's own differs between runs that cannot be joined, and the
     cure.
     """
-    if one.observable != other.observable:
-        return f"is of {other.observable}, in other runs of {one.observable}; rename one of them"
-    if one.source != other.source:
+    if array.observable != other.observable:
+        return f"is of {other.observable}, in other runs of {array.observable}; rename one of them"
+    if array.source != other.source:
         return (
-            f"was measured by another function {one.observable}, or by its file before an edit; "
+            f"was measured by another function {array.observable}, or by its file before an edit; "
             "measure all runs by the same"
         )
-    return f"must be alike in all runs; has {other[:3]}, in other runs {one[:3]}"
+    return f"must be alike in all runs; has {other[:3]}, in other runs {array[:3]}"
 
 
 def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
@@ -236,14 +250,14 @@ def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
     own: dict[str, RunArray] = {}
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():
-            if own.setdefault(name, array)._replace(shape=()) != array._replace(shape=()):
-                raise AnalysisError(f"{file.path}: {name}: {_difference(own[name], array)}")
-    return {
-        name: Mean(
-            (*EACH, *one.dims), one.units, one.long_name, extra={"observable": one.observable}
-        )
-        for name, one in own.items()
-    }
+            first = own.setdefault(name, array)
+            if first._replace(shape=()) != array._replace(shape=()):
+                raise AnalysisError(f"{file.path}: {name}: {_difference(first, array)}")
+    table = {}
+    for name, array in own.items():
+        attributes = {"observable": array.observable}
+        table[name] = Mean((*EACH, *array.dims), array.units, array.long_name, extra=attributes)
+    return table
 
 
 def _followed(runs: Trajectories) -> str:
@@ -256,13 +270,15 @@ def refuse_windows(windows: Sequence[tuple[float, float]], times: Sequence[np.nd
     """Refuse fit windows that coincide, and one that fits no run; `times` has the sample times of
     each scene.
     """
-    names, last = labels(windows), max(one[-1] for one in times)
+    names = labels(windows)
+    last = max(times_of_scene[-1] for times_of_scene in times)
     if len(set(names)) < len(names):
         raise AnalysisError(
             f"fit windows {', '.join(names)}: must differ in their first six digits"
         )
     for name, window in zip(names, windows, strict=True):
-        if all(np.isnan(displacement.line_weights(one, window)).all() for one in times):
+        weights = [displacement.line_weights(times_of_scene, window) for times_of_scene in times]
+        if all(np.isnan(weights_of_scene).all() for weights_of_scene in weights):
             allowed = (
                 f"must end by {last:g}, when the longest run does, and have three samples or more "
                 "of a run"
@@ -295,38 +311,59 @@ def _results(case: Case, group: Group) -> list[Part]:
         good_runs = without_failed(runs)
         if len(good_runs.seeds):
             averages.add(good_runs.seeds, columns_of(ESTIMATORS, case, good_runs))
-    failed, *numbers = np.concatenate(health, axis=1)
+    failed, *health_numbers = np.concatenate(health, axis=1)
+    is_good = failed == 0
+    names = _labels_of(case)
+    part: Part = {
+        "time": case.times,
+        "seed": group.seeds,
+        "runs": np.count_nonzero(is_good),
+        "failed_runs": np.count_nonzero(failed),
+        "run_status": np.where(is_good, variables.KEPT, variables.FAILED),
+    }
+    part |= zip(HEALTH, health_numbers, strict=True)
+    if stopped:
+        part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
+    part |= results_of(ESTIMATORS, case, averages)
+    part |= names
+    part |= _missing_coordinates(case, part)
+    good_seeds = {"seed": group.seeds[is_good], "window": part["window"]}
+    of_every_run = names | good_seeds | averages.kept
+    of_times = [names | results for results in distribution.at_each_time(case, averages)]
+    return [part, of_every_run, *of_times]
+
+
+def _labels_of(case: Case) -> Part:
+    """Return the labels of a case: scene, count, engine and the varied keys of its scene."""
     name = case.scene.name.partition(",")[0] if case.varied else case.scene.name
     names: Part = {
         "scene": [name],
         "particles": [case.scene.particles],
         "engine": [case.engine.label],
     }
-    names |= {short_name(path): [value_of(case.scene, path)] for path in case.varied}
-    part = names | {
-        "time": case.times,
-        "seed": group.seeds,
-        **dict(zip(HEALTH, numbers, strict=True)),
-    }
-    part |= {"runs": np.count_nonzero(failed == 0), "failed_runs": np.count_nonzero(failed)}
-    part["run_status"] = np.where(failed == 0, variables.KEPT, variables.FAILED)
-    if stopped:
-        part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
-    part |= results_of(ESTIMATORS, case, averages) | names
-    dims = {dim for name in part.keys() & ALL_VARIABLES.keys() for dim in ALL_VARIABLES[name].dims}
-    own = {
-        dim: size
-        for array in case.own.values()
-        for dim, size in zip(array.dims, array.shape, strict=True)
-    }
-    for dim in (dims | own.keys()) - part.keys():
-        part[dim] = AXES[dim].coordinates(case.scene) if dim in AXES else np.arange(own[dim])
-    good = names | {"seed": group.seeds[failed == 0], "window": part["window"]} | averages.kept
-    return [
-        part,
-        good,
-        *(names | of_time for of_time in distribution.at_each_time(case, averages)),
-    ]
+    for path in case.varied:
+        names[short_name(path)] = [value_of(case.scene, path)]
+    return names
+
+
+def _missing_coordinates(case: Case, part: Part) -> Part:
+    """Return the coordinates, such as species and bins, of the dimensions of a part that has none.
+
+    Along dimensions of the user's own arrays they are 0, 1, ...
+    """
+    own_sizes: dict[str, int] = {}
+    for array in case.own.values():
+        own_sizes |= zip(array.dims, array.shape, strict=True)
+    dims = set(own_sizes)
+    for name in part.keys() & ALL_VARIABLES.keys():
+        dims.update(ALL_VARIABLES[name].dims)
+    coordinates = {}
+    for dim in dims - part.keys():
+        is_axis = dim in AXES
+        coordinates[dim] = (
+            AXES[dim].coordinates(case.scene) if is_axis else np.arange(own_sizes[dim])
+        )
+    return coordinates
 
 
 # --- cases that differ in times, seeds, ...
@@ -348,46 +385,59 @@ def joined(
     """
     import xarray
 
-    dims = {dim for one in variables.values() for dim in one.dims}
-    held = {
-        **variables,
-        **{name: one for name, one in coordinates.items() if dims.issuperset(one.dims)},
-    }
-    axes = {
-        dim: _union([part[dim] for part in parts if dim in part], dim in labels) for dim in dims
-    }
+    dims = set(chain.from_iterable(variable.dims for variable in variables.values()))
+    table = {**variables}
+    for name, coordinate in coordinates.items():
+        if dims.issuperset(coordinate.dims):
+            table[name] = coordinate
+    axes = {}
+    for dim in dims:
+        values = [part[dim] for part in parts if dim in part]
+        axes[dim] = _union(values, dim in labels)
     data = {}
-    for name, variable in held.items():
-        full: np.ndarray = np.full(
-            [len(axes[dim]) for dim in variable.dims], variable.absent, variable.dtype
-        )
-        for part in (part for part in parts if name in part and name not in axes):
-            places = [_positions(part[dim], axes[dim]) for dim in variable.dims]
-            full[np.ix_(*places)] = np.reshape(part[name], [len(rows) for rows in places])
-        data[name] = (variable.dims, axes.get(name, full), variable.attributes)
-    return xarray.Dataset(data, attrs=attributes).set_coords(
-        [name for name in coordinates if name in data]
-    )
+    for name, variable in table.items():
+        array = axes[name] if name in axes else _filled(name, variable, parts, axes)
+        data[name] = (variable.dims, array, variable.attributes)
+    names = [name for name in coordinates if name in data]
+    return xarray.Dataset(data, attrs=attributes).set_coords(names)
 
 
-def _union(parts: Sequence[Any], in_order: bool) -> list | np.ndarray:
-    """All labels in order of appearance, or all numbers ascending unless `in_order`, each once."""
+def _filled(
+    name: str, variable: Variable, parts: Sequence[Part], axes: Mapping[str, Axis]
+) -> np.ndarray:
+    """Return the array of a variable over the axes of its dimensions, filled from all parts."""
+    shape = [len(axes[dim]) for dim in variable.dims]
+    array: np.ndarray = np.full(shape, variable.absent, variable.dtype)
+    for part in parts:
+        if name in part:
+            positions = [_positions(part[dim], axes[dim]) for dim in variable.dims]
+            shape_of_part = [len(rows) for rows in positions]
+            array[np.ix_(*positions)] = np.reshape(part[name], shape_of_part)
+    return array
+
+
+def _union(parts: Sequence[Any], in_order: bool) -> Axis:
+    """Return all labels in order of appearance, or all numbers ascending unless `in_order`, each
+    once.
+
+    >>> _union([[0.0, 1.0], [0.5, 1.0 + 1e-12]], in_order=False)
+    array([0. , 0.5, 1. ])
+    """
     axis = np.concatenate(parts)
     if in_order or axis.dtype.kind == "U":
         return list(dict.fromkeys(axis.tolist()))
-    axis = np.unique(axis)
-    return (
-        axis
-        if axis.dtype.kind in "iu"
-        else axis[np.append(True, np.diff(axis) > SAME_TIME * np.abs(axis[1:]))]
-    )
+    numbers = np.unique(axis)
+    if numbers.dtype.kind in "iu":
+        return numbers
+    is_new = np.diff(numbers) > SAME_TIME * np.abs(numbers[1:])
+    return numbers[np.append(True, is_new)]
 
 
-def _positions(values: Any, axis: list | np.ndarray) -> np.ndarray:
-    """Indices of a part's values in the union."""
+def _positions(values: Any, axis: Axis) -> np.ndarray:
+    """Return the indices of a part's values in the union."""
     if isinstance(axis, list):
         return np.array([axis.index(label) for label in values])
-    values = np.asarray(values)
-    return np.searchsorted(
-        axis, values - SAME_TIME * np.abs(values) if values.dtype.kind == "f" else values
-    )
+    numbers = np.asarray(values)
+    if numbers.dtype.kind == "f":
+        numbers = numbers - SAME_TIME * np.abs(numbers)
+    return np.searchsorted(axis, numbers)
