@@ -31,7 +31,9 @@ from brownpipe.analysis.windows import labels
 from brownpipe.engines.ensemble import Ensemble
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
-MOST_RINGS, REACH = 32, 3.0  # default rings: at most MOST_RINGS, out to REACH rms displacements
+# default rings: at most MOST_RINGS, out to REACH rms displacements
+MOST_RINGS = 32
+REACH = 3.0
 # of the runs that default rings are chosen from: the largest share beyond the last ring
 BEYOND = 0.02
 # runs (tracer alone) for a control variate: with 100 its stated error is 0.8 of the true one
@@ -84,16 +86,17 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
     0.01 %). Their width is a power of two, so that rings of two times or scenes either coincide or
     have different centres.
     """
-    at = chosen_times(case)
+    samples = chosen_times(case)
     if case.edges is not None:
-        return (case.edges,) * len(at)
-    squared = [displacement.tracer_square_displacement(case, runs) for runs in blocks]
-    if not squared or squared[0] is None:
+        return (case.edges,) * len(samples)
+    squares = [displacement.tracer_square_displacement(case, runs) for runs in blocks]
+    if not squares or squares[0] is None:
         return ()
+    r2 = np.concatenate([square[:, samples] for square in squares])
     edges = []
-    for column in np.concatenate([of_block[:, at] for of_block in squared]).T:
-        nearly_all = np.sqrt(np.quantile(column, 1 - BEYOND, method="higher"))
-        reach = max(REACH * np.sqrt(np.mean(column)), nearly_all) or 1.0  # nothing moves
+    for r2_at_time in r2.T:
+        nearly_all = np.sqrt(np.quantile(r2_at_time, 1 - BEYOND, method="higher"))
+        reach = max(REACH * np.sqrt(np.mean(r2_at_time)), nearly_all) or 1.0  # nothing moves
         width = 2.0 ** np.ceil(np.log2(reach / MOST_RINGS))
         edges.append(width * np.arange(np.ceil(reach / width) + 1))
     return tuple(edges)
@@ -103,47 +106,55 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     """Return powers of r at the displacement times, counts in the rings, and moments for the
     non-Gaussian parameter.
     """
-    at, squared = chosen_times(case), displacement.squared_of(case, runs)
-    distance2, moments = displacement.tracer_square_displacement(case, runs), {}
-    alike = (
-        "square_displacement" in runs.observables or case.average == "runs"
-    )  # r^2 and r^4 are averaged
-    if "quartic_displacement" in runs.observables and squared is not None and alike:
-        quartic = runs.observables["quartic_displacement"]
-        moments = {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
-    if squared is None or distance2 is None or not len(at):
+    samples = chosen_times(case)
+    squared = displacement.squared_of(case, runs)
+    distance2 = displacement.tracer_square_displacement(case, runs)
+    moments = _moments_within_runs(case, runs, squared)
+    if squared is None or distance2 is None or not len(samples):
         return Columns(moments)
-    r2, slopes = (
-        distance2[:, at],
-        displacement.per_run_lines(squared, case.times, case.windows)[:, 0],
-    )
+    r2 = distance2[:, samples]
+    slopes = displacement.per_run_lines(squared, case.times, case.windows)[:, 0]
     size = max(map(len, case.rings))
     counts, shared = [], []
-    for k, column, edges in zip(at, r2.T, case.rings, strict=True):
-        ring = ring_of(np.sqrt(column), edges)
+    for sample, r2_at_time, edges in zip(samples, r2.T, case.rings, strict=True):
+        ring = ring_of(np.sqrt(r2_at_time), edges)
         counts.append(np.bincount(ring, minlength=size))
-        shared.append([np.bincount(ring, one, size) for one in (squared[:, k], *slopes.T)])
+        sources_of_d = [squared[:, sample], *slopes.T]
+        shared.append([np.bincount(ring, source, size) for source in sources_of_d])
     sums = {"rings": np.array(counts), "shared": np.array(shared)}
     return Columns({"r2": r2, "r4": r2**2, "r6": r2**3, **moments}, sums)
+
+
+def _moments_within_runs(
+    case: Case, runs: Ensemble, squared: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """Return the columns of r^4 and r^2 r^4 if the runs have r^4, averaged as r^2 is, else {}."""
+    are_alike = "square_displacement" in runs.observables or case.average == "runs"
+    if squared is None or not are_alike or "quartic_displacement" not in runs.observables:
+        return {}
+    quartic = runs.observables["quartic_displacement"]
+    return {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
 
 
 def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
     """Yield the values of all variables and coordinates at each of the displacement times, which
     have own rings.
     """
-    square = ["square"] if np.isfinite(displacement.accessible_half_width(case.scene)) else []
-    models = ["msd", *(f"slope {label}" for label in labels(case.windows)), *square]
+    models = ["msd", *(f"slope {label}" for label in labels(case.windows))]
+    if np.isfinite(displacement.accessible_half_width(case.scene)):
+        models.append("square")
+    samples = chosen_times(case)
     if "r2" not in averages.places:
         edges = np.arange(2.0) if case.edges is None else case.edges
-        yield {"displacement_time": case.times[chosen_times(case)], "model": models} | _rings(edges)
+        yield {"displacement_time": case.times[samples], "model": models} | _rings(edges)
         return
-    of_shape = kurtosis(averages)
-    for k, (at, edges) in enumerate(zip(chosen_times(case), case.rings, strict=True)):
+    kurtoses = kurtosis(averages)
+    for k, (sample, edges) in enumerate(zip(samples, case.rings, strict=True)):
         counts = averages.totals["rings"][k][: len(edges)]
         low, high = resampling.wilson_interval(counts[:-1], averages.runs)
-        p_value = goodness.kurtosis_p_value(of_shape.mean[k], averages.runs)
+        p_value = goodness.kurtosis_p_value(kurtoses.mean[k], averages.runs)
         yield {
-            "displacement_time": [case.times[at]],
+            "displacement_time": [case.times[sample]],
             "model": models,
             **_rings(edges),
             **_tests(case, averages, k, p_value),
@@ -152,7 +163,7 @@ def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
             "displacement_counts_high": high,
             "displacement_overflow": counts[-1],
             "kurtosis_p_value": p_value,
-            **with_intervals({"kurtosis": of_shape.at(k)}),
+            **with_intervals({"kurtosis": kurtoses.at(k)}),
         }
 
 
@@ -178,51 +189,62 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     D is the mean of r^2/4t or of a slope over 4, or that which gives the reflecting square this
     mean of r^2; NaN if the mean is not positive.
     """
-    at, edges, half_width = (
-        chosen_times(case)[k],
-        case.rings[k],
-        displacement.accessible_half_width(case.scene),
-    )
-    t, counts = case.times[at], averages.totals["rings"][k][: len(edges)]
-    of_msd, of_slope = (
-        np.stack(resampling.moments(averages.of(name), 0))[:, 0] for name in ("msd", "slope")
-    )
-    means, variances = np.column_stack([of_msd[:, at], of_slope])
-    means = np.where(means > 0.0, means, np.nan)
-    variances = variances / means**2
-    shared = averages.totals["shared"][k][:, : len(edges)] / means[:, None] - counts
-    each = zip(means / 4 / np.append(t, np.ones(len(case.windows))), shared, variances, strict=True)
-    models = [Model(d, None, *of_source) for d, *of_source in each]
-    if np.isfinite(half_width):
-        larger = means[0] * (1.0 + LOG_STEP)
-        d, raised = (
-            theory.reflecting_square_diffusion(msd, t, half_width) for msd in (means[0], larger)
-        )
-        elasticity = (raised / d - 1.0) / LOG_STEP
-        models.append(Model(d, half_width, elasticity * shared[0], elasticity**2 * variances[0]))
-    tests = [_test(counts, edges, t, kurtosis_p, model) for model in models]
+    edges = case.rings[k]
+    t = case.times[chosen_times(case)[k]]
+    counts = averages.totals["rings"][k][: len(edges)]
+    tests = [
+        _test(counts, edges, t, kurtosis_p, model) for model in _models(case, averages, k, counts)
+    ]
     return {name: [test[name] for test in tests] for name in tests[0]}
+
+
+def _models(case: Case, averages: Averages, k: int, counts: np.ndarray) -> list[Model]:
+    """Return the models at the k-th time: D from the MSD, from every slope, and in the square."""
+    sample = chosen_times(case)[k]
+    t = case.times[sample]
+    msd, msd_variance = resampling.moments(averages.of("msd"), 0)
+    slope, slope_variance = resampling.moments(averages.of("slope"), 0)
+    means = np.append(msd[0, sample], slope[0])
+    means = np.where(means > 0.0, means, np.nan)
+    variances = np.append(msd_variance[0, sample], slope_variance[0]) / means**2
+    diffusion = means / 4 / np.append(t, np.ones(len(case.windows)))
+    shared = averages.totals["shared"][k][:, : len(counts)] / means[:, None] - counts
+    sources_of_d = zip(diffusion, shared, variances, strict=True)
+    models = [Model(d, None, shared, variance) for d, shared, variance in sources_of_d]
+    half_width = displacement.accessible_half_width(case.scene)
+    if np.isfinite(half_width):
+        models.append(_model_of_square(means[0], t, half_width, models[0]))
+    return models
+
+
+def _model_of_square(msd: float, t: float, half_width: float, plane: Model) -> Model:
+    """Return the model of the reflecting square with this MSD, from that of the plane."""
+    larger = msd * (1.0 + LOG_STEP)
+    d = theory.reflecting_square_diffusion(msd, t, half_width)
+    larger_d = theory.reflecting_square_diffusion(larger, t, half_width)
+    elasticity = (larger_d / d - 1.0) / LOG_STEP  # d ln D/d ln MSD
+    return Model(d, half_width, elasticity * plane.shared, elasticity**2 * plane.variance)
 
 
 def _test(
     counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, model: Model
 ) -> dict[str, Any]:
     """Test of one model: variable -> value."""
-    expected, raised, lowered, *wrong = (
-        expected_ring_counts(counts.sum(), edges, t, model.diffusion * scale, model.half_width)
-        for scale in (
-            1.0,
-            float(np.exp(LOG_STEP)),
-            float(np.exp(-LOG_STEP)),
-            1 + WRONG_BY,
-            1 - WRONG_BY,
-        )
-    )
-    test = goodness.chi_square(
-        counts, expected, (raised - lowered) / (2 * LOG_STEP), model.shared, model.variance
-    )
-    of_shape = kurtosis_p if model.half_width is None else np.nan
-    level = goodness.LEVEL / (1 + np.isfinite(of_shape))
+
+    def counts_at(scale: float) -> np.ndarray:  # expected with this multiple of D
+        diffusion = model.diffusion * scale
+        return expected_ring_counts(counts.sum(), edges, t, diffusion, model.half_width)
+
+    expected = counts_at(1.0)
+    raised = counts_at(float(np.exp(LOG_STEP)))
+    lowered = counts_at(float(np.exp(-LOG_STEP)))
+    change = (raised - lowered) / (2 * LOG_STEP)
+    test = goodness.chi_square(counts, expected, change, model.shared, model.variance)
+    shape_p = kurtosis_p if model.half_width is None else np.nan
+    level = goodness.LEVEL / (1 + np.isfinite(shape_p))
+    powers = [
+        goodness.power(expected, counts_at(scale), level) for scale in (1 + WRONG_BY, 1 - WRONG_BY)
+    ]
     return {
         "model_diffusion_coefficient": model.diffusion,
         "expected_counts": expected[:-1],
@@ -230,8 +252,8 @@ def _test(
         "chi_square": test.statistic,
         "degrees_of_freedom": test.degrees_of_freedom,
         "p_value": test.p,
-        "p_value_joint": goodness.both(test.p, of_shape),
-        "power_5_percent": min(goodness.power(expected, other, level) for other in wrong),
+        "p_value_joint": goodness.both(test.p, shape_p),
+        "power_5_percent": min(powers),
     }
 
 
@@ -247,32 +269,33 @@ def kurtosis(averages: Averages, names: Sequence[str] = ("r2", "r4", "r6")) -> E
     """
     cube = resampling.estimate(*map(averages.of, names), of=_inverse_cube)
     with np.errstate(over="ignore", divide="ignore"):  # an interval that reaches 0 has no upper end
-        mean, high, low = (
-            np.exp(np.log(np.maximum(value, 0.0)) / -3.0)
-            for value in (cube.mean, cube.low, cube.high)
-        )
+        mean = _inverse_cube_root(cube.mean)
+        low = _inverse_cube_root(cube.high)
+        high = _inverse_cube_root(cube.low)
     return Estimate(mean, mean * cube.standard_error / (3 * cube.mean), low, high)
+
+
+def _inverse_cube_root(cube: np.ndarray) -> np.ndarray:
+    return np.exp(np.log(np.maximum(cube, 0.0)) / -3.0)
 
 
 def _inverse_cube(
     m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, *variances: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """(m4 / (2 m2^2))^-3, and the square of its standard error times n - 1; NaN at t = 0."""
-    m2, m4 = np.where(m2 > 0.0, m2, np.nan), np.where(m4 > 0.0, m4, np.nan)
+    m2 = np.where(m2 > 0.0, m2, np.nan)
+    m4 = np.where(m4 > 0.0, m4, np.nan)
     covariance = (m6 - m2 * m4) / (m2 * m4)
-    of_logarithm = 4 * variances[0] / m2**2 + variances[1] / m4**2 - 4 * covariance
+    variance_of_log = 4 * variances[0] / m2**2 + variances[1] / m4**2 - 4 * covariance
     cube = (2 * m2**2 / m4) ** 3
-    return cube, 9 * cube**2 * np.maximum(of_logarithm, 0.0)
+    return cube, 9 * cube**2 * np.maximum(variance_of_log, 0.0)
 
 
 # --- the non-Gaussian parameter: the kurtosis minus 1 at each sample time, with all averages within
 # the runs
 
-MOMENTS = (
-    "msd",
-    "quartic_displacement",
-    "square_times_quartic",
-)  # r^2, r^4 and their product; `displacement` has msd
+# r^2, r^4 and their product; `displacement` has msd
+MOMENTS = ("msd", "quartic_displacement", "square_times_quartic")
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -280,11 +303,12 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if "quartic_displacement" not in averages.places:
         return {}
     mean, error, low, high = kurtosis(averages, MOMENTS)
-    found: dict[str, ArrayLike] = {
-        "non_gaussian_parameter": Estimate(mean - 1, error, low - 1, high - 1)
-    }
+    parameter = Estimate(mean - 1, error, low - 1, high - 1)
+    values: dict[str, ArrayLike] = {"non_gaussian_parameter": parameter}
     fewest = FEWEST_TO_CONTROL if case.average == "runs" else FEWEST_FOR_INTERVAL
-    return found if averages.runs < fewest else found | _controlled(averages, mean - 1)
+    if averages.runs >= fewest:
+        values |= _controlled(averages, parameter.mean)
+    return values
 
 
 def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
@@ -297,10 +321,8 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     """
     if len(value) < 2 or not np.isfinite(value[1:]).all():
         return {}
-    drawn = (resampling.moments(averages.of(name))[0][1:] for name in MOMENTS[:2])
-    r2, r4 = (
-        means[np.isfinite(means).all(axis=1), 1:] for means in drawn
-    )  # a replicate may have no runs
+    r2 = _means_of_replicates(averages, "msd")
+    r4 = _means_of_replicates(averages, "quartic_displacement")
     change = r4 / (2 * r2**2) - 1 - value[1:]
     first = change[:, :1]
     b = (change * first).mean(axis=0) / (first**2).mean()
@@ -310,13 +332,22 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
     return {name: np.append(np.nan, controlled), f"{name}_standard_error": np.append(np.nan, error)}
 
 
+def _means_of_replicates(averages: Averages, name: str) -> np.ndarray:
+    """Return a mean over runs (B, T - 1) after t = 0 in the replicates that have runs."""
+    means, _ = resampling.moments(averages.of(name))
+    has_runs = np.isfinite(means).all(axis=1)
+    has_runs[0] = False  # all runs, as they are
+    return means[has_runs, 1:]
+
+
 MODELS = (
     "model and source of D: msd = MSD(t)/4t, slope = slope/4 in a window, both with eq. (18) of "
     "the 2020 note; "
     "square = diffusion in a reflecting square, D from MSD(t)"
 )
 AT = (*EACH, "displacement_time")
-RING, MODEL = (*AT, "r"), (*AT, "model")
+RING = (*AT, "r")
+MODEL = (*AT, "model")
 
 MEANING = (
     "non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1 of the displacement, 0 for a normal distribution"
