@@ -50,7 +50,8 @@ def line_weights(times: np.ndarray, window: Window) -> np.ndarray:
     middle = times[inside].mean()
     centred = np.where(inside, times - middle, 0.0)
     slope = centred / (centred**2).sum()
-    return np.stack([slope, inside / np.count_nonzero(inside) - middle * slope])
+    mean = inside / np.count_nonzero(inside)
+    return np.stack([slope, mean - middle * slope])
 
 
 def change_weights(times: np.ndarray, window: Window) -> np.ndarray:
@@ -88,9 +89,8 @@ def per_run_lines(squared: np.ndarray, times: np.ndarray, windows: Sequence[Wind
     Least squares is linear: their means over runs are slope and intercept of the line through the
     MSD.
     """
-    return np.stack(
-        [(squared[:, None, :] * line_weights(times, one)).sum(axis=-1) for one in windows], axis=-1
-    )
+    lines = [(squared[:, None, :] * line_weights(times, window)).sum(axis=-1) for window in windows]
+    return np.stack(lines, axis=-1)
 
 
 # --- what is known before any run: box, disks, initial state of the tracer
@@ -103,7 +103,8 @@ def accessible_half_width(scene: Scene) -> float:
     Needed for diffusion in a reflecting square (docs/theory.md, section 2), which is solved for a
     start in its centre.
     """
-    box, start = scene.box, known_start(scene, "runs")
+    box = scene.box
+    start = known_start(scene, "runs")
     if box.periodic or start is None or abs(box.width - box.height) > CENTRED * box.width:
         return np.nan
     off_centre = np.abs(np.array(start) - [sum(box.x) / 2, sum(box.y) / 2]).max()
@@ -150,10 +151,13 @@ def wall_reduction(scene: Scene, average: str, msd: float) -> float:
     longest = 2 * size.max() ** 2  # D t, at which the box is filled to 1e-8
     if msd >= _between_walls(scene, average, longest)[0]:
         return 1.0
-    spread = brentq(
-        lambda spread: _between_walls(scene, average, spread)[0] - msd, 0.0, longest, rtol=1e-9
-    )
-    return 1 - _between_walls(scene, average, spread)[1] / 4
+
+    def excess(spread: float) -> float:
+        return _between_walls(scene, average, spread)[0] - msd
+
+    spread = brentq(excess, 0.0, longest, rtol=1e-9)
+    _, growth = _between_walls(scene, average, spread)
+    return 1 - growth / 4
 
 
 def _between_walls(scene: Scene, average: str, spread: float) -> tuple[float, float]:
@@ -162,10 +166,9 @@ def _between_walls(scene: Scene, average: str, spread: float) -> tuple[float, fl
     start = known_start(scene, average)
     starts = [None, None] if start is None else [*(np.array(start) - corner)]
     axes = [*zip(size, starts, strict=True)]
-    return (
-        sum(theory.reflecting_interval_msd(spread, *axis) for axis in axes),
-        sum(theory.reflecting_interval_growth(spread, *axis) for axis in axes),
-    )
+    msd = sum(theory.reflecting_interval_msd(spread, *axis) for axis in axes)
+    growth = sum(theory.reflecting_interval_growth(spread, *axis) for axis in axes)
+    return msd, growth
 
 
 def window_drift_diffusion(case: Case, window: Window) -> float:
@@ -221,9 +224,8 @@ def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
     if runs.tracer is None:
         return runs.observables.get("square_displacement") if case.average == "runs" else None
     size = (case.scene.box.width, case.scene.box.height)
-    return np.ascontiguousarray(
-        squared(displacement(runs.tracer.position, runs.tracer.image, size)).T
-    )
+    tracks = displacement(runs.tracer.position, runs.tracer.image, size)
+    return np.ascontiguousarray(squared(tracks).T)
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
@@ -250,42 +252,51 @@ def columns(case: Case, runs: Ensemble) -> Columns:
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return windows, MSD and fits, and what is known of the scene before any run."""
-    windows, times, scene = case.windows, case.times, case.scene
-    friction = averages.mean("friction_rate") if "friction_rate" in averages.places else np.nan
-    values: dict[str, ArrayLike] = {
-        "window": labels(windows),
-        "window_start": [start for start, _ in windows],
-        "window_end": [end for _, end in windows],
-        "box_width": scene.box.width,
-        "duration": times[-1],
-        "packing_fraction": scene.packing_fraction,
-        "initial_square_speed": motion.mean_square_speed_of_tracer(scene),
-        "not_diffusive_before": (
-            DECAY_TIMES / friction if friction > 0 else not_diffusive_before(scene)
-        ),
-        "accessible_half_width": accessible_half_width(scene),
-        "msd_limit": msd_limit(scene, case.average),
-        "window_drift_diffusion": [window_drift_diffusion(case, window) for window in windows],
-    }
+    values = _scene_values(case, averages)
     if "msd" not in averages.places:
         return values
-    msd, slope = averages.estimate("msd"), averages.estimate("slope")
-    over_4t = np.divide(0.25, times, out=np.full(len(times), np.nan), where=times > 0)
-    values |= {"msd": msd, "msd_over_4t": msd.scaled(over_4t)}
+    msd = averages.estimate("msd")
+    slope = averages.estimate("slope")
+    is_late = case.times > 0
+    per_4t = np.divide(0.25, case.times, out=np.full(len(case.times), np.nan), where=is_late)
+    values |= {"msd": msd, "msd_over_4t": msd.scaled(per_4t)}
     values |= {"slope": slope, "diffusion_coefficient": slope.scaled(0.25)}
     change = averages.estimate("slope_change")
-    at_end = np.array([np.interp(end, times, msd.mean) for _, end in windows])
-    over_mean = np.divide(
-        [end for _, end in windows], at_end, out=np.full(len(windows), np.nan), where=at_end > 0
-    )
-    exponent = slope.scaled(over_mean)
-    return values | {
+    values |= {
         "slope_change": change.mean,
         "slope_change_standard_error": change.standard_error,
         "slope_change_p_value": p_value(change, slope.mean, averages.runs),
+    }
+    ends = np.array([end for _, end in case.windows])
+    msd_at_ends = np.interp(ends, case.times, msd.mean)
+    has_moved = msd_at_ends > 0
+    per_slope = np.divide(ends, msd_at_ends, out=np.full(len(ends), np.nan), where=has_moved)
+    exponent = slope.scaled(per_slope)
+    reductions = [wall_reduction(case.scene, case.average, value) for value in msd_at_ends]
+    return values | {
         "growth_exponent": exponent.mean,
         "growth_exponent_standard_error": exponent.standard_error,
-        "wall_reduction": [wall_reduction(scene, case.average, value) for value in at_end],
+        "wall_reduction": reductions,
+    }
+
+
+def _scene_values(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+    """Return windows, and what is known of the scene before any run, or from its friction alone."""
+    scene = case.scene
+    friction = averages.mean("friction_rate") if "friction_rate" in averages.places else np.nan
+    diffusive_from = DECAY_TIMES / friction if friction > 0 else not_diffusive_before(scene)
+    return {
+        "window": labels(case.windows),
+        "window_start": [start for start, _ in case.windows],
+        "window_end": [end for _, end in case.windows],
+        "box_width": scene.box.width,
+        "duration": case.times[-1],
+        "packing_fraction": scene.packing_fraction,
+        "initial_square_speed": motion.mean_square_speed_of_tracer(scene),
+        "not_diffusive_before": diffusive_from,
+        "accessible_half_width": accessible_half_width(scene),
+        "msd_limit": msd_limit(scene, case.average),
+        "window_drift_diffusion": [window_drift_diffusion(case, window) for window in case.windows],
     }
 
 
