@@ -31,7 +31,13 @@ WALLS_FELT = 0.1
 # place; 1 in diffusion.
 HELD = 0.5
 
-CHANGES, PLATEAU, WALLS, EARLY, DRIFT, UNTESTED = (1 << bit for bit in range(6))
+# Bits of a mark.
+CHANGES = 1
+PLATEAU = 2
+WALLS = 4
+EARLY = 8
+DRIFT = 16
+UNTESTED = 32
 REASONS = {
     CHANGES: "slope_changes",
     PLATEAU: "plateau",
@@ -42,18 +48,18 @@ REASONS = {
 }
 
 WINDOW = (*EACH, "window")
+FLAGS = {
+    "flag_masks": np.array([*REASONS], np.int8),
+    "flag_meanings": " ".join(REASONS.values()),
+}
 VARIABLES = {
     "diffusion_mark": Variable(
         WINDOW,
         "1",
         "why slope/4 in the window is no diffusion coefficient; 0: nothing speaks against it",
-        (),
-        np.int8,
-        0,
-        {
-            "flag_masks": np.array([*REASONS], np.int8),
-            "flag_meanings": " ".join(REASONS.values()),
-        },
+        dtype=np.int8,
+        absent=0,
+        extra=FLAGS,
     )
 }
 
@@ -67,9 +73,9 @@ def marked(dataset: "Dataset") -> "Dataset":
     p = dataset.slope_change_p_value
     adjusted = p.copy(data=holm(p.values.ravel()).reshape(p.shape))
     dataset = dataset.assign(slope_change_p_value=adjusted)
-    marks = dataset.runs.astype(np.int8) * 0 + sum(
-        bit * holds.astype(np.int8) for bit, holds in _reasons(dataset).items()
-    )
+    marks = dataset.runs.astype(np.int8) * 0
+    for bit, holds in _reasons(dataset).items():
+        marks = marks + bit * holds.astype(np.int8)
     marks = marks.where(dataset.diffusion_coefficient.notnull(), 0).astype(np.int8)
     described = VARIABLES["diffusion_mark"].attributes
     return dataset.assign(diffusion_mark=marks.transpose(*p.dims).assign_attrs(described))
@@ -105,7 +111,11 @@ def _quantile(runs: "DataArray") -> "DataArray":
 
 
 def in_words(mark: int) -> str:
-    """Return the reasons of a mark in words: `walls, early`; "" without a mark."""
+    """Return the reasons of a mark in words; "" without a mark.
+
+    >>> in_words(WALLS | EARLY)
+    'walls, early'
+    """
     return ", ".join(name.replace("_", " ") for bit, name in REASONS.items() if mark & bit)
 
 
