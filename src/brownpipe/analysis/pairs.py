@@ -35,9 +35,12 @@ def pairs_in(scene: Scene) -> tuple[np.ndarray, ...]:
     """Return the P pairs of species in a scene, each (P,): index of a species and of the other, a
     <= b, number of pairs of disks, distance of two disks at contact [length].
     """
-    _, number, radius, *_ = table = species_table(scene)
-    a, b = np.array(species_pairs(table), int).reshape(-1, 2).T
-    return a, b, number[a] * (number[b] - (a == b)) / (1.0 + (a == b)), radius[a] + radius[b]
+    species = species_table(scene)
+    a, b = np.array(species_pairs(species), int).reshape(-1, 2).T
+    is_same = a == b
+    partners = species.number[b] - is_same  # of a disk; none is its own
+    pairs = species.number[a] * partners / (1.0 + is_same)  # those of one species counted once
+    return a, b, pairs, species.radius[a] + species.radius[b]
 
 
 def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
@@ -75,19 +78,22 @@ def contact_weights(
     weights = np.zeros((2, len(inside)))
     if np.count_nonzero(inside) < ORDER + 2:
         return np.full(weights.shape, np.nan)
-    low, high = (ends[inside, None] / contact - 1 for ends in (edges[:-1], edges[1:]))
+    low = edges[:-1][inside, None] / contact - 1
+    high = edges[1:][inside, None] / contact - 1
     node, share = np.polynomial.legendre.leggauss(3)
     x = ((1 - node) * low + (1 + node) * high) / 2  # (bins, nodes)
     area = (high - low) * share * (1 if flat else 1 + x)
     powers = (x[..., None] / (NEAR - 1)) ** np.arange(ORDER + 2)
-    averages = ((area / (1 + decay * x / 16) ** 16)[..., None] * powers).sum(axis=1) / area.sum(
-        axis=1, keepdims=True
-    )
+    decayed = area / (1 + decay * x / 16) ** 16
+    area_of_bin = area.sum(axis=1, keepdims=True)
+    averages = (decayed[..., None] * powers).sum(axis=1) / area_of_bin
     root = np.sqrt(area.sum(axis=1))
-    of_order, of_next = (
-        np.linalg.pinv(root[:, None] * averages[:, :n])[0] * root for n in (ORDER + 1, ORDER + 2)
-    )
-    weights[:, inside] = of_order, of_next - of_order
+    fits = [
+        np.linalg.pinv(root[:, None] * averages[:, :terms])[0] * root
+        for terms in (ORDER + 1, ORDER + 2)
+    ]
+    weights[0, inside] = fits[0]
+    weights[1, inside] = fits[1] - fits[0]
     return weights
 
 
@@ -99,11 +105,13 @@ def wall_weights(scene: Scene) -> np.ndarray:
     """
     phi = min(scene.packing_fraction, DENSEST)
     number, width = profile.bins(scene)
-    edges, diameters = np.arange(number + 1) * width, 2 * species_table(scene).radius
+    edges = np.arange(number + 1) * width
     decay = DECAY_AT_WALL * phi * float(theory.contact_value(phi))
-    return np.stack(
-        [contact_weights(edges + one, one, decay, flat=True) for one in diameters], axis=1
-    )
+    diameters = 2 * species_table(scene).radius
+    weights = [
+        contact_weights(edges + diameter, diameter, decay, flat=True) for diameter in diameters
+    ]
+    return np.stack(weights, axis=1)
 
 
 def widened(estimate: Estimate, following: Estimate) -> Estimate:
@@ -114,14 +122,11 @@ def widened(estimate: Estimate, following: Estimate) -> Estimate:
     error^2), or 0.
     """
     square = np.maximum(following.mean**2 - following.standard_error**2, 0.0)
-    reach = [
-        np.sqrt((end - estimate.mean) ** 2 + NORMAL**2 * square)
-        for end in (estimate.low, estimate.high)
-    ]
     error = np.sqrt(estimate.standard_error**2 + square)
-    return Estimate(
-        estimate.mean, error, estimate.mean - reach[0], estimate.mean + reach[1]
-    ).unless_alike()
+    below = np.sqrt((estimate.low - estimate.mean) ** 2 + NORMAL**2 * square)
+    above = np.sqrt((estimate.high - estimate.mean) ** 2 + NORMAL**2 * square)
+    mean = estimate.mean
+    return Estimate(mean, error, mean - below, mean + above).unless_alike()
 
 
 def contact_from_rate(
@@ -135,21 +140,20 @@ def contact_from_rate(
     (S. Chapman and T. G. Cowling, The Mathematical Theory of Non-Uniform Gases, ch. 5, in two
     dimensions). At the constant energy of a run the mean speed is larger by 1/`friction.mean_root`.
     """
-    (_, _, radius, mass, _), (a, b, number, contact) = species_table(scene), pairs_in(scene)
+    a, b, number, contact = pairs_in(scene)
+    species = species_table(scene)
     if scene.box.periodic:
-        p = 2 * np.pi * contact / scene.box.area
+        density = 2 * np.pi * contact / scene.box.area
     else:
-        areas = [scene.box.accessible(one)[1] for one in radius]
-        each = zip(contact, a, b, strict=True)
-        p = np.array(
-            [theory.pair_distance_density_between(one, areas[k], areas[m]) for one, k, m in each],
-            float,
-        )
-    rate = (
-        p
-        * np.sqrt(kt[:, None] / (2 * np.pi * theory.reduced_mass(mass[a], mass[b])))
-        / mean_root(scene)
-    )
+        areas = [scene.box.accessible(radius)[1] for radius in species.radius]
+        densities = [
+            theory.pair_distance_density_between(distance, areas[k], areas[m])
+            for distance, k, m in zip(contact, a, b, strict=True)
+        ]
+        density = np.array(densities, float)
+    mass = theory.reduced_mass(species.mass[a], species.mass[b])
+    speed = np.sqrt(kt[:, None] / (2 * np.pi * mass))  # of approach, at distances near contact
+    rate = density * speed / mean_root(scene)
     return _over(collisions, duration * number * rate)
 
 
@@ -160,26 +164,23 @@ def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
     The collisions of each pair of species are known for one species, and for one beside a single
     tracer. Between walls its contact value needs the ideal gas around it.
     """
-    scene, seen, names = (
-        case.scene,
-        runs.observables,
-        ("pair_collisions", "tracer_collisions", "kinetic_energy"),
-    )
+    scene = case.scene
+    seen = runs.observables
+    names = ("pair_collisions", "tracer_collisions", "kinetic_energy")
     if not is_stationary(scene) or not seen.keys() >= {*names}:
         return {}
-    every, tracers, energy = (np.asarray(seen[name], float) for name in names)
+    of_all, of_tracer, energy = (np.asarray(seen[name], float) for name in names)
     number = species_table(scene).number
     if len(number) == 1 and number[0] > 1:
-        collisions = every[:, None]
+        collisions = of_all[:, None]
     elif len(number) == 2 and number[0] == 1 and (scene.box.periodic or "pair_expected" in seen):
-        collisions = np.stack([np.full_like(every, np.nan), tracers, every - tracers], axis=1)
+        within_tracer = np.full_like(of_all, np.nan)
+        collisions = np.stack([within_tracer, of_tracer, of_all - of_tracer], axis=1)
     else:
         return {}
-    return {
-        "contact_value_rate": contact_from_rate(
-            scene, collisions, temperature(scene, energy), case.times[-1]
-        )
-    }
+    kt = temperature(scene, energy)
+    contact_values = contact_from_rate(scene, collisions, kt, case.times[-1])
+    return {"contact_value_rate": contact_values}
 
 
 def bin_edges(scene: Scene) -> np.ndarray:
@@ -191,34 +192,36 @@ def bin_edges(scene: Scene) -> np.ndarray:
 def weights_of(scene: Scene) -> np.ndarray:
     """Return the `contact_weights` (2, P, R) of every pair of species."""
     a, b, _, contact = pairs_in(scene)
-    _, number, radius, *_ = species_table(scene)
+    species = species_table(scene)
     phi = min(scene.packing_fraction, DENSEST)
-    density = number / scene.box.area * (phi / scene.packing_fraction)
-    decays = DECAY * phi * theory.mixture_contact_values(density, 2 * radius)[a, b]
+    density = species.number / scene.box.area * (phi / scene.packing_fraction)
+    contact_values = theory.mixture_contact_values(density, 2 * species.radius)
+    decays = DECAY * phi * contact_values[a, b]
     edges = bin_edges(scene)
-    return np.stack(
-        [contact_weights(edges, *pair) for pair in zip(contact, decays, strict=True)], axis=1
-    )
+    weights = [
+        contact_weights(edges, distance, decay)
+        for distance, decay in zip(contact, decays, strict=True)
+    ]
+    return np.stack(weights, axis=1)
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return g(r), contact values, and the density at the walls; in the totals numbers of pairs."""
-    seen, means = runs.observables, _by_rate(case, runs)
+    seen = runs.observables
+    means = _by_rate(case, runs)
     if "density_profile" in seen and not case.scene.box.periodic:
         means |= _extrapolated("contact_density", seen["density_profile"], wall_weights(case.scene))
     if "pair_counts" not in seen:
         return Columns(means)
     uniform = ideal(case.scene, bin_edges(case.scene)) * seen["pair_snapshots"][:, None, None]
     counts = np.asarray(seen["pair_counts"], float)
-    g, around_lone = (
-        _over(counts, uniform),
-        _over(seen.get("pair_expected", np.full_like(counts, np.nan)), uniform),
-    )
+    g = _over(counts, uniform)
     means |= {"pair_distribution": g} | _extrapolated("contact_value", g, weights_of(case.scene))
+    expected = seen.get("pair_expected", np.full_like(counts, np.nan))
     totals = {
         "pairs": counts,
         "one_pair": _over(np.ones_like(uniform), uniform),
-        "around_lone": around_lone,
+        "around_lone": _over(expected, uniform),
     }
     return Columns(means, {name: values.sum(axis=0) for name, values in totals.items()})
 
@@ -227,8 +230,8 @@ def _extrapolated(name: str, values: np.ndarray, weights: np.ndarray) -> dict[st
     """Columns of the value at contact, and of its change by the next order, for `weights` (2,
     ...).
     """
-    of_order, following = ((values * of_one).sum(axis=-1) for of_one in weights)
-    return {name: of_order, f"{name}_following": following}
+    value, following = ((values * weights_of_order).sum(axis=-1) for weights_of_order in weights)
+    return {name: value, f"{name}_following": following}
 
 
 def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -246,21 +249,22 @@ def _per_lone(around_lone: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(around_lone), _over(np.ones_like(around_lone), around_lone), 1.0)
 
 
-def _of_few(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
+def _distribution(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
     """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least
     Poisson's.
 
     The bootstrap has no interval for up to three pairs, and too short ones for a few more.
     """
-    estimate = averages.estimate("pair_distribution").scaled(_per_lone(around_lone))
-    pairs, one = (
-        averages.totals["pairs"],
-        averages.totals["one_pair"] / averages.runs**2 * _per_lone(around_lone),
-    )
+    per_lone = _per_lone(around_lone)
+    estimate = averages.estimate("pair_distribution").scaled(per_lone)
+    pairs = averages.totals["pairs"]
+    g_of_one_pair = averages.totals["one_pair"] / averages.runs**2 * per_lone
     *_, contact = pairs_in(case.scene)
-    beyond = bin_edges(case.scene)[1:] > contact[:, None]
-    few = (pairs < FEW) & beyond & (averages.runs >= resampling.FEWEST_FOR_INTERVAL)
-    low, high = (np.where(few, end * one, np.nan) for end in resampling.wilson_interval(pairs))
+    is_beyond = bin_edges(case.scene)[1:] > contact[:, None]
+    is_few = (pairs < FEW) & is_beyond & (averages.runs >= resampling.FEWEST_FOR_INTERVAL)
+    fewest, most = resampling.wilson_interval(pairs)
+    low = np.where(is_few, fewest * g_of_one_pair, np.nan)
+    high = np.where(is_few, most * g_of_one_pair, np.nan)
     return estimate._replace(low=np.fmin(estimate.low, low), high=np.fmax(estimate.high, high))
 
 
@@ -268,18 +272,21 @@ def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> dict
     """Contact values relative to the ideal gas around lone disks; those from g(r) with the error of
     extrapolation.
     """
-    of_lone, following_of_lone = (
-        np.sum(around_lone * of_order, axis=-1) for of_order in weights_of(case.scene)
+    lone, following_lone = (
+        np.sum(around_lone * weights, axis=-1) for weights in weights_of(case.scene)
     )
     # NaN where the ideal gas around a lone disk is not known at contact.
-    per_lone = np.where(
-        np.isfinite(around_lone).any(axis=-1), _over(np.ones_like(of_lone), of_lone), 1.0
-    )
-    found = [name for name in ("contact_value", "contact_value_rate") if name in averages.places]
-    values = {name: averages.estimate(name).unless_alike().scaled(per_lone) for name in found}
+    is_recorded = np.isfinite(around_lone).any(axis=-1)
+    per_lone = np.where(is_recorded, _over(np.ones_like(lone), lone), 1.0)
+    values = {}
+    for name in ("contact_value", "contact_value_rate"):
+        if name in averages.places:
+            values[name] = averages.estimate(name).unless_alike().scaled(per_lone)
     following = averages.estimate("contact_value_following")
-    of_ideal = np.where(np.isfinite(of_lone), values["contact_value"].mean * following_of_lone, 0.0)
-    following = following._replace(mean=following.mean - of_ideal).scaled(per_lone)
+    # Of the change by the next order, that of the ideal gas is no error.
+    change_lone = values["contact_value"].mean * following_lone
+    change_lone = np.where(np.isfinite(lone), change_lone, 0.0)
+    following = following._replace(mean=following.mean - change_lone).scaled(per_lone)
     return values | {"contact_value": widened(values["contact_value"], following)}
 
 
@@ -289,19 +296,20 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
     """
     values: dict[str, ArrayLike | Estimate] = {}
     if "contact_density" in averages.places:
-        values["contact_density"] = widened(
-            *map(averages.estimate, ("contact_density", "contact_density_following"))
-        )
+        density = averages.estimate("contact_density")
+        following = averages.estimate("contact_density_following")
+        values["contact_density"] = widened(density, following)
     if {"pair_distribution", "contact_value_rate"} & averages.places.keys():
         *_, values["contact_distance"] = pairs_in(case.scene)
     if "pair_distribution" in averages.places:
         around_lone = averages.totals["around_lone"] / averages.runs
-        values["pair_distribution"] = _of_few(case, averages, around_lone)
+        values["pair_distribution"] = _distribution(case, averages, around_lone)
         values |= _at_contact(case, averages, around_lone)
     return values
 
 
-PAIR, SPECIES = (*EACH, "species_pair"), (*EACH, "species")
+PAIR = (*EACH, "species_pair")
+SPECIES = (*EACH, "species")
 
 VARIABLES = {
     "pair_distribution": Mean(
