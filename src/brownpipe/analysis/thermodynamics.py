@@ -59,10 +59,8 @@ def compressibility_from_rate(scene: Scene, rate: np.ndarray, kt: np.ndarray) ->
     sqrt(pi m/kT)/4. At the constant energy of a run the mean relative speed is larger by
     1/`mean_root`.
     """
-    return (
-        1.0
-        + mean_root(scene) * rate * 2 * scene.radius[0] * np.sqrt(np.pi * scene.mass[0] / kt) / 4.0
-    )
+    inverse_speed = np.sqrt(np.pi * scene.mass[0] / kt)
+    return 1.0 + mean_root(scene) * rate * 2 * scene.radius[0] * inverse_speed / 4.0
 
 
 def enskog(scene: Scene) -> dict[str, float]:
@@ -77,30 +75,33 @@ def enskog(scene: Scene) -> dict[str, float]:
     kt = motion.temperature(scene)
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
         return {}
-    _, number, radius, mass, _ = species_table(scene)
+    species = species_table(scene)
+    number = species.number
     n = number / scene.box.area
-    rates = theory.mixture_collision_rates(n, 2 * radius, mass, kt) * (
-        1 - np.diag(1 / number)
-    )  # none with itself
+    rates = theory.mixture_collision_rates(n, 2 * species.radius, species.mass, kt)
+    rates = rates * (1 - np.diag(1 / number))  # none with itself
     partners = friction.partners_of(scene)
-    gamma = partners.friction.sum()
+    main_partner = np.argmax(friction.bath_of(scene).number)
+    friction_rate = partners.friction.sum()
+    bath_share = motion.bath_share(scene)
     return {
         "enskog_collision_rate": (number * rates.sum(axis=1)).sum() / number.sum(),
         "enskog_tracer_collision_rate": partners.rate.sum(),
-        "enskog_contact_value": partners.contact_value[np.argmax(friction.bath_of(scene).number)],
-        "enskog_compressibility": theory.mixture_compressibility(n, 2 * radius),
-        "enskog_diffusion": motion.bath_share(scene) ** 2 * kt / (mass[0] * gamma),
+        "enskog_contact_value": partners.contact_value[main_partner],
+        "enskog_compressibility": theory.mixture_compressibility(n, 2 * species.radius),
+        "enskog_diffusion": bath_share**2 * kt / (species.mass[0] * friction_rate),
     }
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return rates, temperatures and compressibility factors of the runs of hard disks."""
-    scene, duration, seen = case.scene, case.times[-1], runs.observables
+    scene = case.scene
+    duration = case.times[-1]
+    seen = runs.observables
     if "pair_collisions" not in seen or not scene.particles:
         return Columns()
-    means = {
-        name: seen[name] for name in ("pair_collisions", "wall_collisions", "tracer_collisions")
-    }
+    counts = ("pair_collisions", "wall_collisions", "tracer_collisions")
+    means = {name: seen[name] for name in counts}
     means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
     means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
     if "kinetic_energy" not in seen:
@@ -108,30 +109,28 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     kt = temperature(scene, seen["kinetic_energy"])
     hot = np.where(kt > 0, kt, np.nan)  # NaN: nothing moves
     if scene.particles > 1 and np.ptp(scene.radius) == np.ptp(scene.mass) == 0:
-        means["compressibility_rate"] = compressibility_from_rate(
-            scene, means["collision_rate"], hot
-        )
+        rate = means["collision_rate"]
+        means["compressibility_rate"] = compressibility_from_rate(scene, rate, hot)
     if motion.temperature(scene) and scene.particles > 1:
         for name in ("collision_rate", "tracer_collision_rate"):
             means[f"{name}_at_temperature"] = rate_at_temperature(scene, means[name], hot)
-    means |= {
-        "kinetic_temperature": kt,
-        "compressibility": compressibility(scene, seen["virial"], hot, duration),
-    }
+    means["kinetic_temperature"] = kt
+    means["compressibility"] = compressibility(scene, seen["virial"], hot, duration)
     if "wall_impulse" in seen:
-        means["wall_pressure"] = seen["wall_impulse"] / (
-            2 * (scene.box.width + scene.box.height) * duration
-        )
-        means["wall_compressibility"] = (
-            means["wall_pressure"] * scene.box.area / (scene.particles * hot)
-        )
+        perimeter = 2 * (scene.box.width + scene.box.height)
+        pressure = seen["wall_impulse"] / (perimeter * duration)
+        means["wall_pressure"] = pressure
+        means["wall_compressibility"] = pressure * scene.box.area / (scene.particles * hot)
     return Columns(means)
 
 
 def results(case: Case, _: Averages) -> dict[str, float]:
     """Return Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
-    whole, added = case.engine.definition.moves_all_disks, drift_diffusion(case.scene)
-    return enskog(case.scene) | ({"drift_diffusion": added} if whole and added > 0 else {})
+    values = enskog(case.scene)
+    drift = drift_diffusion(case.scene)
+    if case.engine.definition.moves_all_disks and drift > 0:
+        values["drift_diffusion"] = drift
+    return values
 
 
 AT_TEMPERATURE = "per time, at the temperature of the scene"
