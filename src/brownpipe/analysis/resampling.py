@@ -17,6 +17,7 @@ of the others, and scenes and engines that share seeds share weights. See docs/t
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -36,9 +37,8 @@ _NORMAL_975 = 1.959963984540054
 
 # Inverse transform: a weight is the number of these bounds, P(w <= k) to 2^-17, that 16 random bits
 # reach or exceed.
-_BOUNDS = [
-    round(2**16 * math.exp(-1) * sum(1 / math.factorial(j) for j in range(k + 1))) for k in range(8)
-]
+_PARTIAL_SUMS = accumulate(1 / math.factorial(k) for k in range(8))  # of the series of e
+_BOUNDS = [round(2**16 * math.exp(-1) * partial_sum) for partial_sum in _PARTIAL_SUMS]
 
 
 class Estimate(NamedTuple):
@@ -62,9 +62,9 @@ class Estimate(NamedTuple):
         """Return the Estimate with error and interval NaN where all runs are equal: mostly nothing
         was counted.
         """
-        return Estimate(
-            self.mean, *(np.where(self.standard_error > 0, part, np.nan) for part in self[1:])
-        )
+        differ = self.standard_error > 0
+        uncertainties = (np.where(differ, values, np.nan) for values in self[1:])
+        return Estimate(self.mean, *uncertainties)
 
 
 class Sums(NamedTuple):
@@ -89,9 +89,9 @@ def moments(sums: Sums, replicates: int = REPLICATES) -> tuple[np.ndarray, np.nd
     replicate without runs.
     """
     rows = slice(1 + replicates)
-    first, second = (
-        total[rows] / _or_nan(sums.weight[rows])[:, None] for total in (sums.first, sums.second)
-    )
+    runs = _or_nan(sums.weight[rows])[:, None]
+    first = sums.first[rows] / runs
+    second = sums.second[rows] / runs
     return sums.pivot + first, np.maximum(second - np.square(first), 0.0)
 
 
@@ -104,11 +104,13 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
     """
     columns = np.asarray(columns, float)
     if sums is None:
-        size = 1 + REPLICATES, columns.shape[1]
+        rows = 1 + REPLICATES
+        shape = (rows, columns.shape[1])
         pivot = columns[0] + (columns - columns[0]).mean(axis=0)
-        sums = Sums(pivot, np.zeros(size[0]), np.zeros(size), np.zeros(size))
+        sums = Sums(pivot, np.zeros(rows), np.zeros(shape), np.zeros(shape))
     blocks, places = np.divmod(seeds, SEEDS_PER_BLOCK)
-    weights, deviation = _weights(int(blocks[0]))[:, places], columns - sums.pivot
+    weights = _weights(int(blocks[0]))[:, places]
+    deviation = columns - sums.pivot
     sums.weight[0] += len(seeds)
     sums.weight[1:] += weights.sum(axis=1)
     for terms, total in ((deviation, sums.first), (deviation**2, sums.second)):
@@ -126,12 +128,8 @@ def _weights(block: int) -> np.ndarray:
     8.
     """
     stream = np.random.Philox(key=_KEY, counter=[0, 0, 0, block])
-    bits = (
-        stream.random_raw(REPLICATES * SEEDS_PER_BLOCK // 4)
-        .astype("<u8")
-        .view("<u2")
-        .reshape(REPLICATES, -1)
-    )
+    numbers = stream.random_raw(REPLICATES * SEEDS_PER_BLOCK // 4).astype("<u8")
+    bits = numbers.view("<u2").reshape(REPLICATES, -1)
     weights = np.zeros(bits.shape, np.uint8)
     for bound in _BOUNDS:
         weights += bits >= bound
@@ -150,7 +148,8 @@ def _on_a_grid(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     largest = np.abs(columns).max(axis=0)
     length = np.sqrt(np.square(columns / _or_nan(largest)).sum(axis=0)) * largest
-    unit = np.ldexp(1.0, np.frexp(np.nan_to_num(length) * _LONGEST)[1] - 24)
+    _, exponent = np.frexp(np.nan_to_num(length) * _LONGEST)
+    unit = np.ldexp(1.0, exponent - 24)
     return np.rint(columns / unit).astype(np.float32), unit
 
 
@@ -168,28 +167,31 @@ def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)
     FEWEST_FOR_INTERVAL runs, and where the runs are alike in 2.5 % of the replicates, as if only
     three runs have an event: for such a replicate t is infinite.
     """
-    if len(sums[0].pivot) > _AT_ONCE:
-        chunks = [
-            slice(start, start + _AT_ONCE) for start in range(0, len(sums[0].pivot), _AT_ONCE)
-        ]
-        parts = (estimate(*(one.at(chunk) for one in sums), of=of) for chunk in chunks)
-        return Estimate(*map(np.concatenate, zip(*parts, strict=True)))
+    columns = len(sums[0].pivot)
+    if columns > _AT_ONCE:
+        chunks = [slice(start, start + _AT_ONCE) for start in range(0, columns, _AT_ONCE)]
+        estimates = []
+        for chunk in chunks:
+            sums_of_chunk = [sums_of_mean.at(chunk) for sums_of_mean in sums]
+            estimates.append(estimate(*sums_of_chunk, of=of))
+        return Estimate(*map(np.concatenate, zip(*estimates, strict=True)))
     means, variances = zip(*map(moments, sums), strict=True)
     value, variance = of(*means, *variances)
-    error = np.sqrt(variance / _or_nan(sums[0].weight - 1)[:, None])
-    whole = (
-        value[0].copy(),
-        error[0].copy(),
-    )  # of all runs; views would keep the replicates in memory
-    deviation, tail = value[1:] - value[0], (REPLICATES + 1) // 40
-    t = np.where(
-        error[0] > 0.0, np.copysign(np.inf, deviation), 0.0
-    )  # for replicates of equal runs
-    np.divide(deviation, error[1:], out=t, where=error[1:] > ALIKE * error[0])
+    runs = sums[0].weight
+    error = np.sqrt(variance / _or_nan(runs - 1)[:, None])
+    # Of all runs; views would keep the replicates in memory.
+    mean = value[0].copy()
+    standard_error = error[0].copy()
+    deviation = value[1:] - mean
+    tail = (REPLICATES + 1) // 40
+    # For replicates of equal runs.
+    t = np.where(standard_error > 0.0, np.copysign(np.inf, deviation), 0.0)
+    np.divide(deviation, error[1:], out=t, where=error[1:] > ALIKE * standard_error)
     t.sort(axis=0)
-    ends = value[0] - t[[-tail, tail - 1]] * error[0]
-    is_known = np.isfinite(ends).all(axis=0) & (sums[0].weight[0] >= FEWEST_FOR_INTERVAL)
-    return Estimate(*whole, *np.where(is_known, ends, np.nan))
+    ends = mean - t[[-tail, tail - 1]] * standard_error
+    is_known = np.isfinite(ends).all(axis=0) & (runs[0] >= FEWEST_FOR_INTERVAL)
+    low, high = np.where(is_known, ends, np.nan)
+    return Estimate(mean, standard_error, low, high)
 
 
 def _or_nan(count: np.ndarray) -> np.ndarray:
@@ -208,8 +210,8 @@ def resample(samples: np.ndarray, seeds: np.ndarray | None = None) -> Estimate:
     if not len(samples):
         return Estimate(*np.full((4, *samples.shape[1:]), np.nan))
     seeds = np.arange(len(samples)) if seeds is None else np.asarray(seeds)
-    found = estimate(_added_up(seeds, samples.reshape(len(samples), -1)))
-    return Estimate(*(values.reshape(samples.shape[1:]) for values in found))
+    flat = estimate(_added_up(seeds, samples.reshape(len(samples), -1)))
+    return Estimate(*(values.reshape(samples.shape[1:]) for values in flat))
 
 
 def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
@@ -219,16 +221,16 @@ def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
     The replicates are those of `resample`; with `other` a second set, independent of the first.
     """
     samples = np.asarray(samples, float)
-    mean, _ = moments(_added_up(np.arange(len(samples)) + _OTHER * other, samples))
+    first_seed = _OTHER if other else 0
+    mean, _ = moments(_added_up(first_seed + np.arange(len(samples)), samples))
     return mean[1:] - mean[0]
 
 
 def _added_up(seeds: np.ndarray, columns: np.ndarray) -> Sums:
     """Sums over all runs, seeds ascending."""
     sums = None
-    for rows in np.split(
-        np.arange(len(seeds)), np.flatnonzero(np.diff(seeds // SEEDS_PER_BLOCK)) + 1
-    ):
+    starts = np.flatnonzero(np.diff(seeds // SEEDS_PER_BLOCK)) + 1  # of the blocks but the first
+    for rows in np.split(np.arange(len(seeds)), starts):
         sums = add_block(sums, seeds[rows], columns[rows])
     return sums
 
@@ -239,7 +241,14 @@ def wilson_interval(count: np.ndarray, total: float = np.inf) -> tuple[np.ndarra
 
     E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927). Its upper end is positive at a count of 0. Of
     infinitely many runs, `count` is a number of rare events (Poisson).
+
+    >>> low, high = wilson_interval(np.array([0, 50]), 100)
+    >>> low.round(1), high.round(1)
+    (array([ 0. , 40.4]), array([ 3.7, 59.6]))
     """
-    count, z2 = np.asarray(count, float), _NORMAL_975**2
+    count = np.asarray(count, float)
+    z2 = _NORMAL_975**2
     half = np.sqrt(z2 * (count * (1 - count / total) + z2 / 4))
-    return (count + z2 / 2 - half) / (1 + z2 / total), (count + z2 / 2 + half) / (1 + z2 / total)
+    middle = count + z2 / 2
+    width = 1 + z2 / total
+    return (middle - half) / width, (middle + half) / width
