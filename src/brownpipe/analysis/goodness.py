@@ -58,18 +58,24 @@ def chi_square(
     freedom = len(expected) - 2
     if freedom < 1 or not np.all(np.isfinite(expected)):
         return ChiSquare(np.nan, max(freedom, 0), np.nan)
-    runs, root = expected.sum(), np.sqrt(expected)
-    b, c = change / root, shared / root / runs
-    bb, bc, cc = (b * b).sum(), (b * c).sum(), (c * c).sum()
+    runs = expected.sum()
+    root = np.sqrt(expected)
+    b = change / root
+    c = shared / root / runs
+    bb = (b * b).sum()
+    bc = (b * c).sum()
+    cc = (c * c).sum()
     middle = variance / runs * bb / 2 - bc
     apart = np.sqrt(max(middle**2 + bb * cc - bc**2, 0.0))
-    weights = np.maximum([1 + middle + apart, 1 + middle - apart], 0.0)
+    weights = np.maximum([1 + middle + apart, 1 + middle - apart], 0.0)  # l_1, l_2
     statistic = ((observed - expected) ** 2 / expected).sum()
-    powers = weights, weights**2, weights**3
-    first, second, third = (len(expected) - 3 + power.sum() for power in powers)
+    first = len(expected) - 3 + weights.sum()
+    second = len(expected) - 3 + (weights**2).sum()
+    third = len(expected) - 3 + (weights**3).sum()
     degrees = (second / third) ** 2 * second
     scaled = degrees + (statistic - first) * np.sqrt(degrees / second)
-    return ChiSquare(statistic, freedom, float(gammaincc(degrees / 2, max(scaled, 0.0) / 2)))
+    p = gammaincc(degrees / 2, max(scaled, 0.0) / 2)
+    return ChiSquare(statistic, freedom, float(p))
 
 
 def power(expected: np.ndarray, others: np.ndarray, level: float = LEVEL) -> float:
@@ -87,20 +93,23 @@ def power(expected: np.ndarray, others: np.ndarray, level: float = LEVEL) -> flo
     freedom = len(expected) - 2
     if freedom < 1 or not np.all(np.isfinite(expected + others)):
         return np.nan
-    return float(
-        1.0 - chndtr(chdtri(freedom, level), freedom, ((others - expected) ** 2 / expected).sum())
-    )
+    critical = chdtri(freedom, level)
+    noncentrality = ((others - expected) ** 2 / expected).sum()
+    return float(1.0 - chndtr(critical, freedom, noncentrality))
 
 
 def _pooled(expected: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
-    """Sums over pools of neighbouring bins that expect FEWEST_EXPECTED or more; the rest joins the
-    last pool.
+    """Return sums over pools of neighbouring bins that expect FEWEST_EXPECTED or more; the rest
+    joins the last pool.
+
+    >>> _pooled(np.array([6.0, 2.0, 3.0, 1.0]), np.array([7, 1, 3, 1]))
+    [array([7., 5.])]
     """
     starts = [0]
     for k in range(1, len(expected)):
         if np.sum(expected[starts[-1] : k]) >= FEWEST_EXPECTED <= np.sum(expected[k:]):
             starts.append(k)
-    return [np.add.reduceat(np.asarray(one, float), starts) for one in values]
+    return [np.add.reduceat(np.asarray(counts, float), starts) for counts in values]
 
 
 # --- kurtosis
@@ -123,24 +132,31 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
         return np.nan
     n = int(runs)
     variance = n**2 * (n - 1) / ((n + 1) ** 2 * (n + 2) * (n + 3))
-    skewness = 2 * (5 * n - 7) / ((n + 4) * (n + 5)) * np.sqrt((n + 2) * (n + 3) / (n - 1))
+    ratio = (n + 2) * (n + 3) / (n - 1)
+    skewness = 2 * (5 * n - 7) / ((n + 4) * (n + 5)) * np.sqrt(ratio)
     third = np.log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
     w = np.exp(third) + np.exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
     median = np.sqrt(variance / (w * (w - 1)))  # less the shift
-    above = (
-        kurtosis - n / (n + 1) + median * np.sqrt(w)
-    )  # the kurtosis less the shift; its mean is n/(n + 1)
-    return (
-        float(2 * ndtr(-abs(np.log(above / median)) / np.sqrt(np.log(w)))) if above > 0.0 else 0.0
-    )
+    mean = n / (n + 1)  # of the kurtosis
+    shifted = kurtosis - mean + median * np.sqrt(w)
+    if not shifted > 0.0:
+        return 0.0
+    deviation = np.log(shifted / median) / np.sqrt(np.log(w))
+    return float(2 * ndtr(-abs(deviation)))
 
 
 # --- multiple tests
 
 
 def in_words(p: float) -> str:
-    """Return `p = 0.31`, `p = 0.0020`, or `p < 1e-06` where the number is not reliable."""
-    return f"p < {LEAST:g}" if p < LEAST else f"p = {p:.2f}" if p >= 0.095 else f"p = {p:#.2g}"
+    """Return a p-value with two digits, and `p < 1e-06` where the number is not reliable.
+
+    >>> in_words(0.312), in_words(0.002), in_words(1e-9)
+    ('p = 0.31', 'p = 0.0020', 'p < 1e-06')
+    """
+    if p < LEAST:
+        return f"p < {LEAST:g}"
+    return f"p = {p:.2f}" if p >= 0.095 else f"p = {p:#.2g}"
 
 
 def change_found_with_power(error: np.ndarray, runs: int, level: float, power: float) -> np.ndarray:
@@ -164,12 +180,15 @@ def holm(p: np.ndarray) -> np.ndarray:
     error rate.
 
     S. Holm, Scand. J. Stat. 6, 65 (1979). NaN are left out.
+
+    >>> holm(np.array([0.01, np.nan, 0.03]))
+    array([0.02,  nan, 0.03])
     """
     p = np.asarray(p, float)
     order = np.argsort(p, kind="stable")  # NaN last
     tests = np.count_nonzero(np.isfinite(p))
     adjusted = np.full(len(p), np.nan)
-    adjusted[order] = np.minimum(
-        np.maximum.accumulate(p[order] * np.maximum(tests - np.arange(len(p)), 1)), 1.0
-    )
+    remaining = np.maximum(tests - np.arange(len(p)), 1)  # tests at each step
+    steps = np.maximum.accumulate(p[order] * remaining)
+    adjusted[order] = np.minimum(steps, 1.0)
     return adjusted
