@@ -52,7 +52,8 @@ def ring_probability(inner: Numbers, outer: Numbers, t: Numbers, diffusion: Numb
     `outer` may be inf. docs/theory.md, section 2.
     """
     square = 4.0 * diffusion * np.asarray(t, float)
-    inner_exponent, outer_exponent = np.square(inner) / square, np.square(outer) / square
+    inner_exponent = np.square(inner) / square
+    outer_exponent = np.square(outer) / square
     return np.exp(-inner_exponent) * -np.expm1(inner_exponent - outer_exponent)
 
 
@@ -68,7 +69,8 @@ def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -
     tau = np.asarray(diffusion * np.asarray(t, float) / np.square(half_width), float)
     k = np.arange(1, _SERIES_TERMS + 1)
     sign = np.where(k % 2, -1.0, 1.0)
-    series = (sign / k**2 * np.exp(-(np.pi**2) * k**2 * tau[..., None])).sum(axis=-1)
+    decay = np.exp(-(np.pi**2) * k**2 * tau[..., None])
+    series = (sign / k**2 * decay).sum(axis=-1)
     component = np.where(tau < _WALLS_UNSEEN, 2.0 * tau, 1.0 / 3.0 + 4.0 / np.pi**2 * series)
     return 2.0 * np.square(half_width) * component
 
@@ -86,33 +88,39 @@ def reflecting_square_within(
     over the angle. For D t/a^2 < 0.0068 it is that of free diffusion; for r beyond the corners it
     is 1. docs/theory.md, section 2.
     """
-    a, r = half_width, np.atleast_1d(np.asarray(r, float))
+    a = half_width
+    r = np.atleast_1d(np.asarray(r, float))
     tau = diffusion * t / a**2
     if not tau >= _WALLS_UNSEEN:
         return ring_probability(0.0, r, t, diffusion)
     s = np.sqrt(np.maximum(r**2 - a**2, 0.0))
-    first, last = np.arcsin(s / np.maximum(r, a)), np.arcsin(np.minimum(a / np.maximum(r, a), 1.0))
+    longest = np.maximum(r, a)
+    first = np.arcsin(s / longest)
+    last = np.arcsin(np.minimum(a / longest, 1.0))
     node, weight = leggauss(_NODES)
     angle = first + (last - first) * (node[:, None] + 1) / 2
-    inner = _component_density(r * np.sin(angle), tau, a) * _component_within(
-        r * np.cos(angle), tau, a
-    )
-    arc = (weight[:, None] * inner * r * np.cos(angle)).sum(axis=0) * (last - first)
-    return np.where(r >= np.sqrt(2.0) * a, 1.0, np.minimum(_component_within(s, tau, a) + arc, 1.0))
+    density = _component_density(r * np.sin(angle), tau, a)
+    within = _component_within(r * np.cos(angle), tau, a)
+    integrand = density * within
+    arc = (weight[:, None] * integrand * r * np.cos(angle)).sum(axis=0) * (last - first)
+    probability = np.minimum(_component_within(s, tau, a) + arc, 1.0)
+    return np.where(r >= np.sqrt(2.0) * a, 1.0, probability)
 
 
 def _component_density(x: np.ndarray, tau: float, a: float) -> np.ndarray:
     """Return the density [1/length] of one component at x after the time tau = D t/a^2."""
     k = np.arange(1, _SERIES_TERMS + 1)
     decay = np.exp(-(np.pi**2) * k**2 * tau)
-    return (1.0 + 2.0 * (decay * np.cos(k * np.pi * x[..., None] / a)).sum(axis=-1)) / (2.0 * a)
+    series = (decay * np.cos(k * np.pi * x[..., None] / a)).sum(axis=-1)
+    return (1.0 + 2.0 * series) / (2.0 * a)
 
 
 def _component_within(h: np.ndarray, tau: float, a: float) -> np.ndarray:
     """Return the probability C(h) that one component is in [-h, h]."""
     k = np.arange(1, _SERIES_TERMS + 1)
     decay = np.exp(-(np.pi**2) * k**2 * tau) / (k * np.pi)
-    return h / a + 2.0 * (decay * np.sin(k * np.pi * h[..., None] / a)).sum(axis=-1)
+    series = (decay * np.sin(k * np.pi * h[..., None] / a)).sum(axis=-1)
+    return h / a + 2.0 * series
 
 
 def reflecting_square_diffusion(msd: float, t: float, half_width: float) -> float:
@@ -121,16 +129,18 @@ def reflecting_square_diffusion(msd: float, t: float, half_width: float) -> floa
     NaN where there is none: `msd` is not positive, or not below its limit 2 a^2/3 by more than
     round-off. By bisection to neighbouring floating-point numbers. docs/theory.md, section 2.
     """
-    low, high = 0.0, 4.0 * np.square(half_width) / t
+    low = 0.0
+    high = 4.0 * np.square(half_width) / t
     if not 0.0 < msd < reflecting_square_msd(t, high, half_width):
         return np.nan
     while True:
         middle = (low + high) / 2
         if middle in (low, high):
             return middle
-        low, high = (
-            (middle, high) if reflecting_square_msd(t, middle, half_width) < msd else (low, middle)
-        )
+        if reflecting_square_msd(t, middle, half_width) < msd:
+            low = middle
+        else:
+            high = middle
 
 
 # --- diffusion between two walls, along the axis at right angles to them
@@ -155,10 +165,12 @@ def reflecting_interval_msd(spread: float, length: float, start: float | None = 
     wave = k * np.pi
     odd = k % 2 == 1
     if start is None:
-        return float(length**2 / 6 - (16 * length**2 * decay / wave**4)[odd].sum())
+        modes = 16 * length**2 * decay / wave**4
+        return float(length**2 / 6 - modes[odd].sum())
     amplitude = 4 / wave**2 * np.cos(wave * start / length) * decay
+    alternating = np.where(odd, -1, 1) * amplitude
     mean = length / 2 - length * amplitude[odd].sum()
-    mean_square = length**2 / 3 + length**2 * (np.where(odd, -1, 1) * amplitude).sum()
+    mean_square = length**2 / 3 + length**2 * alternating.sum()
     return float(mean_square - 2 * start * mean + start**2)
 
 
@@ -178,7 +190,8 @@ def reflecting_interval_growth(spread: float, length: float, start: float | None
     if start is None:
         return float((16 * decay / (k * np.pi) ** 2)[odd].sum())
     mode = np.cos(k * np.pi * start / length) * decay
-    return float(4 * (np.where(odd, 1, -1) * mode).sum() - 8 * start / length * mode[odd].sum())
+    alternating = np.where(odd, 1, -1) * mode
+    return float(4 * alternating.sum() - 8 * start / length * mode[odd].sum())
 
 
 def _wall_modes(spread: float, length: float) -> tuple[np.ndarray, np.ndarray]:
@@ -223,11 +236,9 @@ def contact_value(packing_fraction: Numbers) -> Broadcast:
     fraction of 0.65, not applicable to the dense phases above 0.7. S. Luding, Phys. Rev. E 63,
     042201 (2001); docs/theory.md, section 3.
     """
-    crowding = (
-        packing_fraction
-        * np.square(packing_fraction)
-        / (128.0 * np.square(np.square(1.0 - packing_fraction)))
-    )
+    cube = packing_fraction * np.square(packing_fraction)
+    fourth_power = np.square(np.square(1.0 - packing_fraction))
+    crowding = cube / (128.0 * fourth_power)
     return contact_value_henderson(packing_fraction) - crowding
 
 
@@ -239,7 +250,7 @@ def contact_value_crystal(packing_fraction: Numbers) -> Broadcast:
     Phys. 37, 798 (1962).
 
     >>> round(float(contact_value_crystal(0.9)), 1)
-    145.3
+    145.2
     """
     gap = np.maximum(1.0 - np.sqrt(packing_fraction / HEXAGONAL_PACKING), SMALLEST_GAP)
     return (1.0 / gap - 1.0) / (2.0 * packing_fraction)
@@ -253,9 +264,8 @@ def dilute_pair_distribution(r: Numbers, diameter: Numbers, packing_fraction: Nu
     a third disk cannot have its centre there. docs/theory.md, section 3.
     """
     half = np.minimum(np.asarray(r, float) / (2 * np.asarray(diameter, float)), 1.0)
-    overlap = 2.0 * (
-        np.arccos(half) - half * np.sqrt(1.0 - half * half)
-    )  # A(r) over the squared diameter
+    triangle = half * np.sqrt(1.0 - half * half)
+    overlap = 2.0 * (np.arccos(half) - triangle)  # A(r) over the squared diameter
     return np.where(np.asarray(r) < diameter, 0.0, 1.0 + 4.0 / np.pi * packing_fraction * overlap)
 
 
@@ -269,11 +279,13 @@ def contact_value_mixture(
     0.69; equal to `contact_value_henderson` for one species. J. T. Jenkins & F. Mancini, J. Appl.
     Mech. 54, 27 (1987); docs/theory.md, section 3.
     """
-    number_densities, diameters = np.asarray(number_densities, float), np.asarray(diameters, float)
+    number_densities = np.asarray(number_densities, float)
+    diameters = np.asarray(diameters, float)
     covered = np.pi / 4.0 * np.sum(number_densities * diameters**2)
     surface = np.pi / 4.0 * np.sum(number_densities * diameters)
     reduced = diameter_i * diameter_j / (diameter_i + diameter_j)
-    return 1.0 / (1.0 - covered) + 9.0 / 8.0 * reduced * surface / (1.0 - covered) ** 2
+    free = 1.0 - covered
+    return 1.0 / free + 9.0 / 8.0 * reduced * surface / free**2
 
 
 def compressibility(packing_fraction: Numbers, contact: Numbers) -> Broadcast:
@@ -289,7 +301,8 @@ def reduced_mass(mass_a: Numbers, mass_b: Numbers) -> Broadcast:
     """Return mu = m_a m_b/(m_a + m_b) [mass], as light/(1 + light/heavy), which neither over- nor
     underflows.
     """
-    light, heavy = np.minimum(mass_a, mass_b), np.maximum(mass_a, mass_b)
+    light = np.minimum(mass_a, mass_b)
+    heavy = np.maximum(mass_a, mass_b)
     return light / (1.0 + light / heavy)
 
 
@@ -308,12 +321,8 @@ def collision_rate(
     2 n s chi sqrt(pi kT/m). Enskog's theory, S. Chapman & T. G. Cowling, The Mathematical Theory of
     Non-Uniform Gases (1970); docs/theory.md, section 3.
     """
-    return (
-        number_density
-        * contact
-        * distance
-        * (np.sqrt(2.0 * np.pi) * np.sqrt(temperature) / np.sqrt(mass))
-    )
+    speed = np.sqrt(2.0 * np.pi) * np.sqrt(temperature) / np.sqrt(mass)
+    return number_density * contact * distance * speed
 
 
 def mean_root_chi_square(degrees: float) -> float:
@@ -328,9 +337,8 @@ def mean_root_chi_square(degrees: float) -> float:
     steps = max(0, math.ceil(64.0 - half))
     w = half + steps - 0.25
     u = 1.0 / (w * w)
-    ratio = math.sqrt(w) * (
-        1.0 + u * (1 / 64 + u * (-19 / 8192 + u * 631 / 524288))
-    )  # of Gamma, from 64 on
+    series = 1.0 + u * (1 / 64 + u * (-19 / 8192 + u * 631 / 524288))
+    ratio = math.sqrt(w) * series  # of Gamma, from 64 on
     for k in reversed(range(steps)):
         ratio *= (half + k) / (half + k + 0.5)
     return ratio / math.sqrt(half)
@@ -352,13 +360,8 @@ def enskog_friction(
     describes the times after a few collisions: in the plane the velocity autocorrelation has a 1/t
     tail, so that D(t) goes on rising slowly. docs/theory.md, sections 3 and 4.
     """
-    return (
-        2.0
-        * number_density
-        * contact
-        * distance
-        * (np.sqrt(2.0 * np.pi) * np.sqrt(mass) * np.sqrt(temperature))
-    )
+    momentum = np.sqrt(2.0 * np.pi) * np.sqrt(mass) * np.sqrt(temperature)
+    return 2.0 * number_density * contact * distance * momentum
 
 
 def mixture_contact_values(number_densities: np.ndarray, diameters: np.ndarray) -> np.ndarray:
@@ -368,7 +371,8 @@ def mixture_contact_values(number_densities: np.ndarray, diameters: np.ndarray) 
     `contact_value` if all diameters are equal, else `contact_value_mixture`. docs/theory.md,
     section 3.
     """
-    number_densities, diameters = np.asarray(number_densities, float), np.asarray(diameters, float)
+    number_densities = np.asarray(number_densities, float)
+    diameters = np.asarray(diameters, float)
     if np.unique(diameters).size == 1:
         chi = contact_value(np.pi / 4.0 * np.sum(number_densities * diameters**2))
         return np.full((len(diameters), len(diameters)), chi)
@@ -386,7 +390,8 @@ def mixture_collision_rates(
     """
     chi = mixture_contact_values(number_densities, diameters)
     distance = np.add.outer(diameters, diameters) / 2.0
-    mu = reduced_mass(np.asarray(masses, float)[:, None], np.asarray(masses, float))
+    masses = np.asarray(masses, float)
+    mu = reduced_mass(masses[:, None], masses)
     return collision_rate(np.asarray(number_densities, float), distance, chi, mu, temperature)
 
 
@@ -396,7 +401,8 @@ def mixture_compressibility(number_densities: np.ndarray, diameters: np.ndarray)
     The virial theorem in the plane, from densities [1/length^2] and diameters (K,). docs/theory.md,
     section 3.
     """
-    n, distance = np.asarray(number_densities, float), np.add.outer(diameters, diameters) / 2.0
+    n = np.asarray(number_densities, float)
+    distance = np.add.outer(diameters, diameters) / 2.0
     pairs = n[:, None] * n * distance**2 * mixture_contact_values(n, diameters)
     return 1.0 + np.pi / 2.0 * pairs.sum() / n.sum()
 
@@ -420,18 +426,23 @@ def pair_distance_density_between(
     """
     r = np.asarray(r, float)
     d = np.where(r > 0.0, r, 1.0)[..., None]
-    along_x, along_y = (
-        np.array([abs(a - b), a + b]) / 2 for a, b in zip(first, second, strict=True)
-    )
-    kinks = [np.arccos(np.minimum(along_x / d, 1.0)), np.arcsin(np.minimum(along_y / d, 1.0))]
-    ends = np.zeros_like(d), np.full_like(d, np.pi / 2)
-    cuts = np.sort(np.concatenate([ends[0], *kinks, ends[1]], axis=-1))[..., None]
+    (width_1, height_1), (width_2, height_2) = first, second
+    kinks_x = np.array([abs(width_1 - width_2), width_1 + width_2]) / 2
+    kinks_y = np.array([abs(height_1 - height_2), height_1 + height_2]) / 2
+    angles = [
+        np.zeros_like(d),
+        np.arccos(np.minimum(kinks_x / d, 1.0)),
+        np.arcsin(np.minimum(kinks_y / d, 1.0)),
+        np.full_like(d, np.pi / 2),
+    ]
+    cuts = np.sort(np.concatenate(angles, axis=-1))[..., None]
     node, weight = leggauss(16)
     wide = np.diff(cuts, axis=-2) / 2
     q = cuts[..., :-1, :] + wide * (node + 1)
-    x = _difference_density(d[..., None] * np.cos(q), first[0], second[0])
-    y = _difference_density(d[..., None] * np.sin(q), first[1], second[1])
-    return np.where(r > 0.0, 4.0 * r * (weight * wide * x * y).sum(axis=(-2, -1)), 0.0)
+    x = _difference_density(d[..., None] * np.cos(q), width_1, width_2)
+    y = _difference_density(d[..., None] * np.sin(q), height_1, height_2)
+    integral = (weight * wide * x * y).sum(axis=(-2, -1))
+    return np.where(r > 0.0, 4.0 * r * integral, 0.0)
 
 
 def _difference_density(x: np.ndarray, a: float, b: float) -> np.ndarray:
@@ -456,7 +467,8 @@ def pair_distance_probability(
     node, weight = leggauss(8)
     half = np.diff(edges)[:, None] / 2
     r = edges[:-1, None] + half * (node + 1)
-    return (weight * half * pair_distance_density_between(r, first, second)).sum(axis=-1)
+    density = pair_distance_density_between(r, first, second)
+    return (weight * half * density).sum(axis=-1)
 
 
 # --- an ideal gas around a disk in a box
@@ -477,17 +489,24 @@ def disk_area_in_rectangle(
     a wall on the other side of the centre subtracts. docs/theory.md, section 3.
     """
     r = np.asarray(r, float)
-    square, safe = r**2, np.where(r > 0.0, r, 1.0)
+    square = r**2
+    safe = np.where(r > 0.0, r, 1.0)
     excess = np.pi / 8 * square
 
     def strip(wall: Numbers) -> np.ndarray:  # F less half the area of a quarter disk
         u = np.minimum(np.abs(wall), r)
         return (u * np.sqrt(square - u**2) + square * np.arcsin(u / safe)) / 2 - excess
 
-    def quadrant(a: Numbers, b: Numbers, half_a: np.ndarray, half_b: np.ndarray) -> np.ndarray:
-        return np.where(a**2 + b**2 <= square, a * b, np.sign(a) * np.sign(b) * (half_a + half_b))
+    def quadrant(a: Numbers, b: Numbers, strips: np.ndarray) -> np.ndarray:
+        is_corner_within = a**2 + b**2 <= square
+        return np.where(is_corner_within, a * b, np.sign(a) * np.sign(b) * strips)
 
-    across, along = (
-        [(d, strip(d)) for d in (s / 2 - at, s / 2 + at)] for s, at in ((width, x), (height, y))
-    )
-    return sum(quadrant(a, b, half_a, half_b) for a, half_a in across for b, half_b in along)
+    walls_x = [width / 2 - x, width / 2 + x]
+    walls_y = [height / 2 - y, height / 2 + y]
+    strips_x = [strip(wall) for wall in walls_x]
+    strips_y = [strip(wall) for wall in walls_y]
+    area: np.ndarray | float = 0.0
+    for a, strip_x in zip(walls_x, strips_x, strict=True):
+        for b, strip_y in zip(walls_y, strips_y, strict=True):
+            area = area + quadrant(a, b, strip_x + strip_y)
+    return area
