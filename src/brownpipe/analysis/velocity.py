@@ -56,8 +56,12 @@ def early(times: np.ndarray, rate: float) -> list[int]:
     j is the last sample at which the decay at the rate `rate` (`fastest_rate`) is at most EARLY,
     and i lies half-way. If samples are coarse, or without a rate, the first three.
     """
-    last = max(int(np.searchsorted(rate * times, EARLY, side="right")) - 1, 2) if rate else 2
-    return [0, min(max(int(np.searchsorted(times, times[last] / 2)), 1), last - 1), last]
+    last = 2
+    if rate:
+        samples = int(np.searchsorted(rate * times, EARLY, side="right"))
+        last = max(samples - 1, 2)
+    middle = int(np.searchsorted(times, times[last] / 2))
+    return [0, min(max(middle, 1), last - 1), last]
 
 
 def twice_as_late(times: np.ndarray, samples: list[int], rate: float) -> list[int]:
@@ -78,7 +82,8 @@ def slope_weights(times: np.ndarray, rate: float = 0.0) -> np.ndarray:
     The slope of C(t) exp(rate t), by the parabola through three points (the straight line through
     two), minus rate C(0): exact for an exponential decay at that rate.
     """
-    weights = np.linalg.inv(np.vander(times / times[-1], increasing=True))[1] / times[-1]
+    powers = np.vander(times / times[-1], increasing=True)
+    weights = np.linalg.inv(powers)[1] / times[-1]
     return weights * np.exp(rate * times) - rate * (times == 0)
 
 
@@ -94,10 +99,12 @@ def initial_slope(case: Case, averages: Averages) -> Estimate:
     mean = averages.mean("velocity_autocorrelation")
     if "vacf_initial_slope" not in averages.places or mean[0] - mean[1] > COARSE * mean[0]:
         return Estimate(*np.full(4, np.nan))
-    rate, fastest = enskog_rate(case.scene), fastest_rate(case.scene)
-    times, slope = case.times, averages.estimate("vacf_initial_slope")
+    times = case.times
+    fastest = fastest_rate(case.scene)
     later = twice_as_late(times, early(times, fastest), fastest)
-    systematic = abs(slope.mean - (slope_weights(times[later], rate) * mean[later]).sum())
+    weights = slope_weights(times[later], enskog_rate(case.scene))
+    slope = averages.estimate("vacf_initial_slope")
+    systematic = abs(slope.mean - (weights * mean[later]).sum())
     error = np.hypot(slope.standard_error, systematic)
     return Estimate(slope.mean, error, slope.low - systematic, slope.high + systematic)
 
@@ -115,48 +122,42 @@ def expected_slope(case: Case, averages: Averages) -> float:
     """
     scene = case.scene
     partners = np.unique(scene.mass[1:])
-    begins_apart = scene.listed or (
-        scene.species[0].position and scene.equilibrate.tracer == "pinned"
-    )
+    is_held = scene.species and scene.species[0].position and scene.equilibrate.tracer == "pinned"
+    begins_apart = scene.listed or is_held
     at_walls = not scene.box.periodic and (case.average == "origins" or not begins_apart)
     if partners.size != 1 or at_walls or "tracer_collisions" not in averages.places:
         return np.nan
     rate = averages.mean("tracer_collisions") / case.times[-1]
     share = 2 * theory.reduced_mass(scene.mass[0], partners[0]) / scene.mass[0]
-    balanced = motion.starts_with_zero_momentum(scene)
-    square_speed = averages.mean("velocity_autocorrelation")[0] / (
-        1 - balanced * scene.mass[0] / scene.mass.sum()
-    )
+    is_balanced = motion.starts_with_zero_momentum(scene)
+    lacking_share = is_balanced * scene.mass[0] / scene.mass.sum()
+    square_speed = averages.mean("velocity_autocorrelation")[0] / (1 - lacking_share)
     return -share * rate * square_speed
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return autocorrelation, its slope at 0, running D and densities."""
-    means, seen = {}, runs.observables
+    seen = runs.observables
+    means = {}
     if "velocity_autocorrelation" in seen:
-        means["velocity_autocorrelation"] = seen["velocity_autocorrelation"]
+        autocorrelation = seen["velocity_autocorrelation"]
+        means["velocity_autocorrelation"] = autocorrelation
         if len(case.times) > 2:
             fastest = fastest_rate(case.scene)
             samples = early(case.times, fastest)
             if fastest * case.times[samples[2]] <= LATEST:
                 weights = slope_weights(case.times[samples], enskog_rate(case.scene))
-                means["vacf_initial_slope"] = (
-                    seen["velocity_autocorrelation"][:, samples] * weights
-                ).sum(axis=1)
-    for name, product in (
-        ("diffusion_running", "displacement_velocity"),
-        ("green_kubo", "velocity_displacement"),
-    ):
-        if product in seen:
-            means[name] = seen[product] / 2
+                means["vacf_initial_slope"] = (autocorrelation[:, samples] * weights).sum(axis=1)
+    if "displacement_velocity" in seen:
+        means["diffusion_running"] = seen["displacement_velocity"] / 2
+    if "velocity_displacement" in seen:
+        means["green_kubo"] = seen["velocity_displacement"] / 2
     for name in ("velocity", "speed"):
-        if (
-            counts := seen.get(f"{name}_counts")
-        ) is not None:  # (n, K, V) of K species in V bins of equal width
+        if f"{name}_counts" in seen:
+            counts = seen[f"{name}_counts"]  # (n, K, V) of K species in V bins of equal width
             middles = np.asarray(AXES[f"{name}_bin"].coordinates(case.scene))
-            means[f"{name}_density"] = (
-                counts / counts.sum(axis=-1, keepdims=True) / (middles[1] - middles[0])
-            )
+            shares = counts / counts.sum(axis=-1, keepdims=True)
+            means[f"{name}_density"] = shares / (middles[1] - middles[0])
     return Columns(means)
 
 
@@ -164,11 +165,14 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return the slope of the autocorrelation at 0, and its value in equilibrium."""
     if "velocity_autocorrelation" not in averages.places or len(case.times) < 3:
         return {}
-    slope, expected = initial_slope(case, averages), expected_slope(case, averages)
-    return {"vacf_initial_slope": slope, "vacf_initial_slope_expected": expected}
+    return {
+        "vacf_initial_slope": initial_slope(case, averages),
+        "vacf_initial_slope_expected": expected_slope(case, averages),
+    }
 
 
-SPECIES, SLOPE = (*EACH, "species"), "length^2/time^3"
+SPECIES = (*EACH, "species")
+SLOPE = "length^2/time^3"
 
 VARIABLES = {
     "diffusion_running": Mean(
