@@ -33,10 +33,8 @@ TOO_FEW = (
 )
 POWER = 0.9
 LONGER = 2.0
-COUNTED = (
-    "kinetic_energy",
-    "quarter_",
-)  # first words of what is counted in the quarters of every run
+# First words of what is counted in the quarters of every run.
+COUNTED = ("kinetic_energy", "quarter_")
 
 
 class Drift(NamedTuple):
@@ -67,18 +65,17 @@ def quarters_of(
         return {}
     duration = np.diff(times[ends_of_quarters(times)])
     kt = temperature(scene, observables["kinetic_energy"])[:, None]
-    found = {
-        "pressure": compressibility(
-            scene, observables["quarter_virial"], np.where(kt > 0, kt, np.nan), duration
-        ),
+    hot = np.where(kt > 0, kt, np.nan)
+    quarters = {
+        "pressure": compressibility(scene, observables["quarter_virial"], hot, duration),
         "collision rate": observables["quarter_collisions"] / duration,
     }
     if "quarter_energy" in observables:
         for k, name in enumerate(species_table(scene).name):
-            found[f"kinetic energy of {name}"] = observables["quarter_energy"][:, :, k]
+            quarters[f"kinetic energy of {name}"] = observables["quarter_energy"][:, :, k]
     if "quarter_order" in observables:
-        found["psi_6"] = observables["quarter_order"]
-    return found
+        quarters["psi_6"] = observables["quarter_order"]
+    return quarters
 
 
 def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
@@ -90,16 +87,18 @@ def drift_of(quarters: Mapping[str, np.ndarray]) -> Drift:
     from scipy.special import stdtr
 
     values = np.stack([*quarters.values()]) if quarters else np.zeros((0, 1, 4))
-    runs, means = values.shape[1], values.mean(axis=(1, 2))
+    runs = values.shape[1]
+    means = values.mean(axis=(1, 2))
     changes = values[..., 3] - values[..., 0]
     change = changes.mean(axis=1)
-    error = (
-        changes.std(axis=1, ddof=1) / np.sqrt(runs) if runs > 1 else np.full(len(values), np.nan)
-    )
+    error = np.full(len(values), np.nan)
+    if runs > 1:
+        error = changes.std(axis=1, ddof=1) / np.sqrt(runs)
     may_tell = (error > 0) & (means != 0) & (runs >= FEWEST_RUNS)
     t = np.divide(change, error, out=np.full(len(change), np.nan), where=may_tell)
     size = np.where(means != 0, np.abs(means), np.nan)
-    return Drift([*quarters], change / size, error / size, 2 * stdtr(runs - 1, -np.abs(t)))
+    p = 2 * stdtr(runs - 1, -np.abs(t))
+    return Drift([*quarters], change / size, error / size, p)
 
 
 def found_with_power(error: np.ndarray, runs: int, tests: int) -> np.ndarray:
@@ -113,41 +112,47 @@ def time_to_try(scene: Scene) -> float:
     """Return a longer equilibrate.time: LONGER times the end of runs that drift, and not below the
     forecast.
     """
-    longer = np.fmax(LONGER * (scene.equilibrate.time + scene.duration), settling_time(scene))
+    end = scene.equilibrate.time + scene.duration
+    longer = np.fmax(LONGER * end, settling_time(scene))
     return float(f"{longer:.1g}")
 
 
-def in_words(found: Drift, to_try: float) -> str:
+def in_words(drift: Drift, to_try: float) -> str:
     """Return what drifts within the runs, and the equilibrate.time to try; empty if nothing
     does.
     """
-    rows = zip(*found, strict=True)
-    parts = [
-        f"the {name} by {in_percent(change, error)}" for name, change, error, p in rows if p < LEVEL
+    changes = [
+        f"the {name} by {in_percent(change, error)}"
+        for name, change, error, p in zip(*drift, strict=True)
+        if p < LEVEL
     ]
-    if not parts:
+    if not changes:
         return ""
-    listed = ", ".join(parts).replace(" by ", " drifts by ", 1)
+    listed = ", ".join(changes).replace(" by ", " drifts by ", 1)
     return f"{listed} within the runs: not equilibrated; try equilibrate.time: {to_try:g}"
 
 
 def in_percent(change: float, error: float) -> str:
-    """Return `-1.2(1) %`, a change with its standard error, rounded to one digit, in the last
-    digit.
+    """Return a change with its standard error, rounded to one digit, in the last digit.
+
+    >>> in_percent(-0.0123, 0.0011), in_percent(0.4, 0.12)
+    ('-1.2(1) %', '+40(12) %')
     """
     digit, exponent = f"{100 * error:.0e}".split("e")
     decimals = max(0, -int(exponent))
-    return f"{100 * change:+.{decimals}f}({digit if decimals else f'{100 * error:.0f}'}) %"
+    uncertainty = digit if decimals else f"{100 * error:.0f}"
+    return f"{100 * change:+.{decimals}f}({uncertainty}) %"
 
 
 def columns(case: Case, runs: Ensemble) -> Columns:
     """Return what is counted in the quarters of every run."""
-    counted = {
-        name: one
-        for name, one in runs.observables.items()
-        if name.startswith(COUNTED) and name not in case.own
-    }
-    return Columns(kept=counted if is_tested(case.scene, case.engine) else {})
+    if not is_tested(case.scene, case.engine):
+        return Columns()
+    counted = {}
+    for name, values in runs.observables.items():
+        if name.startswith(COUNTED) and name not in case.own:
+            counted[name] = values
+    return Columns(kept=counted)
 
 
 def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -155,12 +160,15 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     if not is_tested(case.scene, case.engine):
         return {}
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
-    if quarters := quarters_of(case.scene, case.times, averages.kept):
-        values |= zip(
-            ("quantity", "drift", "drift_standard_error", "drift_p_value"),
-            drift_of(quarters),
-            strict=True,
-        )
+    quarters = quarters_of(case.scene, case.times, averages.kept)
+    if quarters:
+        drift = drift_of(quarters)
+        values |= {
+            "quantity": drift.quantity,
+            "drift": drift.change,
+            "drift_standard_error": drift.error,
+            "drift_p_value": drift.p,
+        }
     return values
 
 
