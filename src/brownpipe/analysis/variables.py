@@ -22,18 +22,20 @@ if TYPE_CHECKING:
 SAME_TIME = 1e-9
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
 EACH = ("scene", "particles", "engine")  # the labels of a case
-TIME, SEED = (*EACH, "time"), (*EACH, "seed")
+TIME = (*EACH, "time")
+SEED = (*EACH, "seed")
 FOLLOWED = "of the tracer (where measured over disks, of all disks equal to it)"
-AREA, RATE, SPEED2 = "length^2", "length^2/time", "length^2/time^2"
+AREA = "length^2"
+RATE = "length^2/time"
+SPEED2 = "length^2/time^2"
 
 ATTRIBUTES = {
     "Conventions": "CF-1.11",
     "title": "Brownian motion of a hard disk among hard disks: averages over independent runs",
     "comment": (
         "Units are the reduced units of each scene. Averages, standard errors and intervals are "
-        "over runs that did not "
-        "fail, never over time points. A diffusion coefficient has meaning only with its fit "
-        "window, N and box."
+        "over runs that did not fail, never over time points. A diffusion coefficient has meaning "
+        "only with its fit window, N and box."
     ),
 }
 
@@ -44,7 +46,9 @@ UNCERTAINTIES = {
     "low": "lower end of the 95 % interval of the {}",
     "high": "upper end of the 95 % interval of the {}",
 }
-ERROR, ENDS, INTERVAL = ("standard_error",), ("low", "high"), tuple(UNCERTAINTIES)
+ERROR = ("standard_error",)
+ENDS = ("low", "high")
+INTERVAL = tuple(UNCERTAINTIES)
 
 
 class Variable(NamedTuple):
@@ -55,19 +59,16 @@ class Variable(NamedTuple):
     dims: tuple[str, ...]
     units: str | None  # None: text
     long_name: str
-    uncertainties: tuple[
-        str, ...
-    ] = ()  # variables beside it: of a mean over runs ERROR or INTERVAL
+    # Of a mean over runs ERROR or INTERVAL: variables of their own.
+    uncertainties: tuple[str, ...] = ()
     dtype: type | np.dtype = float  # object for text
     absent: float | str = np.nan
     extra: Mapping[str, object] = MappingProxyType({})  # further attributes
 
     @property
     def attributes(self) -> dict[str, object]:
-        return ({} if self.units is None else {"units": self.units}) | {
-            "long_name": self.long_name,
-            **self.extra,
-        }
+        units = {} if self.units is None else {"units": self.units}
+        return {**units, "long_name": self.long_name, **self.extra}
 
 
 Mean = partial(Variable, uncertainties=INTERVAL)  # of a quantity over runs, with its interval
@@ -78,35 +79,37 @@ def with_uncertainties(variables: Mapping[str, Variable]) -> dict[str, Variable]
     `x_high`.
     """
     table = {}
-    for name, one in variables.items():
-        ancillary = (
-            {"ancillary_variables": f"{name}_{one.uncertainties[0]}"} if one.uncertainties else {}
-        )
-        table[name] = one._replace(extra={**one.extra, **ancillary})
-        for part in one.uncertainties:
-            table[f"{name}_{part}"] = Variable(
-                one.dims, one.units, UNCERTAINTIES[part].format(one.long_name)
-            )
+    for name, variable in variables.items():
+        extra = dict(variable.extra)
+        if variable.uncertainties:
+            extra["ancillary_variables"] = f"{name}_{variable.uncertainties[0]}"
+        table[name] = variable._replace(extra=extra)
+        for ending in variable.uncertainties:
+            meaning = UNCERTAINTIES[ending].format(variable.long_name)
+            table[f"{name}_{ending}"] = Variable(variable.dims, variable.units, meaning)
     return table
 
 
 def names_of(name: str) -> list[str]:
-    """Return the names of the variables of an Estimate, in its order."""
-    return [name, *(f"{name}_{part}" for part in UNCERTAINTIES)]
+    """Return the names of the variables of an Estimate, in its order.
+
+    >>> names_of("msd")
+    ['msd', 'msd_standard_error', 'msd_low', 'msd_high']
+    """
+    return [name, *(f"{name}_{ending}" for ending in UNCERTAINTIES)]
 
 
 def with_intervals(values: Mapping[str, ArrayLike | Estimate]) -> dict[str, Any]:
     """Return values by the names of their variables: those of an Estimate x, for example, as `x`,
     `x_low`, `x_high`.
     """
-    parts: dict[str, Any] = {}
+    arrays: dict[str, Any] = {}
     for name, value in values.items():
-        parts |= (
-            dict(zip(names_of(name), value, strict=True))
-            if isinstance(value, Estimate)
-            else {name: value}
-        )
-    return parts
+        if isinstance(value, Estimate):
+            arrays |= zip(names_of(name), value, strict=True)
+        else:
+            arrays[name] = value
+    return arrays
 
 
 STATUS = {
@@ -116,7 +119,8 @@ STATUS = {
 
 AVERAGED = [name for name, array in ARRAYS.items() if array.averaged]
 VARIABLES = {name: Mean((*EACH, *ARRAYS[name].dims), *ARRAYS[name][1:3]) for name in AVERAGED}
-VARIABLES |= {  # numbers and health of the runs
+# Numbers and health of the runs.
+VARIABLES |= {
     "runs": Variable(EACH, "1", "number of runs averaged", (), np.int64, 0),
     "failed_runs": Variable(
         EACH, "1", "number of runs left out: not healthy, or unable to go on", (), np.int64, 0

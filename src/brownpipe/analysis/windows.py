@@ -21,7 +21,11 @@ MOST_ENDS = 16  # the last is 1/181 of the first
 
 
 def labels(windows: Sequence[Window]) -> list[str]:
-    """Return labels of windows, from the first six digits of their ends: `[0.1, 1]`."""
+    """Return labels of windows, from the first six digits of their ends.
+
+    >>> labels([(0.1, 1.0), (0.25, 12345678.0)])
+    ['[0.1, 1]', '[0.25, 1.23457e+07]']
+    """
     return [f"[{start:g}, {end:g}]" for start, end in windows]
 
 
@@ -79,7 +83,11 @@ def candidate_windows(scenes: Sequence[Scene], end: float) -> list[tuple[Window,
 
 
 def share_of(share: float, end: float) -> float:
-    """Return a share of a time as one writes it: 0.3 as 0.75 times 0.4, not 0.30000000000000004."""
+    """Return a share of a time as one writes it.
+
+    >>> share_of(0.75, 0.4), 0.75 * 0.4
+    (0.3, 0.30000000000000004)
+    """
     return float(decimal_of(share) * decimal_of(end))
 
 
@@ -92,7 +100,7 @@ def window_caution(window: Window, starts: Mapping[str, float]) -> str | None:
     if not early:
         return None
     latest = max(early, key=lambda name: early[name])
-    of_several = f" in {len(early)} of {len(starts)} cases" if len(starts) > 1 else ""
-    where = f"{of_several}, {early[latest]:.3g} for {latest}"
+    number = f" in {len(early)} of {len(starts)} cases" if len(starts) > 1 else ""
+    where = f"{number}, {early[latest]:.3g} for {latest}"
     begins = f"{labels([window])[0]} begins before {DECAY_TIMES:g}/gamma of the tracer"
     return f"the fit window {begins}{where}: D there is not yet that of diffusion"
