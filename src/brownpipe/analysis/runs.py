@@ -21,10 +21,8 @@ from brownpipe.scene.variation import PACKING_FRACTION
 from brownpipe.storage.store import StoredFile, read_stored
 from brownpipe.storage.trajectories import Trajectories, open_runs, read_trajectories
 
-Source = (
-    str | Path | StoredFile | Trajectories
-)  # of runs: a file, perhaps with its required seeds, or runs in memory
-
+# Of runs: a file, perhaps with its required seeds, or runs in memory.
+Source = str | Path | StoredFile | Trajectories
 
 # Runs of a case, or all that it has, from which its default rings and windows are chosen.
 RUNS_FOR_DEFAULTS = 200
@@ -67,9 +65,8 @@ def groups_of(sources: Iterable[Source]) -> list[Group]:
             contents = read_trajectories(source, outline=True)  # not its runs
             file = RunFile(str(source), contents.ensemble.seeds, contents, False)
         scene = file.contents.scene
-        groups.setdefault((scene.name, scene.particles, file.contents.engine.label), []).append(
-            file
-        )
+        labels = (scene.name, scene.particles, file.contents.engine.label)
+        groups.setdefault(labels, []).append(file)
     if not groups:
         raise AnalysisError("no trajectory files: nothing to analyse")
     _refuse_namesakes([files[0].contents.scene for files in groups.values()])
@@ -80,14 +77,14 @@ def _group(files: Sequence[RunFile]) -> Group:
     """Return files as a group. Raises AnalysisError if they differ in more than their seeds, or
     have one in common.
     """
+    kind_of_first = _kind(files[0].contents)
     for file in files:
-        for one, of_first in zip(_kind(file.contents), _kind(files[0].contents), strict=True):
-            if one != of_first:
-                other = (
-                    f"has another {one[0]} than {files[0].path}; make one again, or call its "
-                    "scene otherwise"
+        for name, value in _kind(file.contents).items():
+            if value != kind_of_first[name]:
+                raise AnalysisError(
+                    f"{file.path}: has another {name} than {files[0].path}; make one again, or "
+                    "call its scene otherwise"
                 )
-                raise AnalysisError(f"{file.path}: {other}")
     seeds = np.sort(np.concatenate([file.seeds for file in files]))
     repeated = seeds[1:][seeds[1:] == seeds[:-1]]
     if repeated.size:
@@ -102,24 +99,25 @@ def _group(files: Sequence[RunFile]) -> Group:
     pattern = next(iter(ended), files[0])
     expected = pattern.contents.ensemble.observables.keys()
     for file in ended:
-        if unlike := ", ".join(sorted(file.contents.ensemble.observables.keys() ^ expected)):
-            wrong = (
-                f"has other observables than {pattern.path} ({unlike}); make one of the two again"
+        unlike = file.contents.ensemble.observables.keys() ^ expected
+        if unlike:
+            names = ", ".join(sorted(unlike))
+            raise AnalysisError(
+                f"{file.path}: has other observables than {pattern.path} ({names}); make one of "
+                "the two again"
             )
-            raise AnalysisError(f"{file.path}: {wrong}")
     return Group(tuple(files), seeds, pattern)
 
 
-def _kind(contents: Trajectories) -> list[tuple[str, object]]:
-    """Return what all files of a group must have in common, with its name."""
-    scene, recorded = contents.scene, contents.record & {"tracer", "velocity"}
-    common = [
-        (f"scene {scene.name!r}", scene.digest),
-        ("setting of the engine", contents.engine.settings),
-        ("--record", recorded),
-        ("source code", contents.source),
-    ]
-    return [*common, ("average", contents.ensemble.average)]
+def _kind(contents: Trajectories) -> dict[str, object]:
+    """Return what all files of a group must have in common, by its name."""
+    return {
+        f"scene {contents.scene.name!r}": contents.scene.digest,
+        "setting of the engine": contents.engine.settings,
+        "--record": contents.record & {"tracer", "velocity"},
+        "source code": contents.source,
+        "average": contents.ensemble.average,
+    }
 
 
 def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
@@ -129,14 +127,15 @@ def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
     known: dict[str, dict] = {}
     for scene in scenes:
         uncounted = scene.as_mapping()
-        for counted in (uncounted, *uncounted["disks"]["species"]) if scene.species else ():
-            counted.update(particles=0, count=0)
+        if scene.species:
+            for counted in (uncounted, *uncounted["disks"]["species"]):
+                counted.update(particles=0, count=0)
         if f"{PACKING_FRACTION}=" in scene.name:
-            lengths = [*scene.box.x, *scene.box.y, *(scene.species[0].position or ())]
+            position = scene.species[0].position or ()
+            lengths = [*scene.box.x, *scene.box.y, *position]
             scaled = (scene.box.boundary, *np.divide(lengths, scene.box.width).round(9))
-            uncounted.update(
-                box=scaled, disks=[(one.name, one.radius, one.mass) for one in scene.species]
-            )
+            disks = [(species.name, species.radius, species.mass) for species in scene.species]
+            uncounted.update(box=scaled, disks=disks)
         if known.setdefault(scene.name, uncounted) != uncounted:
             raise AnalysisError(
                 f"two different scenes are called {scene.name!r}; give one of them another name"
@@ -169,17 +168,19 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
     The blocks do not depend on how the runs are distributed over files; blocks read from files have
     no whole runs and no collisions. Raises AnalysisError as `_refuse_gaps`.
     """
-    opened = lru_cache(maxsize=2)(
-        open_runs
-    )  # enough to open each batch of consecutive seeds only once
+    # Enough to open each batch of consecutive seeds only once.
+    opened = lru_cache(maxsize=2)(open_runs)
     files = sorted(group.files, key=lambda file: file.seeds.min())
     for block in tracked(np.unique(group.seeds // SEEDS_PER_BLOCK), "blocks of runs"):
         parts = []
         for file in files:
-            if len(seeds := file.seeds[file.seeds // SEEDS_PER_BLOCK == block]):
+            seeds = file.seeds[file.seeds // SEEDS_PER_BLOCK == block]
+            if len(seeds):
                 runs = file.contents.ensemble if file.is_in_memory else opened(file.path)
                 rows = np.flatnonzero(np.isin(runs.seeds, seeds))
-                parts.append(select(select(runs, slice(rows[0], rows[-1] + 1)), rows - rows[0]))
+                first, last = rows[0], rows[-1]
+                consecutive = select(runs, slice(first, last + 1))
+                parts.append(select(consecutive, rows - first))
         runs = joined(parts)
         _refuse_gaps(group, runs)
         yield runs
