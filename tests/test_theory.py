@@ -3,8 +3,11 @@
 Monte-Carlo tolerances are 4.5 standard errors: a false alarm in 1 of 150,000 comparisons.
 """
 
+import doctest
 import math
 from fractions import Fraction
+from importlib import import_module
+from pkgutil import iter_modules
 
 import numpy as np
 import pytest
@@ -12,7 +15,7 @@ from numpy.polynomial.hermite import hermgauss
 from numpy.polynomial.legendre import leggauss
 from scipy.special import eval_genlaguerre, roots_genlaguerre
 
-from brownpipe import theory
+from brownpipe import analysis, theory
 from validation import transport
 
 SIGMAS = 4.5
@@ -350,3 +353,15 @@ def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
     assert transport.enskog_viscosity(n, s, chi, m, kt) - carried == pytest.approx(
         -flux / shear, rel=1e-6
     )
+
+
+# --- examples in docstrings
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["theory", *(f"analysis.{name}" for _, name, _ in iter_modules(analysis.__path__))],
+)
+def test_examples_in_docstrings_give_what_they_say(module):
+    """Of the closed forms and of all modules of the analysis."""
+    assert not doctest.testmod(import_module(f"brownpipe.{module}")).failed
