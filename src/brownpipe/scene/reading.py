@@ -39,16 +39,10 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 # -- YAML ------------------------------------------------------------------------------------------
 
 NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-CONSTANTS = {
-    "null": None,
-    "~": None,
-    "": None,
-    "true": True,
-    "false": False,
-}  # .inf and .nan are no values
-LOADER = (
-    yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader
-)  # all scalars are texts; tags mean nothing
+# .inf and .nan are no values
+CONSTANTS = {"null": None, "~": None, "": None, "true": True, "false": False}
+# all scalars are texts; tags mean nothing
+LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader
 
 
 class Document(dict[str, Any]):
@@ -68,35 +62,34 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     """
     document = Document(deepcopy(dict(mapping)))
     new = {(path.split(".")[0],): 0 for path in values}
-    document.lines = {
-        at: line for at, line in getattr(mapping, "lines", {}).items() if at[:1] not in new
-    } | new
+    lines = getattr(mapping, "lines", {})
+    kept = {place: line for place, line in lines.items() if place[:1] not in new}
+    document.lines = kept | new
     for path, value in values.items():
         *parents, last = path.split(".")
+        is_whole = isinstance(value, float) and value.is_integer()
         try:
-            whole = last == "count" and isinstance(value, float) and value.is_integer()
-            part_of(document, parents)[last] = int(value) if whole else value
+            part_of(document, parents)[last] = int(value) if last == "count" and is_whole else value
         except (LookupError, TypeError):
             allowed = (
                 "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name "
                 "of a species"
             )
-            raise RequestError(f"{where}{': ' if where else ''}{path}: {allowed}") from None
+            raise RequestError(": ".join(filter(None, (where, path, allowed)))) from None
     return document
 
 
 def part_of(whole: Any, words: Iterable[str]) -> Any:
-    """Return the part at a path of keys and names of list items; missing mappings are created,
-    empty.
+    """Return the part at a path of keys and names of list items, `disks.species.bath`; missing
+    mappings are created, empty.
 
     Raises LookupError or TypeError for other paths.
     """
     for word in words:
-        whole = (
-            whole.setdefault(word, {})
-            if isinstance(whole, dict)
-            else {one["name"]: one for one in whole}[word]
-        )
+        if isinstance(whole, dict):
+            whole = whole.setdefault(word, {})
+        else:
+            whole = {item["name"]: item for item in whole}[word]
     return whole
 
 
@@ -111,8 +104,10 @@ def read_yaml(path: str | Path) -> Document:
     try:
         text = Path(path).read_text("utf-8-sig")
         node = yaml.compose(text, LOADER)
+        if node is None:
+            raise ValueError("empty; must be a mapping of keys to values")
         if not isinstance(node, yaml.MappingNode):
-            raise ValueError(f"{'' if node else 'empty; '}must be a mapping of keys to values")
+            raise ValueError("must be a mapping of keys to values")
         document = Document(_value(node, (), lines))
     except OSError as error:
         raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
@@ -123,16 +118,21 @@ def read_yaml(path: str | Path) -> Document:
     except (ValueError, RecursionError) as error:
         raise RequestError(f"{path}: {error}") from None
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", "a character that is not allowed").removeprefix("but ")
-        marked = text.split("\n")[mark.line : mark.line + 1] if mark else []
-        if any(line[mark.column :].startswith("\t") for line in marked):
-            problem = "a tab; YAML indents by spaces"
-        raise RequestError(
-            f"{path}: {f'line {mark.line + 1}: ' if mark else ''}not valid YAML: {problem}"
-        ) from None
+        raise RequestError(f"{path}: {_yaml_problem(error, text)}") from None
     document.lines = lines
     return document
+
+
+def _yaml_problem(error: yaml.YAMLError, text: str) -> str:
+    """Return the line at which a text is not YAML, if it is known, and what is wrong there."""
+    mark = getattr(error, "problem_mark", None)
+    problem = getattr(error, "problem", "a character that is not allowed").removeprefix("but ")
+    if mark is None:
+        return f"not valid YAML: {problem}"
+    marked = text.split("\n")[mark.line : mark.line + 1]  # none behind the last line
+    if any(line[mark.column :].startswith("\t") for line in marked):
+        problem = "a tab; YAML indents by spaces"
+    return f"line {mark.line + 1}: not valid YAML: {problem}"
 
 
 def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
@@ -144,7 +144,8 @@ def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
         return [_value(item, (*path, k), lines) for k, item in enumerate(node.value)]
     mapping: dict[str, object] = {}
     for key_node, item in node.value:
-        key, line = key_node.value, key_node.start_mark.line + 1
+        key = key_node.value
+        line = key_node.start_mark.line + 1
         if not isinstance(key, str) or key in mapping:
             raise ValueError(f"line {line}: key {key!r:.80}: must be a plain word, and given once")
         lines[*path, key] = line
@@ -164,11 +165,9 @@ def value_in(text: str) -> Any:
     text.
     """
     with suppress(ValueError, RecursionError, yaml.YAMLError):
-        return (
-            _value(yaml.compose(text, LOADER), (), {})
-            if text.startswith(("[", "{"))
-            else scalar(text)
-        )
+        if text.startswith(("[", "{")):
+            return _value(yaml.compose(text, LOADER), (), {})
+        return scalar(text)
     return text
 
 
@@ -237,13 +236,11 @@ class Record(BaseModel):
             )
         for key in value:
             if key not in keys:
-                hint = (
-                    "a number has a decimal point; "
-                    if str(key).isdigit()
-                    else did_you_mean(str(key), keys)
-                )
+                hint = did_you_mean(str(key), keys)
+                if str(key).isdigit():
+                    hint = "a number has a decimal point; "
                 refuse(f"unknown key; {hint}allowed: {', '.join(keys)}", key)
-        return {key: part for key, part in value.items() if part is not None}
+        return {key: item for key, item in value.items() if item is not None}
 
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse a new value of a key: another scene is made with it."""
@@ -263,16 +260,20 @@ def key(meaning: str, default: Any = ..., **more: Any) -> Any:
 
 
 def alone(name: str, schema: Any) -> BeforeValidator:
-    """Let the value of one key stand for a mapping with this key alone; `schema` is the type of
-    both.
+    """Let the value of one key stand for a mapping with this key alone, as `equilibrate: 5` for
+    `equilibrate: {time: 5}`; `schema` is the type of both.
     """
-    return BeforeValidator(
-        lambda one: one if isinstance(one, Mapping) else {name: one}, json_schema_input_type=schema
-    )
+
+    def as_mapping(value: Any) -> Any:
+        return value if isinstance(value, Mapping) else {name: value}
+
+    return BeforeValidator(as_mapping, json_schema_input_type=schema)
 
 
 def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
-    """Let values be read as this type, which is made at run time."""
+    """Let values be read as this type, which is made at run time: `Annotated[tuple[Any, ...],
+    As(Values)]` is a tuple for mypy, and `Values` for pydantic.
+    """
     return GetPydanticSchema(lambda _, handler: handler.generate_schema(kind))
 
 
@@ -288,11 +289,9 @@ def plain(value: Any) -> Any:
         value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    return (
-        [plain(item) for item in value]
-        if isinstance(value, list | tuple | range | set | frozenset)
-        else value
-    )
+    if isinstance(value, list | tuple | range | set | frozenset):
+        return [plain(item) for item in value]
+    return value
 
 
 # -- refusals --------------------------------------------------------------------------------------
@@ -332,17 +331,28 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
         return TypeAdapter(kind).validate_python(value, context=context)
     except ValidationError as error:
         path, problem = _place_and_problem(error, value)
-    lines, places = (
-        getattr(value, "lines", {}),
-        [tuple(path[:length]) for length in range(len(path), -1, -1)],
-    )
-    line = next((lines[place] for place in places if place in lines), None)
+    line = _line_of(path, getattr(value, "lines", {}))
     if file and line is not None:
         file += f": line {line}" if line else " (replaced)"
-    place = "".join(
-        f"[{part}]" if isinstance(part, int) else f".{part}" for part in (key, *path) if part != ""
-    )
-    raise RequestError(": ".join(filter(None, (file, place.removeprefix("."), problem)))) from None
+    place = _path_in_words((key, *path))
+    raise RequestError(": ".join(filter(None, (file, place, problem)))) from None
+
+
+def _line_of(path: list[str | int], lines: Mapping) -> int | None:
+    """Return the line of the value at a path or, for a missing one, of the innermost mapping around
+    it.
+    """
+    for length in range(len(path), -1, -1):
+        place = tuple(path[:length])
+        if place in lines:
+            return lines[place]
+    return None
+
+
+def _path_in_words(path: Iterable[str | int]) -> str:
+    """Return a path of keys and indices as one writes it: disks.species[0].mass."""
+    words = (f"[{word}]" if isinstance(word, int) else f".{word}" for word in path if word != "")
+    return "".join(words).removeprefix(".")
 
 
 def _place_and_problem(refusal: ValidationError, value: object) -> tuple[list[str | int], str]:
@@ -351,41 +361,46 @@ def _place_and_problem(refusal: ValidationError, value: object) -> tuple[list[st
 
     A value that may be of several types has an error for each of them.
     """
-    errors = [(_path(one, value), one) for one in refusal.errors(include_url=False)]
-    path = max((path for path, _ in errors), key=len)
-    here = [one for other, one in errors if other == path]
-    problems = [
-        PROBLEMS.get(one["type"], "{msg}").format(msg=one["msg"], **one.get("ctx", {}))
-        for one in here
-    ]
-    problem = re.sub(r"\w+ should", "must", " or ".join(dict.fromkeys(problems))).replace(
-        " or must be ", " or "
-    )
-    also = [
-        str(other[-1])
-        for other, error in errors
-        if error["type"] == "missing" and other != path and other[:-1] == path[:-1]
-    ]
-    if here[0]["type"] == "missing" and also:
-        problem += f", and so must {' and '.join(dict.fromkeys(also))}"
-    found = here[0].get("ctx", {}).get("tag", here[0]["input"])
-    return path, problem if here[0]["type"] in (
-        "refused",
-        "missing",
-    ) else f"{problem}, not {found!r:.80}"
+    errors = refusal.errors(include_url=False)
+    paths = [_path(error, value) for error in errors]
+    path = max(paths, key=len)
+    here = [error for error, place in zip(errors, paths, strict=True) if place == path]
+    first = here[0]
+    problem = " or ".join(dict.fromkeys(map(_problem, here)))
+    problem = re.sub(r"\w+ should", "must", problem).replace(" or must be ", " or ")
+    if first["type"] == "refused":
+        return path, problem
+    if first["type"] != "missing":
+        refused = first.get("ctx", {}).get("tag", first["input"])
+        return path, f"{problem}, not {refused!r:.80}"
+    beside = []  # other missing keys of the same mapping
+    for error, place in zip(errors, paths, strict=True):
+        if error["type"] == "missing" and place != path and place[:-1] == path[:-1]:
+            beside.append(str(place[-1]))
+    if beside:
+        problem += f", and so must {' and '.join(dict.fromkeys(beside))}"
+    return path, problem
+
+
+def _problem(error: Any) -> str:
+    """Return what is wrong in the words of PROBLEMS, otherwise in pydantic's."""
+    words = PROBLEMS.get(error["type"], "{msg}")
+    return words.format(msg=error["msg"], **error.get("ctx", {}))
 
 
 def _path(error: Any, value: Any) -> list[str | int]:
     """Return where in a value an error is: its place without the names of types that pydantic puts
     in between.
     """
-    path = list[str | int]()
-    for part in error["loc"]:
+    path: list[str | int] = []
+    for word in error["loc"]:
         with suppress(LookupError, TypeError):
-            value = value[part]
-            path.append(part)
-    missing = error["loc"][-1:] if error["type"] == "missing" and value is not None else ()
-    return [*path, *missing, *error.get("ctx", {}).get("path", ())]
+            value = value[word]
+            path.append(word)
+    if error["type"] == "missing" and value is not None:
+        path += error["loc"][-1:]
+    path += error.get("ctx", {}).get("path", ())
+    return path
 
 
 def did_you_mean(word: str, options: Sequence[str]) -> str:

@@ -69,9 +69,12 @@ class Box(Record):
             if not 1 / LONGEST <= high - low <= LONGEST:
                 allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
                 refuse(f"must be {allowed}, not {[low, high]}", name)
-        width, height = self.x[1] - self.x[0], self.y[1] - self.y[0]
+        left, right = self.x
+        bottom, top = self.y
+        width = right - left
+        height = top - bottom
         self._resolve(width=width, height=height, area=width * height)
-        self._resolve(origin=(self.x[0], self.y[0]), periodic=self.boundary == "periodic")
+        self._resolve(origin=(left, bottom), periodic=self.boundary == "periodic")
         return self
 
     def accessible(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -197,9 +200,8 @@ class Scene(Record):
         given: dict[str, Any]  # the keys that were given, without what follows from them
         name: str  # in results; by default the stem of the file
         listed: tuple[Disk, ...]  # the disks of an explicit list; () for species
-        species: tuple[
-            Any, ...
-        ]  # tracer, if any, and species, each with name, count, radius and mass; () for a list
+        # tracer, if any, and species, each with name, count, radius and mass; () for a list
+        species: tuple[Any, ...]
         placement: str  # of species: "auto", "random" or "lattice"; "" for a list of disks
         radius: np.ndarray  # (N,) [length], read-only
         mass: np.ndarray  # (N,), read-only
@@ -235,11 +237,8 @@ class Scene(Record):
                 refuse("must not be given with sample_interval; give one of the two", "samples")
             first = self.samples.first or float(decimal_of(self.duration) / 10_000)
             if first >= self.duration:
-                refuse(
-                    f"must be below the duration, {self.duration!r}, not {first!r}",
-                    "samples",
-                    "first",
-                )
+                problem = f"must be below the duration, {self.duration!r}, not {first!r}"
+                refuse(problem, "samples", "first")
             self.samples._resolve(first=first)
         self._resolve(sample_interval=interval)
 
@@ -250,16 +249,15 @@ class Scene(Record):
         if not isinstance(self.disks, Mixture):
             self._resolve(listed=self.disks, species=(), placement="")
             return {("disks", k): disk for k, disk in enumerate(self.disks)}
-        groups: dict[tuple, Any] = (
-            {("disks", "tracer"): self.disks.tracer} if self.disks.tracer else {}
-        )
-        groups |= {("disks", "species", k): species for k, species in enumerate(self.disks.species)}
+        groups: dict[tuple, Any] = {}
+        if self.disks.tracer:
+            groups["disks", "tracer"] = self.disks.tracer
+        for k, species in enumerate(self.disks.species):
+            groups["disks", "species", k] = species
         if not groups:
             refuse("must have a tracer or species, or be a list of disks", "disks")
-        names, counts = (
-            [one.name for one in self.disks.species],
-            [one.count for one in self.disks.species],
-        )
+        names = [species.name for species in self.disks.species]
+        counts = [species.count for species in self.disks.species]
         if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
             allowed = "names of their own, none tracer, and one rest at most"
             refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
@@ -282,14 +280,16 @@ class Scene(Record):
             )
         for species in rest:
             species._resolve(count=total - known)
+        counts = np.array([group.count for group in groups], int)
         alike = np.array([(group.radius, group.mass) for group in groups]).reshape(-1, 2)
-        radius, mass = np.repeat(alike.T, np.array([group.count for group in groups], int), axis=1)
-        radius.flags.writeable = mass.flags.writeable = False
-        packing_fraction = math.pi * float(
-            np.sum((radius / self.box.width) * (radius / self.box.height))
-        )
+        radius, mass = np.repeat(alike.T, counts, axis=1)
+        radius.flags.writeable = False
+        mass.flags.writeable = False
+        square = (radius / self.box.width) * (radius / self.box.height)
+        packing_fraction = math.pi * float(np.sum(square))
         self._resolve(particles=total, radius=radius, mass=mass, packing_fraction=packing_fraction)
-        light, heavy = mass.min(initial=math.inf), mass.max(initial=0.0)
+        light = mass.min(initial=math.inf)
+        heavy = mass.max(initial=0.0)
         if heavy / LARGEST_MASS_RATIO > light:
             refuse(
                 f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and "
@@ -299,8 +299,9 @@ class Scene(Record):
 
     def _resolve_start(self) -> None:
         """Resolve the motion of the tracer before t = 0 and the total momentum."""
-        start, velocities = self.equilibrate, self.velocities
-        held = "pinned" if isinstance(self.disks, Mixture) and self.disks.tracer else "free"
+        start = self.equilibrate
+        velocities = self.velocities
+        has_tracer = isinstance(self.disks, Mixture) and self.disks.tracer is not None
         if self.placement and velocities is None:
             refuse(
                 "missing; must be given with species: {temperature: kT} or "
@@ -312,14 +313,14 @@ class Scene(Record):
         if start.time > 0 and not self.placement:
             refuse("must not be given with an explicit list of disks", "equilibrate")
         if start.tracer is None or start.time == 0:
-            start._resolve(tracer=held)
-        elif start.tracer == "pinned" != held:
+            start._resolve(tracer="pinned" if has_tracer else "free")
+        elif start.tracer == "pinned" and not has_tracer:
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
-        if velocities and (velocities.standard_deviation is None) == (
-            velocities.temperature is None
-        ):
+        if velocities is None:
+            return
+        if (velocities.standard_deviation is None) == (velocities.temperature is None):
             refuse("must have either standard_deviation or temperature", "velocities")
-        if velocities and velocities.zero_momentum is None:
+        if velocities.zero_momentum is None:
             # Periodic disks drift as a whole; a single one would stand still.
             velocities._resolve(zero_momentum=self.box.periodic and self.particles != 1)
 
@@ -327,12 +328,14 @@ class Scene(Record):
         """Refuse listed disks that overlap and species that cannot fit; those accepted may still be
         hard to place.
         """
-        box = (self.box.x, self.box.y) if self.box.periodic else None
+        sides = (self.box.x, self.box.y) if self.box.periodic else None
         position = np.array([disk.position for disk in self.listed])
-        if len(position) > 1 and (pair := overlap(position, self.radius, box)):
-            at = " and ".join(f"disk {k} at {list(self.listed[k].position)}" for k in pair[:2])
+        deepest = overlap(position, self.radius, sides) if len(position) > 1 else None
+        if deepest is not None:
+            *pair, gap = deepest
+            disks = " and ".join(f"disk {k} at {list(self.listed[k].position)}" for k in pair)
             refuse(
-                f"{at} overlap: the gap between their edges is {pair[2]:.6g}; must be >= 0", "disks"
+                f"{disks} overlap: the gap between their edges is {gap:.6g}; must be >= 0", "disks"
             )
         if self.species and self.packing_fraction > HEXAGONAL_PACKING * (1 + 1e-9):
             crowd = (
@@ -347,30 +350,21 @@ class Scene(Record):
 
         In a periodic box of less than four radii a disk could touch two images of one neighbour.
         """
-        box, radius = self.box, disk.radius
-        sides, part = (box.width, box.height), 4 if box.periodic else 2
-        if not SMALLEST_RADIUS * max(sides) <= radius <= min(sides) / part:
-            allowed = (
-                f"{SMALLEST_RADIUS * max(sides):g} to {min(sides) / part!r} in this "
-                f"{box.boundary} box"
-            )
+        box = self.box
+        radius = disk.radius
+        smallest = SMALLEST_RADIUS * max(box.width, box.height)
+        largest = min(box.width, box.height) / (4 if box.periodic else 2)
+        if not smallest <= radius <= largest:
+            allowed = f"{smallest:g} to {largest!r} in this {box.boundary} box"
             refuse(f"must be {allowed}, not {radius!r}", *path, "radius")
-        margin = 0.0 if box.periodic else radius
-        for axis, value, (low, high) in zip(
-            "xy", disk.position or (), (box.x, box.y), strict=False
-        ):
-            slack = ROUND_OFF * margin + 2 * math.ulp(max(-low, high)) if margin else 0.0
-            if not low - slack <= value - margin <= value + margin <= high + slack or (
-                not margin and value == high
-            ):
-                inside = (
-                    f"{low + margin:.10g} <= {axis} {'<=' if margin else '<'} {high - margin:.10g}"
-                )
-                refuse(
-                    f"must have the disk inside the box, {inside}, not {list(disk.position)}",
-                    *path,
-                    "position",
-                )
+        if disk.position is None:
+            return
+        x, y = disk.position
+        for axis, value, side in (("x", x, box.x), ("y", y, box.y)):
+            inside = _range_if_outside(axis, value, side, 0.0 if box.periodic else radius)
+            if inside:
+                problem = f"must have the disk inside the box, {inside}, not {list(disk.position)}"
+                refuse(problem, *path, "position")
 
     def __repr__(self) -> str:
         box = f"{self.box.boundary} box {self.box.width:g} x {self.box.height:g}"
@@ -404,14 +398,15 @@ class Scene(Record):
         the interval, or logarithmic, 0, first * 10**(k / per_decade) for k = 0, 1, ..., and the
         duration.
         """
-        duration, interval, samples = self.duration, self.sample_interval, self.samples
+        samples = self.samples
         if samples is None:
-            times = multiples(interval, math.ceil(duration / interval - SAME))
+            steps = math.ceil(self.duration / self.sample_interval - SAME)
+            times = multiples(self.sample_interval, steps)
         else:
-            decades = math.log10(duration) - math.log10(samples.first)
+            decades = math.log10(self.duration) - math.log10(samples.first)
             steps = math.ceil(samples.per_decade * decades - SAME)
             times = np.append(0.0, logarithmic(samples.first, samples.per_decade, steps))
-        times = np.append(times, duration)
+        times = np.append(times, self.duration)
         times.flags.writeable = False
         return times
 
@@ -442,10 +437,10 @@ class Scene(Record):
         """Return the scene as a mapping like that of a scene file, with every default written
         out.
         """
-        left_out = set() if self.placement else {"particles", "velocities", "equilibrate"}
-        return self.model_dump(
-            exclude={*left_out, "samples" if self.samples is None else "sample_interval"}
-        )
+        left_out = {"samples" if self.samples is None else "sample_interval"}
+        if not self.placement:
+            left_out |= {"particles", "velocities", "equilibrate"}
+        return self.model_dump(exclude=left_out)
 
     @cached_property
     def text(self) -> str:
@@ -490,12 +485,23 @@ def parse_scene(
         )
     if particles is not None:
         mapping = reading.with_values(mapping, {"particles": particles})
-    scene, stem = (
-        reading.validated(Scene, mapping, where),
-        Path(where).stem if name is None else name,
-    )
-    scene._resolve(name=reading.validated(SceneName, stem, where, "name"))
+    scene = reading.validated(Scene, mapping, where)
+    if name is None:
+        name = Path(where).stem
+    scene._resolve(name=reading.validated(SceneName, name, where, "name"))
     return scene
+
+
+def _range_if_outside(axis: str, value: float, side: tuple[float, float], margin: float) -> str:
+    """Return the range of a coordinate, "1 <= x <= 9", in which a disk is `margin` from the walls;
+    nothing if `value` is in it. A margin of 0 stands for a periodic box.
+    """
+    low, high = side
+    slack = ROUND_OFF * margin + 2 * math.ulp(max(-low, high)) if margin else 0.0
+    is_inside = low - slack <= value - margin <= value + margin <= high + slack
+    if is_inside and (margin or value < high):
+        return ""
+    return f"{low + margin:.10g} <= {axis} {'<=' if margin else '<'} {high - margin:.10g}"
 
 
 def overlap(
@@ -513,25 +519,24 @@ def overlap(
     from scipy.spatial import KDTree  # takes 0.2 s
 
     margin = 2 * radius.max()  # of a box around all disks: in it none is near an image of another
-    low, high = (
-        np.array(box, float).T
-        if box
-        else (position.min(axis=0) - margin, position.max(axis=0) + margin)
-    )
+    if box is None:
+        low = position.min(axis=0) - margin
+        high = position.max(axis=0) + margin
+    else:
+        low, high = np.array(box, float).T
     sides = high - low
     tree = KDTree((position - low) % sides, boxsize=sides)
     near = tree.query_ball_point(tree.data, 2 * radius)
-    a, b = (
-        np.repeat(np.arange(len(radius)), [len(disks) for disks in near]),
-        np.concatenate(near).astype(int),
-    )
+    a = np.repeat(np.arange(len(radius)), [len(neighbours) for neighbours in near])
+    b = np.concatenate(near).astype(int)
     apart = position[a] - position[b]
     apart -= sides * np.rint(apart / sides)
-    sigma, spacing = (
-        radius[a] + radius[b],
-        2 * np.spacing(np.abs(position).max()),
-    )  # round-off of the positions
+    sigma = radius[a] + radius[b]
     gap = np.hypot(*apart.T) - sigma
-    gap[(a == b) | (gap >= -(ROUND_OFF * sigma + spacing))] = 0.0
-    k = int(np.argmin(gap))
-    return (int(min(a[k], b[k])), int(max(a[k], b[k])), float(gap[k])) if gap[k] < 0 else None
+    round_off = ROUND_OFF * sigma + 2 * np.spacing(np.abs(position).max())
+    gap[(a == b) | (gap >= -round_off)] = 0.0
+    deepest = int(np.argmin(gap))
+    if not gap[deepest] < 0:
+        return None
+    first, second = sorted((int(a[deepest]), int(b[deepest])))
+    return first, second, float(gap[deepest])

@@ -59,9 +59,8 @@ Seeds = Annotated[
 
 def seed_text(seeds: Sequence[int] | np.ndarray) -> str:
     """Return ascending seeds as `Seeds` are read: [0, 1, 2, 7] is 0-2,7."""
-    return ",".join(
-        f"{first}-{last}" if first < last else f"{first}" for first, last in ranges(seeds)
-    )
+    words = [f"{first}-{last}" if first < last else f"{first}" for first, last in ranges(seeds)]
+    return ",".join(words)
 
 
 def brief_seed_text(seeds: Sequence[int] | np.ndarray) -> str:
@@ -77,5 +76,5 @@ def ranges(seeds: Sequence[int] | np.ndarray) -> list[tuple[int, int]]:
     if isinstance(seeds, range) and seeds.step == 1:  # never expanded, as it may be long
         return [(seeds[0], seeds[-1])] if seeds else []
     seeds = np.asarray(seeds, np.int64)
-    parts = np.split(seeds, np.flatnonzero(np.diff(seeds) != 1) + 1)
-    return [(int(part[0]), int(part[-1])) for part in parts if len(part)]
+    consecutive = np.split(seeds, np.flatnonzero(np.diff(seeds) != 1) + 1)
+    return [(int(block[0]), int(block[-1])) for block in consecutive if len(block)]

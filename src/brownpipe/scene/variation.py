@@ -52,18 +52,17 @@ def _spanned(span: Span, path: str) -> tuple[float, ...]:
     """
     if span.spacing == "log" and not span.first * span.last > 0:
         refuse("must be different from 0 and of one sign for spacing: log", path, "from")
-    values = (np.geomspace if span.spacing == "log" else np.linspace)(
-        span.first, span.last, span.count
-    )
-    return tuple(
-        round(value) if path.endswith(".count") else float(f"{value:.{DIGITS}g}")
-        for value in values
-    )
+    spaced = np.geomspace if span.spacing == "log" else np.linspace
+    values = spaced(span.first, span.last, span.count)
+    if path.endswith(".count"):
+        return tuple(round(value) for value in values)
+    return tuple(float(f"{value:.{DIGITS}g}") for value in values)
 
 
 def _all_spanned(vary: dict[str, Any]) -> dict[str, tuple[Any, ...]]:
     return {
-        path: _spanned(one, path) if isinstance(one, Span) else one for path, one in vary.items()
+        path: _spanned(values, path) if isinstance(values, Span) else values
+        for path, values in vary.items()
     }
 
 
@@ -82,9 +81,12 @@ def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict
         raise RequestError(
             "vary: particles must be varied by the key `particles` of a study, or by --particles"
         )
-    if any(len({*map(_word, values)}) < len(values) for values in vary.values()):
-        raise RequestError("vary: must be values that differ")
-    if together and len({len(values) for values in vary.values()}) > 1:
+    for values in vary.values():
+        names = {_word(value) for value in values}
+        if len(names) < len(values):
+            raise RequestError("vary: must be values that differ")
+    lengths = {len(values) for values in vary.values()}
+    if together and len(lengths) > 1:
         raise RequestError(
             "vary: must be lists of the same length, as their values belong together"
         )
@@ -108,28 +110,32 @@ def scene_with(
     name = ",".join([name or Path(where).stem, *words])
     keys = dict(values) if particles is None else {**values, "particles": particles}
     phi = keys.pop(PACKING_FRACTION, None)
-    # A number stands for a mapping.
-    if is_number(mapping.get("equilibrate")) and any(
-        path.startswith("equilibrate.") for path in keys
-    ):
+    is_below_equilibrate = any(path.startswith("equilibrate.") for path in keys)
+    if is_below_equilibrate and is_number(mapping.get("equilibrate")):
+        # A number stands for a mapping.
         keys = {"equilibrate": {"time": mapping["equilibrate"]}, **keys}
     mapping = with_values(mapping, keys, where)
     if PACKING_FRACTION in values:
-        wanted = validated(Annotated[Positive, Field(le=1)], phi, where, PACKING_FRACTION)
-        scene = validated(Scene, mapping, where, context="box to be scaled")
-        if scene.listed or scene.packing_fraction == 0:
-            raise RequestError(
-                f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none"
-            )
-        factor = math.sqrt(scene.packing_fraction / wanted)
-        lengths = {
-            "box.x": scene.box.x,
-            "box.y": scene.box.y,
-            "disks.tracer.position": scene.species[0].position,
-        }
-        scaled = {path: [factor * end for end in ends] for path, ends in lengths.items() if ends}
-        mapping = with_values(mapping, scaled, where)
+        mapping = _scaled(mapping, where, phi)
     return parse_scene(mapping, where, name=name)
+
+
+def _scaled(mapping: Mapping[str, Any], where: str, packing_fraction: Any) -> Mapping[str, Any]:
+    """Return the mapping of a scene with a box, and the place of the tracer in it, scaled to this
+    packing fraction.
+    """
+    wanted = validated(Annotated[Positive, Field(le=1)], packing_fraction, where, PACKING_FRACTION)
+    scene = validated(Scene, mapping, where, context="box to be scaled")
+    if scene.listed or scene.packing_fraction == 0:
+        raise RequestError(
+            f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none"
+        )
+    factor = math.sqrt(scene.packing_fraction / wanted)
+    lengths = {"box.x": scene.box.x, "box.y": scene.box.y}
+    if scene.species[0].position:
+        lengths["disks.tracer.position"] = scene.species[0].position
+    scaled = {path: [factor * length for length in pair] for path, pair in lengths.items()}
+    return with_values(mapping, scaled, where)
 
 
 def short_name(path: str) -> str:
@@ -141,24 +147,24 @@ def short_name(path: str) -> str:
 
 def value_of(scene: Scene, path: str) -> Any:
     """Return the value of a varied key in a scene: a number, or a text."""
-    words = [
-        *path.split("."),
-        *(["time"] if path == "equilibrate" else []),
-    ]  # a number stands for {time: number}
-    found = part_of(scene.as_mapping() | {PACKING_FRACTION: scene.packing_fraction}, words)
-    return type(found)(float(_word(found))) if is_number(found) else _word(found)
+    if path == "equilibrate":  # a number stands for {time: number}
+        path = "equilibrate.time"
+    keys = scene.as_mapping() | {PACKING_FRACTION: scene.packing_fraction}
+    value = part_of(keys, path.split("."))
+    word = _word(value)
+    return type(value)(float(word)) if is_number(value) else word
 
 
 def unit_of(path: str) -> str:
     """Return the unit of a varied key, which the meaning of the key has in brackets."""
     schema = Scene.model_json_schema()
-    keys = {
-        name: key
-        for part in (schema, *schema["$defs"].values())
-        for name, key in part["properties"].items()
-    }
-    meaning = keys.get(path.split(".")[-1], {}).get("description", "")
-    return next(iter(re.findall(r"\[([\w/]+)\]", meaning)), "1")
+    keys = {**schema["properties"]}
+    for record in schema["$defs"].values():
+        keys |= record["properties"]
+    name = path.split(".")[-1]
+    meaning = keys.get(name, {}).get("description", "")
+    unit = re.search(r"\[([\w/]+)\]", meaning)
+    return unit[1] if unit else "1"
 
 
 def is_number(value: Any) -> bool:
