@@ -84,16 +84,12 @@ class Definition(NamedTuple):
     # the class of this record, a NamedTuple: types with descriptions for pydantic, and defaults
     settings: Any
     model: Callable[[Sequence[Scene], Any], str]  # (scenes, settings): the model, in a few words
-    caution: Callable[
-        [Scene], str | None
-    ]  # one line on the limits of its results in the scene, or None
-    forecast: Callable[
-        ..., Cost
-    ]  # (scene, settings, record, observables, average): the cost of one run
+    # one line on the limits of its results in the scene, or None
+    caution: Callable[[Scene], str | None]
+    # (scene, settings, record, observables, average): the cost of one run
+    forecast: Callable[..., Cost]
     # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
-    refuse_unfit: Callable[[Scene, Any, frozenset[str]], None] = lambda scene, settings, record: (
-        None
-    )
+    refuse_unfit: Callable[[Scene, Any, frozenset[str]], None] = lambda *_: None
     moves_all_disks: bool = True  # otherwise it moves the tracer alone, and counts no collisions
     keeps_checkpoints: bool = False
 
@@ -112,10 +108,12 @@ def of_run(
     without collisions.
     """
     time = 0.0 if alone else scene.duration + scene.equilibrate.time
-    pair_collisions, wall_collisions = time * pair_rate(scene), time * wall_rate(scene)
+    pair_collisions = time * pair_rate(scene)
+    wall_collisions = time * wall_rate(scene)
     collisions = pair_collisions + wall_collisions
-    every_disk = "all" in record or measures.needs_every_disk(observables, average)
-    disk_samples = len(scene.times) * (1 + scene.particles * every_disk)
+    needs_every_disk = "all" in record or measures.needs_every_disk(observables, average)
+    sampled_disks = 1 + scene.particles if needs_every_disk else 1
+    disk_samples = len(scene.times) * sampled_disks
     measuring = [measures.record_of(name).working_memory(scene) for name in observables]
     working = max(measuring, default=0.0) + BYTES_PER_SAMPLE * disk_samples
     working += BYTES_PER_DISK * (1 if alone else scene.particles)
@@ -155,19 +153,19 @@ def _bytes_of_record(
     """Return the bytes recorded and measured of a run with `events` collisions: in the file, and in
     memory.
     """
-    coordinates, samples = 2 * BYTES_PER_NUMBER, len(scene.times)
+    coordinates = 2 * BYTES_PER_NUMBER
     images = 8 if scene.box.periodic else 0  # which take next to nothing in a file
-    tracer = samples * len({"tracer", "velocity"}.intersection(record))
-    every_disk = samples * scene.particles * ("all" in record)
-    logged = BYTES_PER_EVENT * events * ("events" in record)
+    samples = len(scene.times)
+    tracer_samples = samples * len({"tracer", "velocity"}.intersection(record))
+    disk_samples = samples * scene.particles if "all" in record else 0
+    log = BYTES_PER_EVENT * events if "events" in record else 0.0
     measured = BYTES_PER_NUMBER * measures.numbers_in(scene, observables)
-    changed = min(
-        2 * events, every_disk
-    )  # velocities, as those between two collisions of a disk are the same
-    recorded = coordinates * (tracer + every_disk + changed) + logged * 2 / 3 + measured
-    kept = (coordinates + images) * tracer + COPIES * (
-        (2 * coordinates + images) * every_disk + logged
-    )
+    # those between two collisions of a disk are the same
+    different_velocities = min(2 * events, disk_samples)
+    stored_samples = tracer_samples + disk_samples + different_velocities
+    recorded = coordinates * stored_samples + log * 2 / 3 + measured
+    whole_runs = (2 * coordinates + images) * disk_samples + log
+    kept = (coordinates + images) * tracer_samples + COPIES * whole_runs
     return recorded, kept + measured
 
 
@@ -179,21 +177,31 @@ def memory(cost: Cost, runs: int) -> float:
 def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> float:
     """Return the CPU seconds to measure observables in a run."""
     seconds = 0.0
-    for observable in map(measures.record_of, names):
-        samples, disks = len(scene.times), scene.particles * observable.times_as_long(scene)
-        if observable.of == "tracer":
-            disks = len(equal_disks(scene)) if average == "disks" else 1
-        elif observable.is_over_samples and not is_stationary(scene):
-            samples = 1
-        steps, pairs = (
-            (samples, samples / 2)
-            if average == "origins" and observable.of != "all"
-            else (1, samples)
-        )
-        seconds += steps * max(
-            SECONDS_TO_MEASURE, pairs * disks * observable.seconds_per_disk_sample
-        )
+    for name in names:
+        seconds += _seconds_of_observable(scene, name, average)
     return seconds
+
+
+def _seconds_of_observable(scene: Scene, name: str, average: str) -> float:
+    """Return the CPU seconds to measure an observable in a run.
+
+    An average over time origins has a step for each lag, over half of all samples in the mean;
+    others have one step.
+    """
+    observable = measures.record_of(name)
+    samples = len(scene.times)
+    disks = scene.particles * observable.times_as_long(scene)
+    if observable.of == "tracer":
+        disks = len(equal_disks(scene)) if average == "disks" else 1
+    elif observable.is_over_samples and not is_stationary(scene):
+        samples = 1
+    lags = 1
+    samples_per_lag = float(samples)
+    if average == "origins" and observable.of != "all":
+        lags = samples
+        samples_per_lag = samples / 2
+    step = samples_per_lag * disks * observable.seconds_per_disk_sample
+    return lags * max(SECONDS_TO_MEASURE, step)
 
 
 def most_runs(cost: Cost, available: float) -> int:
@@ -207,14 +215,16 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
     """Raise RequestError if so many runs of a scene, each of this cost, in one process exceed this
     machine's memory.
     """
-    needed, available = memory(cost, runs), os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > available:
-        cure = (
-            f"this machine has {in_bytes(available)}: take fewer seeds a call, fewer samples, "
-            "or record less"
-        )
-        need = "1 run needs" if runs == 1 else f"{runs:,} runs need"
-        raise RequestError(f"{scene.name}: {need} some {in_bytes(needed)} of memory, and {cure}")
+    needed = memory(cost, runs)
+    available = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed <= available:
+        return
+    cure = (
+        f"this machine has {in_bytes(available)}: take fewer seeds a call, fewer samples, "
+        "or record less"
+    )
+    need = "1 run needs" if runs == 1 else f"{runs:,} runs need"
+    raise RequestError(f"{scene.name}: {need} some {in_bytes(needed)} of memory, and {cure}")
 
 
 # -- collision rates -------------------------------------------------------------------------------
@@ -224,38 +234,46 @@ def speeds(scene: Scene) -> np.ndarray:
     """Return the standard deviation [length/time] of a velocity component of disks of each species
     (K,).
 
-    A list of disks is taken to be in equilibrium at its mean kinetic energy per disk. From equal
-    speeds disks of different masses reach equal energies, in which light disks are faster: the mean
-    square over the run is returned, where the differences of the energies decay by the share 4 m_i
-    m_j/(m_i + m_j)^2 in a collision, all at one rate.
+    A list of disks is taken to be in equilibrium at its mean kinetic energy per disk.
     """
-    number, mass = species_table(scene).number, species_table(scene).mass
+    mass = species_table(scene).mass
     if scene.velocities is None:
         velocity = np.array([disk.velocity for disk in scene.listed]).reshape(-1, 2)
         unit = float(np.abs(velocity).max(initial=0.0)) or 1.0  # so that no square overflows
-        energy = (
-            (scene.mass * np.sum((velocity / unit) ** 2, axis=1)).sum() / 2 / max(len(velocity), 1)
-        )
+        square_speed = np.sum((velocity / unit) ** 2, axis=1)
+        energy = (scene.mass * square_speed).sum() / 2 / max(len(velocity), 1)
         return unit * np.sqrt(energy / mass)
     if motion.is_thermal(scene):
         return np.sqrt(scene.velocities.temperature / mass)
-    ratio, speed = mass[:, None] / mass, np.full(len(mass), scene.velocities.standard_deviation)
-    last = np.sqrt(
-        number
-        * (1 - motion.starts_with_zero_momentum(scene) / (number @ ratio))
-        @ ratio
-        / number.sum()
-    )
-    shared = np.where(
-        ratio == 1.0, 0.0, 4 / (2 + ratio + ratio.T)
-    )  # of the difference of two energies
+    return _speeds_towards_equipartition(scene)
+
+
+def _speeds_towards_equipartition(scene: Scene) -> np.ndarray:
+    """Return the rms of a velocity component [length/time] of each species (K,) over a run in which
+    all begin with one standard deviation s, whatever their mass.
+
+    They come to equal energies, in which light disks are faster. At the end <v_j^2> = s^2 e_j, with
+    e_j = sum_i N_i m_i (1 - m_i/M)/(N m_j) by conservation of energy, where -m_i/M is the motion of
+    the centre of mass, of mass M, if that is subtracted. The difference of two disks' energies
+    decays by the share 4 m_i m_j/(m_i + m_j)^2 in a collision. If these sum up to x in the run, all
+    differences are taken to have decayed to 1/(1 + x) in the mean: <v_j^2> = s^2 (1 + x e_j)/(1 +
+    x).
+    """
+    number = species_table(scene).number
+    mass = species_table(scene).mass
+    start = scene.velocities.standard_deviation
+    time = scene.duration + scene.equilibrate.time
+    ratio = mass[:, None] / mass  # m_i/m_j
+    energy_kept = np.ones(len(mass))
+    if motion.starts_with_zero_momentum(scene):
+        energy_kept -= 1 / (number @ ratio)
+    last = np.sqrt((number * energy_kept) @ ratio / number.sum())
+    share = np.where(ratio == 1.0, 0.0, 4 / (2 + ratio + ratio.T))
+    speed = np.full(len(mass), start)
     for _ in range(8):  # until speeds and collisions fit each other
-        exchanges = (shared * [*_pair_rates(scene, speed)]).sum() * (
-            scene.duration + scene.equilibrate.time
-        )
-        speed = scene.velocities.standard_deviation * np.sqrt(
-            (1 + exchanges * last**2) / (1 + exchanges)
-        )
+        rates = np.array([*_pair_rates(scene, speed)])
+        decay = (share * rates).sum() * time
+        speed = start * np.sqrt((1 + decay * last**2) / (1 + decay))
     return speed
 
 
@@ -268,8 +286,12 @@ def pair_rate(scene: Scene) -> float:
     distance s (Z. W. Salsburg & W. W. Wood, J. Chem. Phys. 37, 798 (1962)). Rows that the box
     compresses collide more often.
     """
-    of_species = zip(species_table(scene).number, _pair_rates(scene, speeds(scene)), strict=True)
-    rate = float(sum(number * rates.sum() for number, rates in of_species)) / 2
+    numbers = species_table(scene).number
+    rates_of_species = _pair_rates(scene, speeds(scene))
+    collisions = (
+        number * rates.sum() for number, rates in zip(numbers, rates_of_species, strict=True)
+    )
+    rate = float(sum(collisions)) / 2  # each has two partners
     if scene.packing_fraction <= DENSEST:
         between_walls = rate > 0 and not scene.box.periodic
         return rate * confinement(scene).pairs if between_walls else rate
@@ -285,14 +307,17 @@ def _pair_rates(scene: Scene, speed: np.ndarray) -> Iterator[np.ndarray]:
     component of the relative velocity. This also holds for species of different temperatures. A
     list of disks may have a species each.
     """
-    table, fluid = species_table(scene), min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
-    diameter, density = 2 * table.radius, fluid * table.number / scene.box.area
+    table = species_table(scene)
+    area = scene.box.area
+    fluid = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
+    diameter = 2 * table.radius
+    density = fluid * table.number / area
     for i, radius in enumerate(table.radius):
-        partners = (table.number - (np.arange(len(speed)) == i)) / scene.box.area
+        is_own = np.arange(len(speed)) == i
+        partners = (table.number - is_own) / area
         contact = theory.contact_value_mixture(diameter[i], diameter, density, diameter)
-        yield theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0) * np.hypot(
-            speed[i], speed
-        )
+        rate = theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0)
+        yield rate * np.hypot(speed[i], speed)
 
 
 def wall_rate(scene: Scene) -> float:
@@ -330,10 +355,10 @@ def disks_in_cells(scene: Scene) -> float:
     Larger disks, but for a few (`units.common_radius`), set the width of cells, which then have
     many small disks.
     """
-    wide = (
-        cell_width(common_radius(scene.radius), scene.packing_fraction) if scene.particles else 0.0
-    )
-    return 9 * wide**2 / scene.box.area * scene.particles
+    if not scene.particles:
+        return 0.0
+    width = cell_width(common_radius(scene.radius), scene.packing_fraction)
+    return 9 * width**2 / scene.box.area * scene.particles
 
 
 def caution(scene: Scene) -> str | None:
@@ -347,7 +372,8 @@ def caution(scene: Scene) -> str | None:
     rate = 2 * pair_rate(scene)
     if not scene.species or scene.particles < 2 or not rate > 0:
         return None
-    side, path = min(scene.box.width, scene.box.height), path_rate(scene) / rate
+    side = min(scene.box.width, scene.box.height)
+    path = path_rate(scene) / rate
     if path <= side:
         return None
     too_long = f"the mean free path, {path:.2g}, is longer than its shorter side, {side:.2g}"
@@ -451,7 +477,8 @@ def settling_caution(scene: Scene) -> str | None:
     """Return one line of caution if a scene with a temperature does not equilibrate, or one that
     does for far less than it is expected to need; otherwise None.
     """
-    time, case = scene.equilibrate.time, f"{scene.name}, N = {scene.particles}"
+    time = scene.equilibrate.time
+    case = f"{scene.name}, N = {scene.particles}"
     thermal = motion.is_thermal(scene) and motion.moves(scene)
     if thermal and time == 0 and scene.particles > 1:
         return None if is_grown(scene) else f"{case}: {_start_without_equilibrium(scene)}"
