@@ -5,7 +5,7 @@ All is in the scene's units and in the scene's order of the disks; the tracer is
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,11 +17,10 @@ from brownpipe.observables.own import is_own, measure
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
 
-HEALTH = (
-    "energy_drift",
-    "worst_overlap",
-    "momentum_residual",
-)  # observables with bounds that a run must not exceed
+# observables with bounds that a run must not exceed
+HEALTH = ("energy_drift", "worst_overlap", "momentum_residual")
+
+Value = TypeVar("Value")
 
 
 class Ensemble(NamedTuple):
@@ -29,18 +28,15 @@ class Ensemble(NamedTuple):
 
     seeds: np.ndarray  # (S,) int64
     times: np.ndarray  # (T,) sample times [time]
-    tracer: (
-        Track | None
-    )  # disk 0 of every run, M = S, if recorded; its velocity only if that is recorded, too
+    # disk 0 of every run, M = S, if recorded; its velocity only if that is recorded, too
+    tracer: Track | None
     observables: dict[str, np.ndarray]  # name -> (S, ...): one number or array per run
     whole: dict[int, Track]  # seed -> trajectories of all disks, M = N, if recorded
     events: dict[int, Events]  # seed -> collisions, if recorded
-    stopped: dict[
-        int, str
-    ]  # seed -> why its run could not go on; it counts as failed and has no data
-    own: dict[
-        str, RunArray
-    ]  # descriptions of the arrays of a user's own functions in `observables`
+    # seed -> why its run could not go on; it counts as failed and has no data
+    stopped: dict[int, str]
+    # descriptions of the arrays of a user's own functions in `observables`
+    own: dict[str, RunArray]
     # what displacements and autocorrelations are averaged over, of observables.AVERAGES
     average: str = "runs"
 
@@ -58,15 +54,15 @@ class Batch(NamedTuple):
     scene: Scene
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
-    needed_record: frozenset[
-        str
-    ]  # what the engine must record: `record`, and every disk if an observable needs it
+    # what the engine must record: `record`, and every disk if an observable needs it
+    needed_record: frozenset[str]
     observables: tuple[str, ...]  # names in observables.OBSERVABLES, or of the user's own functions
 
 
 def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
     """Return an array for values that are not there: NaN, or 0 where the type has no NaN."""
-    return np.full(shape, np.nan if np.dtype(dtype).kind == "f" else 0, dtype)
+    missing = np.nan if np.dtype(dtype).kind == "f" else 0
+    return np.full(shape, missing, dtype)
 
 
 def new_batch(
@@ -86,14 +82,26 @@ def new_batch(
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
         velocity = blank(shape, float) if "velocity" in record else None
-        tracer = Track(
-            blank(shape, float), velocity, blank(shape, np.int32) if scene.box.periodic else None
-        )
-    ensemble = Ensemble(
-        np.asarray(seeds, dtype=np.int64), scene.times, tracer, {}, {}, {}, {}, {}, average
-    )
+        image = blank(shape, np.int32) if scene.box.periodic else None
+        tracer = Track(blank(shape, float), velocity, image)
+    ensemble = _empty(np.asarray(seeds, dtype=np.int64), scene.times, tracer, average)
     needed = {*record, "all"} if observables.needs_every_disk(names, average) else record
     return Batch(scene, ensemble, frozenset(record), frozenset(needed), tuple(names))
+
+
+def _empty(seeds: np.ndarray, times: np.ndarray, tracer: Track | None, average: str) -> Ensemble:
+    """Return an ensemble without any run yet; its tracer is blank."""
+    return Ensemble(
+        seeds,
+        times,
+        tracer,
+        observables={},
+        whole={},
+        events={},
+        stopped={},
+        own={},
+        average=average,
+    )
 
 
 def make_runs(
@@ -109,7 +117,8 @@ def make_runs(
     scene's name, N and the seed before the message of any other RequestError, and of PlacementError
     if nearly every run of the scene is expected to lack places: such a scene is a mistake.
     """
-    scene, ensemble = batch.scene, batch.ensemble
+    scene = batch.scene
+    ensemble = batch.ensemble
     for column, seed in enumerate(ensemble.seeds[first:].tolist(), first):
         progress.begin_piece("runs", column, len(ensemble.seeds))
         try:
@@ -126,32 +135,25 @@ def make_runs(
         after(column + 1)
     for values in ensemble.observables.values():
         if values.dtype.kind == "f":
-            values[np.isinf(values)] = (
-                np.nan
-            )  # beyond the floating-point numbers in the scene's units
+            # beyond the floating-point numbers in the scene's units
+            values[np.isinf(values)] = np.nan
     return ensemble
 
 
 def _add(batch: Batch, column: int, run: Run) -> None:
     """Measure a finished run, and copy what is recorded of it into its column of the ensemble."""
-    scene, ensemble, seed, values = (
-        batch.scene,
-        batch.ensemble,
-        int(batch.ensemble.seeds[column]),
-        {**run.observables},
-    )
+    scene = batch.scene
+    ensemble = batch.ensemble
+    seed = int(ensemble.seeds[column])
+    values = dict(run.observables)
     if scene.particles and run.tracer.velocity is not None:
         x, y = run.tracer.velocity[0, 0].tolist()
         values["initial_square_speed"] = x * x + y * y
     values |= observables.observe(scene, run, batch.observables, ensemble.average)
     for name in filter(is_own, batch.observables):
         values |= measure(name, scene, run, observables.AXES, ensemble.own)
-    write(
-        ensemble,
-        slice(column, column + 1),
-        run.tracer,
-        {name: [value] for name, value in values.items()},
-    )
+    columns = {name: [value] for name, value in values.items()}
+    write(ensemble, slice(column, column + 1), run.tracer, columns)
     if run.whole is not None and "all" in batch.record:
         ensemble.whole[seed] = run.whole
     if run.events is not None:
@@ -166,8 +168,9 @@ def write(
     """
     for name, value in values.items():
         if name not in ensemble.observables:
-            like = np.asarray(value)  # (n, ...)
-            ensemble.observables[name] = blank((len(ensemble.seeds), *like.shape[1:]), like.dtype)
+            array = np.asarray(value)  # (n, ...)
+            shape = (len(ensemble.seeds), *array.shape[1:])
+            ensemble.observables[name] = blank(shape, array.dtype)
         ensemble.observables[name][columns] = value
     for recorded, track in zip(ensemble.tracer or (), tracer or (), strict=False):
         if recorded is not None:
@@ -176,41 +179,60 @@ def write(
 
 def select(runs: Ensemble, rows: np.ndarray | slice) -> Ensemble:
     """Return the runs at `rows`: indices, a mask (S,), or a slice."""
-    kept = dict.fromkeys(runs.seeds[rows].tolist())
+    seeds = runs.seeds[rows]
+    observables_at_rows = {name: values[rows] for name, values in runs.observables.items()}
     return runs._replace(
-        seeds=runs.seeds[rows],
+        seeds=seeds,
         tracer=runs.tracer and runs.tracer.of(rows),
-        observables={name: values[rows] for name, values in runs.observables.items()},
-        whole={seed: runs.whole[seed] for seed in kept if seed in runs.whole},
-        events={seed: runs.events[seed] for seed in kept if seed in runs.events},
-        stopped={seed: runs.stopped[seed] for seed in kept if seed in runs.stopped},
+        observables=observables_at_rows,
+        whole=_of_seeds(runs.whole, seeds),
+        events=_of_seeds(runs.events, seeds),
+        stopped=_of_seeds(runs.stopped, seeds),
     )
 
 
-def joined(parts: Sequence[Ensemble]) -> Ensemble:
+def _of_seeds(values: Mapping[int, Value], seeds: np.ndarray) -> dict[int, Value]:
+    """Return what a mapping has of these seeds, in their order.
+
+    >>> _of_seeds({3: "c", 7: "g"}, np.array([7, 5, 3]))
+    {7: 'g', 3: 'c'}
+    """
+    return {seed: values[seed] for seed in seeds.tolist() if seed in values}
+
+
+def joined(ensembles: Sequence[Ensemble]) -> Ensemble:
     """Return ensembles of one scene and engine as one, seeds ascending.
 
     Raises RequestError if arrays of the user's own differ.
     """
-    if len(parts) == 1:
-        return parts[0]
-    seeds, first, tracer = np.concatenate([runs.seeds for runs in parts]), parts[0], None
-    if first.tracer is not None:
-        shape = (len(first.times), len(seeds), 2)
-        tracer = Track(
-            *(None if values is None else blank(shape, values.dtype) for values in first.tracer)
-        )
-    every = Ensemble(seeds, first.times, tracer, {}, {}, {}, {}, {}, first.average)
-    for runs, end in zip(parts, np.cumsum([len(runs.seeds) for runs in parts]), strict=True):
-        write(every, slice(end - len(runs.seeds), end), runs.tracer, runs.observables)
-        for name in ("whole", "events", "stopped"):
-            getattr(every, name).update(getattr(runs, name))
-        for name, one in runs.own.items():
-            if every.own.setdefault(name, one) != one:
+    first = ensembles[0]
+    if len(ensembles) == 1:
+        return first
+    seeds = np.concatenate([runs.seeds for runs in ensembles])
+    tracer = None if first.tracer is None else _blank_as(first.tracer, len(seeds))
+    ensemble = _empty(seeds, first.times, tracer, first.average)
+    end = 0
+    for runs in ensembles:
+        start = end
+        end = start + len(runs.seeds)
+        write(ensemble, slice(start, end), runs.tracer, runs.observables)
+        ensemble.whole.update(runs.whole)
+        ensemble.events.update(runs.events)
+        ensemble.stopped.update(runs.stopped)
+        for name, description in runs.own.items():
+            if ensemble.own.setdefault(name, description) != description:
                 raise RequestError(
-                    f"{name}: must have one shape in all runs, not {one.shape} in some"
+                    f"{name}: must have one shape in all runs, not {description.shape} in some"
                 )
-    return select(every, np.argsort(seeds, kind="stable"))
+    return select(ensemble, np.argsort(seeds, kind="stable"))
+
+
+def _blank_as(track: Track, runs: int) -> Track:
+    """Return a blank track of the tracer in so many runs, with the arrays that `track` has."""
+    arrays: dict[str, np.ndarray | None] = {}
+    for name, values in track._asdict().items():
+        arrays[name] = None if values is None else blank((len(values), runs, 2), values.dtype)
+    return Track(**arrays)
 
 
 # -- failed runs in words --------------------------------------------------------------------------
@@ -222,18 +244,16 @@ def failures(ensemble: Ensemble) -> str:
     """
     runs = len(ensemble.seeds)
     unhealthy = [seed for seed in ensemble.failed_seeds.tolist() if seed not in ensemble.stopped]
-    parts = (
-        [f"failed their health check: {len(unhealthy)} of {runs} runs: {seed_text(unhealthy)}"]
-        if unhealthy
-        else []
-    )
-    if ensemble.stopped:
-        stopped = sorted(ensemble.stopped)
-        first = f"seed {stopped[0]}: {ensemble.stopped[stopped[0]]}"
-        parts.append(
-            f"could not go on: {len(stopped)} of {runs} runs: {seed_text(stopped)} ({first})"
-        )
-    return "; ".join(parts)
+    stopped = sorted(ensemble.stopped)
+    kinds = []
+    if unhealthy:
+        count = f"{len(unhealthy)} of {runs} runs"
+        kinds.append(f"failed their health check: {count}: {seed_text(unhealthy)}")
+    if stopped:
+        count = f"{len(stopped)} of {runs} runs"
+        reason = f"seed {stopped[0]}: {ensemble.stopped[stopped[0]]}"
+        kinds.append(f"could not go on: {count}: {seed_text(stopped)} ({reason})")
+    return "; ".join(kinds)
 
 
 def stopped_in_words(stopped: Mapping[int, str]) -> str:
