@@ -18,10 +18,8 @@ from brownpipe.scene import Scene
 LIMIT = 0.547  # packing fraction that random insertion of equal disks approaches
 SATURATION = 0.541  # at which it ends here
 MARGIN = 0.34  # in radii of the disk to be inserted
-SOME_FAIL, ALL_FAIL = (
-    0.95,
-    1.05,
-)  # ratio of disks to places above which some runs, and all runs, fail
+# ratio of disks to places above which some runs, and all runs, fail
+SOME_FAIL, ALL_FAIL = 0.95, 1.05
 JAMMED = 0.84  # packing fraction at which disks pushed apart in disorder have no more room
 # tries of insertion for each place, times the squared distance from LIMIT; measured
 TRIES_NEAR_LIMIT = 0.09
@@ -45,22 +43,27 @@ def _insertions(scene: Scene) -> list[tuple[int, float]]:
     """
     if scene.placement not in ("auto", "random") or scene.particles < 2:
         return []
-    found = []
-    radii = sorted({species.radius for species in scene.species if species.count}, reverse=True)
-    counts = [
-        sum(species.count for species in scene.species if species.radius == radius)
-        for radius in radii
-    ]
-    for k, (radius, count) in enumerate(zip(radii, counts, strict=True)):
+    count_of_radius = _count_of_radius(scene)
+    insertions = []
+    larger: dict[float, int] = {}
+    for radius, count in count_of_radius.items():
         walls = 0.0 if scene.box.periodic else 2 * MARGIN * radius
         area = (scene.box.width - walls) * (scene.box.height - walls)
-        area -= sum(
-            n * math.pi * (larger + MARGIN * radius) ** 2
-            for larger, n in zip(radii[:k], counts, strict=False)
-        )
-        if k > 0 or count > 1:  # the first disk always finds a place
-            found.append((count, max(SATURATION * area / (math.pi * radius**2), 1e-3)))
-    return found
+        area -= sum(n * math.pi * (big + MARGIN * radius) ** 2 for big, n in larger.items())
+        places = SATURATION * area / (math.pi * radius**2)
+        if larger or count > 1:  # the first disk always finds a place
+            insertions.append((count, max(places, 1e-3)))
+        larger[radius] = count
+    return insertions
+
+
+def _count_of_radius(scene: Scene) -> dict[float, int]:
+    """Return how many disks there are of each radius, from large to small."""
+    counts: dict[float, int] = {}
+    for species in sorted(scene.species, key=lambda species: species.radius, reverse=True):
+        if species.count:
+            counts[species.radius] = counts.get(species.radius, 0) + species.count
+    return counts
 
 
 def crowding(scene: Scene) -> float:
@@ -101,9 +104,8 @@ def never_placed(scene: Scene) -> bool:
     """Return whether a disk is expected to find no place in every run; with `auto` disks grow up to
     JAMMED.
     """
-    return crowding(scene) > ALL_FAIL and (
-        scene.placement == "random" or scene.packing_fraction > JAMMED
-    )
+    cannot_grow = scene.placement == "random" or scene.packing_fraction > JAMMED
+    return crowding(scene) > ALL_FAIL and cannot_grow
 
 
 def placement_caution(scene: Scene) -> str | None:
@@ -116,10 +118,8 @@ def placement_caution(scene: Scene) -> str | None:
     grows = scene.placement == "auto"
     if share < SOME_FAIL or (grows and scene.equilibrate.time > 0):
         return None
-    where = (
-        f"{'every run' if share > ALL_FAIL else 'some of the runs'} (packing fraction "
-        f"{scene.packing_fraction:.3g})"
-    )
+    runs = "every run" if share > ALL_FAIL else "some of the runs"
+    where = f"{runs} (packing fraction {scene.packing_fraction:.3g})"
     case = f"{scene.name}, N = {scene.particles}"
     if grows:
         return (
@@ -165,28 +165,29 @@ def lattice_sites(scene: Scene) -> np.ndarray:
     Around a fixed disk sites are lost: the lattice is refined until enough are left. Raises
     RequestError if there is no such lattice with places as large as the largest disk.
     """
-    fixed, radius = scene.species[0].position, scene.radius
+    fixed = scene.species[0].position
+    radius = scene.radius
     free = radius if fixed is None else radius[1:]
     if len(free) == 0:
         return np.zeros((0, 2))
-    low, size = scene.box.accessible(free.max())
-    wanted, sites = len(free), np.zeros((0, 2))
+    largest = free.max()
+    low, size = scene.box.accessible(largest)
+    wanted = len(free)
+    sites = np.zeros((0, 2))
     while len(sites) < len(free):
         lattice, nearest = _lattice(size, scene.box.periodic, wanted)
         sites = low + lattice
-        if nearest < 2 * free.max() * (1 - 1e-14):
+        if nearest < 2 * largest * (1 - 1e-14):
             raise RequestError(
                 f"disks: no triangular lattice in this box has {len(free)} places for disks of "
-                "radius "
-                f"{float(free.max())!r}, the largest (packing fraction "
-                f"{scene.packing_fraction:.4g}); must be fewer or "
-                "smaller disks"
+                f"radius {float(largest)!r}, the largest (packing fraction "
+                f"{scene.packing_fraction:.4g}); must be fewer or smaller disks"
             )
         if fixed is not None:
             separation = np.abs(sites - fixed)
             if scene.box.periodic:
                 separation = np.minimum(separation, size - separation)
-            sites = sites[np.hypot(*separation.T) >= radius[0] + free.max()]
+            sites = sites[np.hypot(*separation.T) >= radius[0] + largest]
         wanted += len(free) - min(len(sites), len(free))
     return sites
 
@@ -199,16 +200,15 @@ def _lattice(size: np.ndarray, periodic: bool, n: int) -> tuple[np.ndarray, floa
     even, as every other row is shifted. It is stretched along x or y to fill the rectangle: its
     triangles need not be equilateral.
     """
-    rows = np.arange(
-        1 + periodic, n + 2 + periodic, 1 + periodic
-    )  # each possible number, of which one is chosen
+    step = 2 if periodic else 1
+    rows = np.arange(step, n + 1 + step, step)  # each possible number, of which one is chosen
     columns = -(-n // rows)
     across = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
     up = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
-    nearest = np.minimum.reduce(
-        [across, 2 * up, np.hypot(across / 2, up)]
-    )  # in a row, the next but one, the next
+    # in the same row, in the next but one, and in the next
+    nearest = np.minimum.reduce([across, 2 * up, np.hypot(across / 2, up)])
     best = np.argmax(nearest)
     row, column = np.divmod(np.arange(rows[best] * columns[best]), columns[best])
-    sites = np.stack([(column + 0.5 * (row % 2)) * across[best], row * up[best]], axis=1)
+    shift = 0.5 * (row % 2)
+    sites = np.stack([(column + shift) * across[best], row * up[best]], axis=1)
     return sites, float(nearest[best])

@@ -26,9 +26,8 @@ class Conservation(NamedTuple):
 
     energy: float  # sum m v^2 / 2 at the beginning
     energy_drift: float  # relative change of the energy
-    momentum_residual: (
-        float  # largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J: walls
-    )
+    # largest component of sum m (v' - v) - J over sum m |v| + sum |J|; J: walls
+    momentum_residual: float
     fastest: float  # speed of the lightest disk if it had all the energy
     finite: bool  # whether all positions and velocities at the end are finite numbers
 
@@ -45,14 +44,21 @@ def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track |
 
     And whether all positions and velocities are finite numbers in the scene's units.
     """
-    tracks, finite = [Track(*recorder.track)], True
+    tracer = Track(*recorder.track)
+    finite = _convert_track(tracer, frame)
+    whole = None
     if recorder.whole.position.shape[1]:
-        tracks.append(Track(*(values.take(frame.back, axis=1) for values in recorder.whole)))
-    for track in tracks:
-        finite &= convert(track.position, track.velocity, frame.origin, frame.length, frame.speed)
+        whole = Track(*(values.take(frame.back, axis=1) for values in recorder.whole))
+        finite &= _convert_track(whole, frame)
     if not scene.box.periodic:
-        tracks = [track._replace(image=None) for track in tracks]
-    return tracks[0], tracks[1] if len(tracks) > 1 else None, finite
+        tracer = tracer._replace(image=None)
+        whole = whole and whole._replace(image=None)
+    return tracer, whole, finite
+
+
+def _convert_track(track: Track, frame: Frame) -> bool:
+    """Convert a track in place to the scene's units; return whether its numbers are finite."""
+    return convert(track.position, track.velocity, frame.origin, frame.length, frame.speed)
 
 
 @entry_point
@@ -123,17 +129,18 @@ def report(
     virial, *walls = impulses.tolist()  # Python's floats: NumPy's warn of an overflow
     sound = sound and conserved.finite and abs(conserved.energy_drift) <= HEALTH_BOUND
     sound = sound and math.isfinite(conserved.energy) and math.isfinite(virial + sum(walls))
-    values = {
-        "pair_collisions": collisions[0],
-        "wall_collisions": collisions[1],
-        "tracer_collisions": collisions[2],
-        "energy_drift": conserved.energy_drift,
-        "worst_overlap": worst_overlap,
-        "momentum_residual": conserved.momentum_residual,
-        "failed": np.uint8(not sound),
-        "kinetic_energy": conserved.energy * frame.mass * frame.speed * frame.speed,
-        "virial": virial * frame.mass * frame.speed * frame.length,
+    of_pairs, with_walls, of_tracer = collisions
+    values: dict[str, Any] = {
+        "pair_collisions": of_pairs,
+        "wall_collisions": with_walls,
+        "tracer_collisions": of_tracer,
     }
+    values["energy_drift"] = conserved.energy_drift
+    values["worst_overlap"] = worst_overlap
+    values["momentum_residual"] = conserved.momentum_residual
+    values["failed"] = np.uint8(not sound)
+    values["kinetic_energy"] = conserved.energy * frame.mass * frame.speed * frame.speed
+    values["virial"] = virial * frame.mass * frame.speed * frame.length
     if not scene.box.periodic:
         values["wall_impulse"] = sum(walls) * frame.mass * frame.speed
     return values

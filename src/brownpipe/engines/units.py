@@ -17,9 +17,8 @@ from brownpipe.scene import Scene
 LARGEST_RATIO = 1e12
 # ratio of masses above which a heavy disk does not soon share its energy with light ones
 SLOW_TO_COOL = 100.0
-SMALLEST_NORMAL = float(
-    np.finfo(float).smallest_normal
-)  # the smallest floating-point number with all its digits
+# the smallest floating-point number with all its digits
+SMALLEST_NORMAL = float(np.finfo(float).smallest_normal)
 # of time: the unit, its inverse and its products with speeds are normal floating-point numbers
 SHORTEST_UNIT = 1e-305
 # The longest path in a block of time of the exact engine, in contact distances, of a disk at rms
@@ -43,16 +42,14 @@ class Frame(NamedTuple):
     length.
     """
 
-    origin: (
-        np.ndarray
-    )  # (2,) [length]; per axis 0 if the box contains coordinate 0, else the centre of the box
+    # (2,) [length]; per axis 0 if the box contains coordinate 0, else the centre of the box
+    origin: np.ndarray
     length: float  # engine's unit of length [length], a power of two
     time: float  # engine's unit of time [time], a power of two
     speed: float  # length / time, a power of two
     mass: float  # engine's unit of mass; if all masses are equal it is this mass
-    order: (
-        np.ndarray
-    )  # (N,) int64, number in the scene of each of the engine's disks; much bigger disks come first
+    # (N,) int64, number in the scene of each of the engine's disks; much bigger disks come first
+    order: np.ndarray
     back: np.ndarray  # (N,) int64, the inverse: number in the engine of each of the scene's disks
 
 
@@ -67,27 +64,36 @@ def frame_of(scene: Scene) -> Frame:
     Raises RequestError if the disks are so fast or slow that no unit of time is a normal
     floating-point number.
     """
-    box, radius, mass = scene.box, scene.radius, scene.mass
-    origin = np.array(
-        [0.0 if low <= 0.0 <= high else low + (high - low) / 2 for low, high in (box.x, box.y)]
-    )
+    box = scene.box
+    radius = scene.radius
+    origin = np.array([_origin(*box.x), _origin(*box.y)])
     common = common_radius(radius) if len(radius) else box.width
-    length, speed = power_of_two(2 * common), rms_speed(scene)
-    time_at_rest = max(
-        length, power_of_two(scene.duration * 2.0**-960)
-    )  # in this unit the duration does not overflow
+    length = power_of_two(2 * common)
+    speed = rms_speed(scene)
+    # in this unit the duration does not overflow
+    time_at_rest = max(length, power_of_two(scene.duration * 2.0**-960))
     time = length / power_of_two(speed) if speed > 0 else time_at_rest
     if not SHORTEST_UNIT <= time <= 1 / SHORTEST_UNIT:
         raise RequestError(
             f"{scene.name}: velocities: the rms speed {speed:.3g} must be from "
-            f"{length * SHORTEST_UNIT:.3g} to "
-            f"{length / SHORTEST_UNIT:.3g} for disks of radius {common:.3g}; choose other units"
+            f"{length * SHORTEST_UNIT:.3g} to {length / SHORTEST_UNIT:.3g} for disks of "
+            f"radius {common:.3g}; choose other units"
         )
     order = np.argsort(radius <= common, kind="stable")
-    heaviest = mass.max(initial=0.0)
-    equal = np.all(mass == heaviest) and heaviest > 0
-    unit = float(heaviest) if equal else power_of_two(heaviest)  # equal masses are 1 to the kernels
-    return Frame(origin, length, time, length / time, unit, order, np.argsort(order))
+    heaviest = scene.mass.max(initial=0.0)
+    are_equal = np.all(scene.mass == heaviest) and heaviest > 0
+    # equal masses are 1 to the kernels
+    mass = float(heaviest) if are_equal else power_of_two(heaviest)
+    return Frame(origin, length, time, length / time, mass, order, np.argsort(order))
+
+
+def _origin(low: float, high: float) -> float:
+    """Return the origin of coordinates for a side of the box: 0 if that is in it, else its middle.
+
+    >>> _origin(-1.0, 3.0), _origin(10.0, 12.0)
+    (0.0, 11.0)
+    """
+    return 0.0 if low <= 0.0 <= high else low + (high - low) / 2
 
 
 def rms_speed(scene: Scene) -> float:
