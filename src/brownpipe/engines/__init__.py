@@ -45,12 +45,13 @@ class Engine(NamedTuple):
         Engines with different settings have different labels.
         """
         defaults = self.definition.settings._field_defaults
-        required = [str(value) for key, value in self.settings if key not in defaults]
-        chosen = [
-            f"{key}={value}"
-            for key, value in self.settings
-            if key in defaults and value != defaults[key]
-        ]
+        required = []
+        chosen = []
+        for key, value in self.settings:
+            if key not in defaults:
+                required.append(str(value))
+            elif value != defaults[key]:
+                chosen.append(f"{key}={value}")
         return "-".join([self.name, *required, *chosen])
 
     @property
@@ -58,7 +59,8 @@ class Engine(NamedTuple):
         """The engine as the value of `brownpipe simulate --engine`, followed by an option for each
         setting.
         """
-        return " ".join([self.name, *(f"{option(key)} {value}" for key, value in self.settings)])
+        settings = [f"{option(key)} {value}" for key, value in self.settings]
+        return " ".join([self.name, *settings])
 
     @property
     def values(self) -> Any:
@@ -73,13 +75,16 @@ class Engine(NamedTuple):
         """Return a line on the limits of the results in a scene, and one on observables that are
         not measured.
         """
-        lines = [self.definition.caution(scene) or ""]
-        if not self.definition.moves_all_disks and (
-            lacking := {*observables} - {*of_tracer(observables)[0]}
-        ):
+        lines = []
+        caution = self.definition.caution(scene)
+        if caution:
+            lines.append(caution)
+        measured, _ = of_tracer(observables)
+        lacking = set(observables) - set(measured)
+        if lacking and not self.definition.moves_all_disks:
             names = ", ".join(sorted(map(own.title_of, lacking)))
             lines.append(f"{self.name} moves the tracer alone, and does not measure {names}")
-        return [line for line in lines if line]
+        return lines
 
     def refuse_unfit(self, scene: Scene, record: Collection[str] = TRACER) -> None:
         """Raise RequestError if the engine cannot run the scene or cannot record `record` of it."""
@@ -115,11 +120,10 @@ def read_record(text: str, option: str) -> frozenset[str]:
     Raises RequestError, naming `option`, for other names.
     """
     names = frozenset(text.split(","))
-    if not names <= set(RECORDS) or ("none" in names and len(names) > 1):
-        raise RequestError(
-            f"{option} {text}: must be one or several of {', '.join(RECORDS)}, with commas; none "
-            "alone"
-        )
+    is_contradictory = "none" in names and len(names) > 1
+    if is_contradictory or not names <= set(RECORDS):
+        allowed = f"one or several of {', '.join(RECORDS)}, with commas; none alone"
+        raise RequestError(f"{option} {text}: must be {allowed}")
     return names if "none" in names else names | TRACER
 
 
@@ -131,10 +135,12 @@ def option(setting: str) -> str:
 @cache
 def settings_of(name: str) -> type[Record]:
     """Return the record of the settings of an engine in a file, after its name."""
-    settings, keys = DEFINITIONS[name].settings, dict[str, Any](name=(Literal[name], name))
-    for key, kind in get_type_hints(settings, include_extras=True).items():
-        keys[key] = (kind, settings._field_defaults.get(key, ...))
-    return create_model(name, __base__=Record, __doc__=DEFINITIONS[name].summary, **keys)
+    definition = DEFINITIONS[name]
+    defaults = definition.settings._field_defaults
+    keys: dict[str, Any] = {"name": (Literal[name], name)}
+    for key, kind in get_type_hints(definition.settings, include_extras=True).items():
+        keys[key] = (kind, defaults.get(key, ...))
+    return create_model(name, __base__=Record, __doc__=definition.summary, **keys)
 
 
 def recorded(mapping: dict, where: str = "") -> Engine:
@@ -162,12 +168,13 @@ def requested(
     defaults = definition.settings._field_defaults
     for key in values.keys() - kinds.keys():
         owners = [other.name for other in DEFINITIONS.values() if key in other.settings._fields]
-        wrong = f"the {name} engine has no such setting; must go with {' or '.join(owners)}"
-        raise RequestError(f"{option(key)} {values[key]}: {wrong}")
+        reason = f"the {name} engine has no such setting; must go with {' or '.join(owners)}"
+        raise RequestError(f"{option(key)} {values[key]}: {reason}")
     for key in kinds.keys() - values.keys() - defaults.keys():
         raise RequestError(f"{option(key)}: missing; must be given with {option('engine')} {name}")
-    given = defaults | values
-    return Engine(
-        name,
-        tuple((key, validated(kind, given[key], key=option(key))) for key, kind in kinds.items()),
-    )
+    chosen = defaults | values
+    settings = []
+    for key, kind in kinds.items():
+        value = validated(kind, chosen[key], key=option(key))
+        settings.append((key, value))
+    return Engine(name, tuple(settings))

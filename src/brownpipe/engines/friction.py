@@ -47,11 +47,20 @@ def followed(scene: Scene) -> Species:
 def bath_of(scene: Scene) -> Bath:
     """Return the bath of a scene of species: all disks but the tracer."""
     table = species_table(scene)
-    counts = table.number - (
-        np.arange(len(table.number)) == 0
-    )  # the tracer is of the first species
-    number, radius, mass = (values[counts > 0] for values in (counts, table.radius, table.mass))
-    return Bath(number, radius, mass, motion.bath_temperature(scene))
+    number = _bath_numbers(table.number)
+    present = number > 0
+    temperature = motion.bath_temperature(scene)
+    return Bath(number[present], table.radius[present], table.mass[present], temperature)
+
+
+def _bath_numbers(number: np.ndarray) -> np.ndarray:
+    """Return how many disks (K,) of each species are in the bath; the tracer is of the first.
+
+    >>> _bath_numbers(np.array([1, 99]))
+    array([ 0, 99])
+    """
+    is_first = np.arange(len(number)) == 0
+    return number - is_first
 
 
 def not_diffusive_before(scene: Scene) -> float:
@@ -65,7 +74,9 @@ def not_diffusive_before(scene: Scene) -> float:
     if scene.listed or scene.particles < 2:
         return math.nan
     gamma = float(partners_of(scene).friction.sum())
-    return DECAY_TIMES * motion.bath_share(scene) / gamma if gamma > SMALLEST_NORMAL else math.nan
+    if not gamma > SMALLEST_NORMAL:
+        return math.nan
+    return DECAY_TIMES * motion.bath_share(scene) / gamma
 
 
 def rate_at_temperature(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.ndarray:
@@ -119,7 +130,8 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
     gamma = partners.friction.sum()
     if friction == "measured" and gamma > 0:
         gamma *= measured / partners.rate.sum()
-    if not (math.isfinite(gamma) and (gamma >= SMALLEST_NORMAL or not motion.moves(scene))):
+    is_normal = gamma >= SMALLEST_NORMAL or not motion.moves(scene)
+    if not (is_normal and math.isfinite(gamma)):
         raise RequestError(
             f"{scene.name}, N = {scene.particles}: --engine langevin needs a friction rate from "
             f"{SMALLEST_NORMAL:.3g} to 1.8e308, found {gamma:g}; choose another unit of time"
@@ -143,11 +155,13 @@ def partners_of(scene: Scene, crowded: bool = True) -> Partners:
     if crowded:
         table = species_table(scene)
         fluid = min(1.0, DENSEST / scene.packing_fraction)
-        contact = theory.mixture_contact_values(
-            fluid * table.number / scene.box.area, 2 * table.radius
-        )
-        chi = contact[0, table.number > (np.arange(len(table.number)) == 0)]
+        density = fluid * table.number / scene.box.area
+        contact = theory.mixture_contact_values(density, 2 * table.radius)
+        chi = contact[0, _bath_numbers(table.number) > 0]
     mu = theory.reduced_mass(1.0, bath.mass / tracer.mass)
-    density = bath.number / scene.box.area
-    arguments = (density, tracer.radius + bath.radius, chi, mu, bath.temperature / tracer.mass)
-    return Partners(chi, theory.enskog_friction(*arguments), theory.collision_rate(*arguments))
+    partners = bath.number / scene.box.area
+    sigma = tracer.radius + bath.radius
+    kt = bath.temperature / tracer.mass
+    friction = theory.enskog_friction(partners, sigma, chi, mu, kt)
+    rate = theory.collision_rate(partners, sigma, chi, mu, kt)
+    return Partners(chi, friction, rate)

@@ -63,21 +63,18 @@ def refuse_unfit(
         _refuse(scene, "needs a scene with species, of which the first disk is followed")
     if scene.particles == 1:
         _refuse(scene, "needs a bath, and there is a single disk")
-    if _mass_ratio(scene) < LIGHTEST:
+    mass_ratio = _mass_ratio(scene)
+    if mass_ratio < LIGHTEST:
         ratio = (
-            f"the disk that is followed has {_mass_ratio(scene):.3g} times the mass of the "
-            "heaviest of the others"
+            f"the disk that is followed has {mass_ratio:.3g} times the mass of the heaviest of the "
+            "others"
         )
         _refuse(scene, f"is for a heavy tracer: {ratio}; must be at least {LIGHTEST:g}")
     energy = bath_of(scene).temperature
-    if (
-        motion.moves(scene)
-        and not SMALLEST_NORMAL <= min(energy, energy / followed(scene).mass) <= energy < math.inf
-    ):
-        _refuse(
-            scene,
-            f"needs kT and kT/m from {SMALLEST_NORMAL:.3g} to 1.8e308, found kT = {energy:.3g}",
-        )
+    smallest = min(energy, energy / followed(scene).mass)
+    if motion.moves(scene) and not SMALLEST_NORMAL <= smallest <= energy < math.inf:
+        allowed = f"from {SMALLEST_NORMAL:.3g} to 1.8e308"
+        _refuse(scene, f"needs kT and kT/m {allowed}, found kT = {energy:.3g}")
     if settings.friction == "enskog" and scene.packing_fraction > DENSEST:
         phi = f"the packing fraction is {scene.packing_fraction:.4g}; must be at most {DENSEST:g}"
         _refuse(scene, f"has no contact value for --friction enskog: {phi}, or --friction measured")
@@ -89,12 +86,12 @@ def caution(scene: Scene) -> str | None:
 
     None, too, for scenes that `refuse_unfit` refuses because they have no bath.
     """
-    if scene.listed or scene.particles < 2 or _mass_ratio(scene) >= HEAVY:
+    if scene.listed or scene.particles < 2:
         return None
-    light = (
-        f"the tracer has only {_mass_ratio(scene):.3g} times the mass of a bath disk (less than "
-        f"{HEAVY:g})"
-    )
+    ratio = _mass_ratio(scene)
+    if ratio >= HEAVY:
+        return None
+    light = f"the tracer has only {ratio:.3g} times the mass of a bath disk (less than {HEAVY:g})"
     return f"{scene.name}: langevin is rough here: {light}; compare with --engine exact"
 
 
@@ -111,12 +108,12 @@ def _refuse(scene: Scene, why: str) -> NoReturn:
 def _model(scenes: Sequence[Scene], settings: Settings) -> str:
     """Return the model in a few words, with the range of the scenes' friction rates."""
     friction = settings.friction
-    known = scenes if friction != "measured" else []
-    rates = sorted(friction_rate(scene, friction) / motion.bath_share(scene) for scene in known)
-    gamma = (
-        " to ".join(dict.fromkeys(f"{rate:.3g}" for rate in rates[:1] + rates[-1:]))
-        or "as measured"
-    )
+    gamma = "as measured"
+    if friction != "measured":
+        rates = [friction_rate(scene, friction) / motion.bath_share(scene) for scene in scenes]
+        lowest = f"{min(rates):.3g}"
+        highest = f"{max(rates):.3g}"
+        gamma = lowest if lowest == highest else f"{lowest} to {highest}"
     return (
         f"the tracer alone, gamma = {gamma}; no 1/t tail of the velocity autocorrelation, no cage"
     )

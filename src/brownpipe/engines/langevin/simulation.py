@@ -8,11 +8,10 @@ bath, v/f, with f of `motion.bath_share`. The rate is then gamma/f and <v^2> of 
 kT/m; the noise is the same.
 
 The step is exact for any length (D. T. Gillespie, Phys. Rev. E 54, 2084 (1996)), so one step leads
-from sample to
-sample: there is no time-step error. Walls need no extra step: equation and noise are invariant
-under reflection, and a reflected path is the mirror image of a path through the wall. The free path
-is computed and, at each sample, folded into the region that the tracer's centre can reach.
-docs/theory.md, section 4.
+from sample to sample: there is no time-step error. Walls need no extra step: equation and noise are
+invariant under reflection, and a reflected path is the mirror image of a path through the wall. The
+free path is computed and, at each sample, folded into the region that the tracer's centre can
+reach. docs/theory.md, section 4.
 
 gamma is explained in `engines.friction`, the limits of the model in `engines.langevin`. Walls are
 assumed not to change the friction near them. The noise is one random stream for each (N, seed).
@@ -73,24 +72,22 @@ def simulate(
         raise RequestError(
             f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308"
         )
-    weights = step_weights(
-        steps, gamma, motion.bath_share(scene) * bath_of(scene).temperature / followed(scene).mass
-    )
+    square_speed = motion.bath_share(scene) * bath_of(scene).temperature / followed(scene).mass
+    weights = step_weights(steps, gamma, square_speed)
     batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
     mass = scene.mass
     no_path = np.empty((0, 2, 2))
     compile_all(partial(follow, no_path, no_path, weights[:0]), partial(folded, scene, no_path))
 
     def run(column: int) -> Run:
-        seed, path = (
-            int(batch.ensemble.seeds[column]),
-            np.empty((len(weights) + 1, 2, 2)),
-        )  # as if there were no walls
+        seed = int(batch.ensemble.seeds[column])
         stream = noise(scene, seed)
+        path = np.empty((len(weights) + 1, 2, 2))  # as if there were no walls
         path[0] = draw_tracer(scene, mass, seed, stream)
         follow(path, stream.standard_normal((len(weights), 2, 2)), weights)
         track, known = folded(scene, path[1:])  # the first step is the time to equilibrate
-        return Run(track, None, observables={"friction_rate": gamma, "failed": np.uint8(not known)})
+        observables = {"friction_rate": gamma, "failed": np.uint8(not known)}
+        return Run(track, None, observables=observables)
 
     return make_runs(batch, run)
 
@@ -100,9 +97,8 @@ def rate_of(scene: Scene, friction: str) -> float:
     the exact engine.
     """
     rate_scene = scene_of_rate(scene, friction)
-    gamma = friction_rate(
-        scene, friction, None if rate_scene is None else _collision_rate(rate_scene)
-    )
+    measured = None if rate_scene is None else _collision_rate(rate_scene)
+    gamma = friction_rate(scene, friction, measured)
     return gamma / motion.bath_share(scene)
 
 
@@ -120,9 +116,8 @@ def _collision_rate(scene: Scene) -> float:
         )
     reports = runs.observables
     kt = reports["kinetic_energy"] / motion.moving_disks(scene)  # of each run
-    return float(
-        rate_at_temperature(scene, reports["tracer_collisions"] / scene.duration, kt).mean()
-    )
+    rate = reports["tracer_collisions"] / scene.duration
+    return float(rate_at_temperature(scene, rate, kt).mean())
 
 
 def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
@@ -171,7 +166,8 @@ def _undetermined(x: np.ndarray) -> np.ndarray:
     round-off.
     """
     y2 = (np.minimum(x, FLAT) / 2) ** 2
-    series = x / 12 * (1 + y2 * (-2 / 5 + y2 * (17 / 105 + y2 * (-62 / 945 + y2 * 1382 / 51975))))
+    factor = y2 * (17 / 105 + y2 * (-62 / 945 + y2 * 1382 / 51975))
+    series = x / 12 * (1 + y2 * (-2 / 5 + factor))
     safe = np.where(x < FLAT, 1.0, x)
     return np.where(x < FLAT, series, (1 - 2 * np.tanh(safe / 2) / safe) / safe)
 
