@@ -47,14 +47,14 @@ def draw(scene: Scene, seed: int) -> State:
     equilibrate, else at the end of that time. The random numbers are a Philox stream, seeded by
     (ROOT_SEED, N, seed). Raises RequestError if the disks cannot be placed.
     """
-    radius, mass = scene.radius, scene.mass
     if scene.velocities is None:
         position = np.array([disk.position for disk in scene.listed]).reshape(-1, 2)
         velocity = np.array([disk.velocity for disk in scene.listed]).reshape(-1, 2)
-        return State(position, velocity, radius, mass)
-    stream = _stream(ROOT_SEED, scene, seed)
-    velocity = _velocities(scene, mass, stream)
-    return State(place(scene, stream), velocity, radius, mass)
+    else:
+        stream = _stream(ROOT_SEED, scene, seed)
+        velocity = _velocities(scene, scene.mass, stream)
+        position = place(scene, stream)
+    return State(position, velocity, scene.radius, scene.mass)
 
 
 def draw_tracer(
@@ -68,9 +68,8 @@ def draw_tracer(
     gives no position of the tracer, it is drawn from `stream`, uniform over the accessible box.
     """
     zero_momentum = scene.velocities.zero_momentum
-    velocity = _velocities(
-        scene, mass if zero_momentum else mass[:1], _stream(ROOT_SEED, scene, seed)
-    )
+    drawn = mass if zero_momentum else mass[:1]
+    velocity = _velocities(scene, drawn, _stream(ROOT_SEED, scene, seed))
     if zero_momentum and scene.equilibrate.time > 0:
         velocity = velocity * motion.speed_ratios(scene)[:, None]
         velocity = without_total_momentum(velocity, mass)
@@ -111,10 +110,11 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
 
 def without_total_momentum(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Return velocities (N, 2) relative to the centre of mass: their total momentum is zero."""
-    share = np.ldexp(
-        mass, -math.frexp(mass.max(initial=0.0))[1]
-    )  # exact, and the sum of the masses cannot overflow
-    return velocity - [math.fsum(share * component) / math.fsum(share) for component in velocity.T]
+    exponent = math.frexp(mass.max(initial=0.0))[1]
+    share = np.ldexp(mass, -exponent)  # exact, and the sum of the masses cannot overflow
+    total = math.fsum(share)
+    of_centre = [math.fsum(share * component) / total for component in velocity.T]
+    return velocity - of_centre
 
 
 # -- positions -------------------------------------------------------------------------------------
@@ -155,15 +155,13 @@ def _insertion(scene: Scene, scale: float) -> tuple[Places, np.ndarray]:
     A tracer of given position is in it. And of each of the scene's disks (N,) its place in the
     order of insertion.
     """
-    sequence, fixed = np.argsort(-scene.radius, kind="stable"), scene.species[0].position
+    n = scene.particles
+    fixed = scene.species[0].position
+    sequence = np.argsort(-scene.radius, kind="stable")
     if fixed is not None:
         sequence = np.concatenate([[0], sequence[sequence > 0]])
-    places = _places(
-        scene,
-        np.zeros((scene.particles, 2)),
-        scale * scene.radius[sequence],
-        1 + math.isqrt(4 * scene.particles),
-    )
+    radius = scale * scene.radius[sequence]
+    places = _places(scene, np.zeros((n, 2)), radius, most=1 + math.isqrt(4 * n))
     if fixed is not None:
         places.position[0] = np.array(fixed) - scene.box.origin
         register(places, 0)
@@ -174,16 +172,20 @@ def _places(
     scene: Scene, position: np.ndarray, radius: np.ndarray, most: int | None = None
 ) -> Places:
     """Return disks in the box of a scene with empty cells, at most `most` along each side."""
-    common, size, n = (
-        common_radius(radius),
-        np.array((scene.box.width, scene.box.height)),
-        len(radius),
-    )
+    common = common_radius(radius)
+    size = np.array((scene.box.width, scene.box.height))
     cells = np.clip((size / (2 * common)).astype(np.int64), 1, most)
-    grid, big = np.full(cells, -1, np.int64), np.flatnonzero(radius > common)
-    following, is_open = np.full(n, -1, np.int64), np.ones(FIELDS_PER_CELL * cells, np.bool_)
-    periodic = scene.box.periodic
-    return Places(position, radius, common, big, size, periodic, grid, following, is_open)
+    return Places(
+        position=position,
+        radius=radius,
+        common=common,
+        big=np.flatnonzero(radius > common),
+        size=size,
+        periodic=scene.box.periodic,
+        grid=np.full(cells, -1, np.int64),
+        following=np.full(len(radius), -1, np.int64),
+        is_open=np.ones(FIELDS_PER_CELL * cells, np.bool_),
+    )
 
 
 def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np.ndarray:
@@ -191,14 +193,19 @@ def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np
     radii.
     """
     empty, back = _insertion(scene, scale)
-    copied = ("position", "grid", "following", "is_open")
-    p = empty._replace(**{name: getattr(empty, name).copy() for name in copied})
+    p = empty._replace(
+        position=empty.position.copy(),
+        grid=empty.grid.copy(),
+        following=empty.following.copy(),
+        is_open=empty.is_open.copy(),
+    )
     n = scene.particles
     batch = 2 * n + 64  # rows of random numbers: the stream ends with a whole number of batches
     progress = np.array(NOTHING_PLACED)
     progress[NEXT] = scene.species[0].position is not None
     start = stream.bit_generator.state
-    outcome, rows = OUT_OF_NUMBERS, batch
+    outcome = OUT_OF_NUMBERS
+    rows = batch
     while outcome == OUT_OF_NUMBERS:
         rows = min(rows, TRIES_PER_CALL)
         outcome = insert(p, stream.random((rows, 2)), progress)
@@ -237,8 +244,10 @@ def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     size = np.array((scene.box.width, scene.box.height))
     if not scene.box.periodic:
         position = np.clip(position, scene.radius[:, None], size - scene.radius[:, None])
-    p, held = _places(scene, position, scene.radius.copy()), -1 if fixed is None else 0
-    apart = 1.0 + SPARE * (math.sqrt(max(JAMMED / scene.packing_fraction, 1.0)) - 1.0)
+    p = _places(scene, position, scene.radius.copy())
+    held = -1 if fixed is None else 0
+    room = math.sqrt(max(JAMMED / scene.packing_fraction, 1.0)) - 1.0
+    apart = 1.0 + SPARE * room
     for _ in range(MOST_SWEEPS):
         if push_apart(p, held, apart) == 0 and push_apart(p, held, 0.0) == 0:
             return p.position + scene.box.origin
@@ -253,6 +262,9 @@ def _on_lattice(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     """Return centres (N, 2) on random sites of a lattice; a tracer of given position is off the
     lattice.
     """
-    sites, fixed = lattice_sites(scene), scene.species[0].position
-    position = sites[stream.permutation(len(sites))[: scene.particles - (fixed is not None)]]
-    return position if fixed is None else np.concatenate([[fixed], position])
+    sites = lattice_sites(scene)
+    order = stream.permutation(len(sites))
+    fixed = scene.species[0].position
+    if fixed is None:
+        return sites[order[: scene.particles]]
+    return np.concatenate([[fixed], sites[order[: scene.particles - 1]]])
