@@ -52,36 +52,29 @@ def prepare(
     mass = scene.mass[frame.order] / frame.mass
     if pinned:
         mass[frame.back[0]] = np.inf
-    equal = n < 2 or (np.all(radius == radius[0]) and np.all(mass == mass[0]))
+    are_equal = n < 2 or (np.all(radius == radius[0]) and np.all(mass == mass[0]))
+    is_periodic = scene.box.periodic
     common = common_radius(radius) if n else 0.5
-    big = _big_disks(_grid(scene, frame, common, 0.0), radius, common, scene.box.periodic)
+    big = _big_disks(_grid(scene, frame, common, 0.0), radius, common, is_periodic)
+    half = 0.0
+    wide = None
     if big is None:
         common = radius.max(initial=common)
-    half, wide = _squares(scene, radius) if big is None and slots is None else (0.0, None)
+        if slots is None:
+            half, wide = _squares(scene, radius)
     grid = _grid(scene, frame, common, half)
     grid = grid._replace(slots=slots or _slots(scene, radius, common, grid))
     calendar = _calendar(scene, rms_speed(scene) * frame.time / frame.length, common, grid, half)
-    candidates = (
-        9 * grid.slots + 8
-        if big is None
-        else grid.slots * (len(big.reach) + 9) + 9 * big.number + 8
-    )
-    shift = np.array(
-        [(a * grid.width, u * grid.height, 0.0, 0.0) for u in (0, 1, -1) for a in (0, 1, -1)]
-    ).ravel()
-    current = (
-        n + n // 8 + 16
-    )  # one event of every disk, and some outdated ones before they must be removed
-    deferred = (
-        np.zeros(2, np.int64),
-        np.zeros(2 * MOST_DEFERRED, np.int64),
-        np.zeros(2 * MOST_DEFERRED, np.uint32),
-    )
-    list_words = 0 if half == 0.0 else ws.WIDE_LIST_WORDS if wide else ws.LIST_WORDS
+    cells = (grid.columns + 2) * (grid.rows + 2)
+    # one event of every disk, and some outdated ones before they must be removed
+    current = n + n // 8 + 16
+    list_words = 0
+    if half:
+        list_words = ws.WIDE_LIST_WORDS if wide else ws.LIST_WORDS
     disk, link, cell, bucket, current_time, current_disk, centre, neighbour = zeros_together(
         (ws.ROW * n, np.float64),
         (ws.ROW * n, np.uint32),
-        ((grid.columns + 2) * (grid.rows + 2) * grid.slots + fours.SIZE, np.uint32),
+        (cells * grid.slots + fours.SIZE, np.uint32),
         (BUCKET_WORDS * (calendar.ring + 1), np.uint32),
         (current, np.float64),
         (current, np.uint32),
@@ -95,23 +88,51 @@ def prepare(
         disk=disk,
         link=link,
         event_time=link.view(np.float64),
-        mass=None if equal else mass,
+        mass=None if are_equal else mass,
         cell=cell,
-        image=np.zeros(2 * n, np.int32) if scene.box.periodic else None,
-        shift=shift if scene.box.periodic else None,
+        image=np.zeros(2 * n, np.int32) if is_periodic else None,
+        shift=_shifts(grid) if is_periodic else None,
         big=big,
         lists=ws.NeighbourLists(half, wide, centre, neighbour) if half else None,
         bucket=bucket,
         current_time=current_time,
         current_disk=current_disk,
-        deferred=ws.Deferred(*deferred, _prefetches_candidates(n, half))
-        if n >= FITS_CACHE
-        else None,
-        candidate=np.zeros(candidates, np.uint32),
+        deferred=_deferred(n, half),
+        candidate=np.zeros(_most_candidates(grid, big), np.uint32),
         progress=np.zeros(ws.PROGRESS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
         tally=np.zeros(ws.TALLY),
     )
+
+
+def _shifts(grid: ws.Grid) -> np.ndarray:
+    """Return the displacements (9 SHIFT_ROW,) of the periodic images of a disk, first its own."""
+    displacements = []
+    for up in (0, 1, -1):
+        for right in (0, 1, -1):
+            displacements += [right * grid.width, up * grid.height, 0.0, 0.0]
+    return np.array(displacements)
+
+
+def _deferred(n: int, half: float) -> ws.Deferred | None:
+    """Return memory for deferred insertions; None for so few disks that they fit the cache."""
+    if n < FITS_CACHE:
+        return None
+    return ws.Deferred(
+        np.zeros(2, np.int64),
+        np.zeros(2 * MOST_DEFERRED, np.int64),
+        np.zeros(2 * MOST_DEFERRED, np.uint32),
+        _prefetches_candidates(n, half),
+    )
+
+
+def _most_candidates(grid: ws.Grid, big: ws.BigDisks | None) -> int:
+    """Return how many candidates an event has at most: the disks of 3 x 3 cells or, of a big disk,
+    those of the cells within its reach, too.
+    """
+    if big is None:
+        return 9 * grid.slots + 8
+    return grid.slots * (len(big.reach) + 9) + 9 * big.number + 8
 
 
 def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
@@ -179,18 +200,17 @@ def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, bool | None]:
     phi = scene.packing_fraction
     if phi < LISTS_FROM or len(radius) == 0:
         return 0.0, None
-    smallest, largest = radius.min(), radius.max()
-    gap = (
-        math.sqrt(theory.HEXAGONAL_PACKING / phi) - 1
-    )  # mean gap between the edges of neighbours, in contact distances
+    smallest = radius.min()
+    # mean gap between the edges of neighbours, in contact distances
+    gap = math.sqrt(theory.HEXAGONAL_PACKING / phi) - 1
     half = 2 * radius.mean() * min(max(2 * gap, 0.02), 0.35)
-    reach = (
-        largest + 2 * smallest
-    )  # contact distance of a small disk and its radius: to its far edge
-    most = _smallest_disks_on(
-        scene, smallest, (4 * half) ** 2 + 16 * half * reach + math.pi * reach**2
-    )
-    return half if most < ws.WIDE_LIST_WORDS else 0.0, None if most < ws.LIST_WORDS else True
+    # contact distance of a small disk and its radius: to its far edge
+    reach = radius.max() + 2 * smallest
+    area = (4 * half) ** 2 + 16 * half * reach + math.pi * reach**2
+    most = _smallest_disks_on(scene, smallest, area)
+    if most < ws.LIST_WORDS:
+        return half, None
+    return (half if most < ws.WIDE_LIST_WORDS else 0.0), True
 
 
 def _grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
@@ -201,14 +221,24 @@ def _grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
     axis, the centres for two disks that can touch are up to 2 (common + half) apart: the width of a
     cell.
     """
-    box, n = scene.box, scene.particles
-    width, height = box.width / frame.length, box.height / frame.length
-    wide = 2 * (common + half) if half else cell_width(common, scene.packing_fraction)
-    side = max(wide, math.sqrt(width * height / (4 * n + 4)))
-    columns, rows = max(int(width / side), 1), max(int(height / side), 1)
-    x, y = (box.x[0] - frame.origin[0]) / frame.length, (box.y[0] - frame.origin[1]) / frame.length
+    box = scene.box
+    width = box.width / frame.length
+    height = box.height / frame.length
+    narrowest = 2 * (common + half) if half else cell_width(common, scene.packing_fraction)
+    side = max(narrowest, math.sqrt(width * height / (4 * scene.particles + 4)))
+    columns = max(int(width / side), 1)
+    rows = max(int(height / side), 1)
     return ws.Grid(
-        columns, rows, x, y, width, height, width / columns, height / rows, 0, 2 * common
+        columns=columns,
+        rows=rows,
+        x=(box.x[0] - frame.origin[0]) / frame.length,
+        y=(box.y[0] - frame.origin[1]) / frame.length,
+        width=width,
+        height=height,
+        cell_width=width / columns,
+        cell_height=height / rows,
+        slots=0,
+        sigma=2 * common,
     )
 
 
@@ -216,21 +246,25 @@ def _calendar(scene: Scene, speed: float, common: float, grid: ws.Grid, half: fl
     """Choose the durations of a block and a bucket from the expected rates of collisions and cell
     crossings.
     """
-    n, sigma = scene.particles, 2 * common
+    n = scene.particles
+    sigma = 2 * common
     if speed == 0.0:
         return ws.Calendar(2.0**1000, 2.0**999, 2.0**-999, 15)
     chi = theory.contact_value_henderson(min(scene.packing_fraction, 0.9))
     rate = theory.collision_rate(n / (grid.width * grid.height), sigma, chi, 0.5, 0.5 * speed**2)
-    crossing = (
-        speed * (1 / grid.cell_width + 1 / grid.cell_height) if half == 0.0 else 0.5 * speed / half
-    )
+    if half == 0.0:
+        crossing = speed * (1 / grid.cell_width + 1 / grid.cell_height)
+    else:
+        crossing = 0.5 * speed / half
     path = max(PATH_PER_BLOCK * sigma, min(grid.cell_width, grid.cell_height))
     block = power_of_two(min(COLLISIONS_PER_BLOCK / rate, path / speed))
     events = PREFETCHED_PER_BUCKET if _prefetches_candidates(n, half) else EVENTS_PER_BUCKET
     # next to close packing collisions are far more frequent than by Henderson's value
     in_crystal = rate * float(theory.contact_value_crystal(scene.packing_fraction) / chi)
-    width = power_of_two(min(events / (n * (max(rate, in_crystal) + crossing)), block))
-    ring = max(16, 2 ** math.ceil(math.log2((1.25 if n < CANDIDATES_FIT_CACHE else 0.5) * n)))
+    events_per_time = n * (max(rate, in_crystal) + crossing)
+    width = power_of_two(min(events / events_per_time, block))
+    buckets_per_disk = 1.25 if n < CANDIDATES_FIT_CACHE else 0.5
+    ring = max(16, 2 ** math.ceil(math.log2(buckets_per_disk * n)))
     return ws.Calendar(block, width, 1 / width, ring - 1)
 
 
@@ -243,21 +277,22 @@ def with_fitting_buckets(
     Close to the densest packing collisions are far more frequent than estimated: buckets become
     shorter where they have more than MOST_PER_BUCKET events. Where they have less than a quarter of
     that, as disks have spread out since, they become longer again, up to their `estimated`
-    duration. The arrays stay the same, and so does every bit of a
-    run: events happen in the order of their times, however they are stored.
+    duration. The arrays stay the same, and so does every bit of a run: events happen in the order
+    of their times, however they are stored.
     """
     scale = w.calendar
-    expected, most = events * scale.width, MOST_PER_BUCKET * elapsed
-    if most / 4 <= expected <= most:
+    # events per bucket as found and at most, both times the elapsed time
+    per_bucket = events * scale.width
+    most = MOST_PER_BUCKET * elapsed
+    if most / 4 <= per_bucket <= most:
         return w
     shortest = max(scale.width / SHORTER_AT_ONCE, scale.block / MOST_BUCKETS)
     width = min(power_of_two(max(most / max(events, 1), shortest)), estimated)
     if width != scale.width:
         w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
-        of_queue = w._replace(
-            mass=None, image=None, shift=None, big=None, lists=None
-        )  # one kernel for all scenes
-        compile_all(partial(push_all, of_queue))
+        # one kernel for all scenes
+        queue_alone = w._replace(mass=None, image=None, shift=None, big=None, lists=None)
+        compile_all(partial(push_all, queue_alone))
     return w
 
 
@@ -271,14 +306,32 @@ def _big_disks(
     number = int(np.count_nonzero(radius > common))
     if number == 0:
         return None
-    patterns = [_pattern(grid, r, common, radius.min()) for r in radius[:number]]
-    if periodic and max(2 * np.abs(reach).max() + 1 for _, reach in patterns) > min(
-        grid.columns, grid.rows
-    ):
+    listed = []
+    reach = []
+    for big_radius in radius[:number]:
+        listing_cells, cells_in_reach = _pattern(grid, big_radius, common, radius.min())
+        listed.append(listing_cells)
+        reach.append(cells_in_reach)
+    widest = max(2 * np.abs(cells).max() + 1 for cells in reach)
+    if periodic and widest > min(grid.columns, grid.rows):
         return None
-    listed, reach = zip(*patterns, strict=True)
-    first = [np.cumsum([0] + [len(offsets) for offsets in pattern]) for pattern in (listed, reach)]
-    return ws.BigDisks(number, first[0], np.concatenate(listed), first[1], np.concatenate(reach))
+    return ws.BigDisks(
+        number=number,
+        listed_first=_beginnings(listed),
+        listed=np.concatenate(listed),
+        reach_first=_beginnings(reach),
+        reach=np.concatenate(reach),
+    )
+
+
+def _beginnings(patterns: list[np.ndarray]) -> np.ndarray:
+    """Return where each of the n patterns begins in all of them, one after the other, and where the
+    last ends (n + 1,).
+
+    >>> _beginnings([np.zeros((2, 2)), np.zeros((3, 2))])
+    array([0, 2, 5])
+    """
+    return np.cumsum([0] + [len(pattern) for pattern in patterns])
 
 
 def _pattern(
@@ -294,13 +347,24 @@ def _pattern(
     """
     sides = np.array((grid.cell_width, grid.cell_height))
     furthest = np.ceil((radius + common) / sides).astype(np.int64)  # cells from its own
-    places = [
-        np.round(np.linspace(1 - m, m - 1, -(-(2 * m + 1) // 3))).astype(np.int64) for m in furthest
-    ]
+    places = [_listing_places(cells) for cells in furthest]
     centres = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 1, 2)
     block = np.stack(np.meshgrid((-1, 0, 1), (-1, 0, 1), indexing="ij"), axis=-1).reshape(1, 9, 2)
     seen_from = np.abs(centres + block)
     nearest = np.hypot(*np.moveaxis(np.maximum(seen_from - 1, 0) * sides, -1, 0))
     opposite = np.hypot(*np.moveaxis((seen_from + 1) * sides, -1, 0))
-    needed = ((nearest < radius + common) & (opposite >= radius + smallest)).any(axis=1)
-    return centres[needed, 0], np.unique((centres + block)[needed].reshape(-1, 2), axis=0)
+    touches = (nearest < radius + common) & (opposite >= radius + smallest)
+    needed = touches.any(axis=1)
+    seen = (centres + block)[needed].reshape(-1, 2)
+    return centres[needed, 0], np.unique(seen, axis=0)
+
+
+def _listing_places(furthest: int) -> np.ndarray:
+    """Return places for listing cells along an axis, at most three cells apart, from which all up
+    to `furthest` cells away are seen.
+
+    >>> _listing_places(4)
+    array([-3,  0,  3])
+    """
+    count = -(-(2 * furthest + 1) // 3)
+    return np.round(np.linspace(1 - furthest, furthest - 1, count)).astype(np.int64)

@@ -50,27 +50,26 @@ def simulate(
     place for its disks in any run, or has no such observables.
     """
     batch = new_batch(scene, seeds, record, observables, average)
-    equilibrator, prepared = (
-        prepare_equilibration(scene),
-        prepare_scene(scene, scene.times, batch.needed_record),
-    )
+    equilibrator = prepare_equilibration(scene)
+    prepared = prepare_scene(scene, scene.times, batch.needed_record)
     finished, unfinished = resume(checkpoints.stored, batch)
 
     def run(column: int) -> Run:
-        saving = checkpoints._replace(
-            store=lambda state: checkpoints.store(pack(batch.ensemble, column, state))
-        )
+        def store_run(state: RunState) -> None:
+            checkpoints.store(pack(batch.ensemble, column, state))
+
+        saving = checkpoints._replace(store=store_run)
         start = unfinished if column == finished else None
         if start is None or start.equilibrating:
             drawn = draw(scene, int(batch.ensemble.seeds[column]))
             start = beginning(prepared, equilibrate(equilibrator, drawn, start, saving))
         return to_end(prepared, start, saving)
 
-    def store(done: int) -> None:
+    def store_batch(done: int) -> None:
         if done < len(batch.ensemble.seeds) and checkpoints.due():
             checkpoints.store(pack(batch.ensemble, done, None))
 
-    return make_runs(batch, run, finished, store)
+    return make_runs(batch, run, finished, store_batch)
 
 
 # -- the state at t = 0, from which all engines that move all disks start --------------------------
@@ -78,8 +77,11 @@ def simulate(
 
 def prepare_equilibration(scene: Scene) -> PreparedScene | None:
     """Return what equilibrates the states of a scene; None if it has no time to equilibrate."""
-    time, tracer = scene.equilibrate.time, scene.equilibrate.tracer
-    return prepare_scene(scene, np.array([time]), {"all"}, tracer == "pinned") if time > 0 else None
+    time = scene.equilibrate.time
+    if not time > 0:
+        return None
+    pinned = scene.equilibrate.tracer == "pinned"
+    return prepare_scene(scene, np.array([time]), {"all"}, pinned)
 
 
 def equilibrate(
@@ -99,13 +101,13 @@ def equilibrate(
         return state
     scene = prepared.scene
     moving = np.arange(len(state.mass)) >= int(prepared.pinned)  # all disks, or all but the tracer
-    start = stored or beginning(
-        prepared, state._replace(velocity=state.velocity * moving[:, None]), True
-    )
+    at_rest_if_pinned = state._replace(velocity=state.velocity * moving[:, None])
+    start = stored or beginning(prepared, at_rest_if_pinned, equilibrating=True)
     result = to_end(prepared, start, saving)
     if result.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
-    position, velocity = result.whole.position[-1], result.whole.velocity[-1]
+    position = result.whole.position[-1]
+    velocity = result.whole.velocity[-1]
     if prepared.pinned:
         position[0] = state.position[0]
         velocity[0] = state.velocity[0]
@@ -114,8 +116,8 @@ def equilibrate(
     return state._replace(position=position, velocity=velocity)
 
 
-# -- checkpoints: the finished runs, and the unfinished one at the end of a block, as named arrays
-# -------------------
+# -- checkpoints -----------------------------------------------------------------------------------
+# The finished runs, and the unfinished one at the end of a block, as named arrays.
 
 
 def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str, np.ndarray]:
@@ -127,7 +129,8 @@ def pack(ensemble: Ensemble, finished: int, state: RunState | None) -> dict[str,
     descriptions of a user's own arrays as JSON.
     """
     runs = select(ensemble, slice(finished))._asdict()
-    return _flat("runs", runs | {"own": json.dumps(ensemble.own)}) | _flat("run", state)
+    runs["own"] = json.dumps(ensemble.own)
+    return _flat("runs", runs) | _flat("run", state)
 
 
 def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, RunState | None]:
@@ -136,14 +139,9 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
     """
     if arrays is None:
         return 0, None
-    groups: dict[str, Any] = {}
-    for name, values in arrays.items():
-        *path, last = name.split(".")
-        group = groups
-        for word in path:
-            group = group.setdefault(word, {})
-        group[last] = values
-    runs, state, ensemble = groups["runs"], groups.get("run"), batch.ensemble
+    groups = _grouped(arrays)
+    runs = groups["runs"]
+    ensemble = batch.ensemble
     finished = len(runs["seeds"])
     tracer = Track(**runs["tracer"]) if "tracer" in runs else None
     write(ensemble, slice(finished), tracer, runs.get("observables", {}))
@@ -151,30 +149,46 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
         for name, kind in (("whole", Track), ("events", Events)):
             if str(seed) in runs.get(name, {}):
                 getattr(ensemble, name)[seed] = kind(**runs[name][str(seed)])
-    ensemble.stopped.update(
-        {int(seed): why.item().decode() for seed, why in runs.get("stopped", {}).items()}
-    )
+    for seed, reason in runs.get("stopped", {}).items():
+        ensemble.stopped[int(seed)] = reason.item().decode()
     ensemble.own.update(own_arrays({"own_arrays": runs["own"].item()}))
-    if state is None:
+    if "run" not in groups:
         return finished, None
-    return finished, RunState(
-        **state | {"events": Events(**state["events"]) if "events" in state else None}
-    )
+    state = groups["run"]
+    if "events" in state:
+        state["events"] = Events(**state["events"])
+    return finished, RunState(**state)
+
+
+def _grouped(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Return named arrays in nested dictionaries, one for each word of their names.
+
+    >>> _grouped({"run.slots": 8, "runs.whole.7.position": 0.5})
+    {'run': {'slots': 8}, 'runs': {'whole': {'7': {'position': 0.5}}}}
+    """
+    groups: dict[str, Any] = {}
+    for name, values in arrays.items():
+        *path, last = name.split(".")
+        group = groups
+        for word in path:
+            group = group.setdefault(word, {})
+        group[last] = values
+    return groups
 
 
 def _flat(name: str, value: Any) -> dict[str, np.ndarray]:
     """Return all arrays in a record or a mapping by the paths to them, which begin with `name`;
     without None.
     """
-    value = value._asdict() if hasattr(value, "_asdict") else value
-    if isinstance(value, dict):
-        return {
-            path: array
-            for key, part in value.items()
-            for path, array in _flat(f"{name}.{key}", part).items()
-        }
-    return (
-        {}
-        if value is None
-        else {name: np.asarray(value.encode() if isinstance(value, str) else value)}
-    )
+    if value is None:
+        return {}
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, str):
+        value = value.encode()
+    if not isinstance(value, dict):
+        return {name: np.asarray(value)}
+    arrays: dict[str, np.ndarray] = {}
+    for key, entry in value.items():
+        arrays |= _flat(f"{name}.{key}", entry)
+    return arrays
