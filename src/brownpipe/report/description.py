@@ -13,8 +13,10 @@ from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.scene.variation import is_number
 from brownpipe.text import counted
 
-SUBJECTS = ("disks", "start", "velocities", "run")  # in this order
-MOST_VALUES = 8  # of a varied key that are listed one by one
+# What sentences are about, in this order
+SUBJECTS = ("disks", "start", "velocities", "run")
+# Values of a varied key that are listed one by one
+MOST_VALUES = 8
 
 
 def disks_in_words(scene: Scene) -> str:
@@ -72,9 +74,11 @@ def sentences(scene: Scene) -> dict[str, str]:
     """Return a sentence for each of SUBJECTS."""
     box = f"{scene.box.width:g} x {scene.box.height:g}"
     place = f"a periodic box {box}" if scene.box.periodic else f"a box {box} with reflecting walls"
+    number = counted(scene.particles, "disk")
+    density = f"packing fraction {scene.packing_fraction:.4g}"
+    disks = f"{number} in {place}, {density}: {disks_in_words(scene)}."
     return {
-        "disks": f"{counted(scene.particles, 'disk')} in {place}, packing fraction "
-        f"{scene.packing_fraction:.4g}: {disks_in_words(scene)}.",
+        "disks": disks,
         "start": f"Start: {start_in_words(scene)}.",
         "velocities": f"Initial velocities: {velocities_in_words(scene)}.",
         "run": f"A run: {times_in_words(scene)}.",
@@ -90,13 +94,11 @@ def setup_in_words(dataset: Dataset) -> list[str]:
     """
     made_from = json.loads(dataset.attrs.get("made_from", "[]"))
     records = [record for record in made_from if "name" in record]  # not in datasets of 0.1.0
-    first = dict[str, dict]()
+    described = dict[str, dict[str, str]]()
     for record in records:
-        first.setdefault(_file_of(record), record)
-    described = {
-        name: sentences(parse_scene(record["scene"], name, name=name))
-        for name, record in first.items()
-    }
+        name = _file_of(record)
+        if name not in described:
+            described[name] = sentences(parse_scene(record["scene"], name, name=name))
     if not described:
         return []
     shared = list[str]()
@@ -109,7 +111,8 @@ def setup_in_words(dataset: Dataset) -> list[str]:
         beginning.append(f"Varied: {varied}; described is the first of them.")
     if len(described) > 1:
         beginning.append("All scenes:")
-    paragraphs = [" ".join([*beginning, *shared, _runs_in_words(dataset, len(records))]).strip()]
+    runs = _runs_in_words(dataset, len(records))
+    paragraphs = [" ".join([*beginning, *shared, runs]).strip()]
     for name, scene in described.items():
         own = [sentence for sentence in scene.values() if sentence not in shared]
         if own:
@@ -159,10 +162,14 @@ def _runs_in_words(dataset: Dataset, cases: int) -> str:
     """
     if not {"engine", "seed"} <= {*dataset.dims}:
         return ""
-    numbers = sorted({*(dataset.runs + dataset.failed_runs).values.ravel().tolist()} - {0})
-    several = f"{numbers[0]:,} to {numbers[-1]:,} runs"
-    runs = several if len(numbers) > 1 else counted(numbers[0], "run")
-    engines = ", ".join(dataset.engine.values.tolist())
-    engine = f"the engine {engines}" if dataset.sizes["engine"] == 1 else f"the engines {engines}"
-    each = " of each case" if cases > 1 else ""
-    return f"{runs}{each} by {engine}; seeds {brief_seed_text(dataset.seed.values)}."
+    simulated = (dataset.runs + dataset.failed_runs).values
+    numbers = sorted({*simulated.ravel().tolist()} - {0})
+    if len(numbers) > 1:
+        runs = f"{numbers[0]:,} to {numbers[-1]:,} runs"
+    else:
+        runs = counted(numbers[0], "run")
+    if cases > 1:
+        runs += " of each case"
+    names = ", ".join(dataset.engine.values.tolist())
+    engines = f"the engine {names}" if dataset.sizes["engine"] == 1 else f"the engines {names}"
+    return f"{runs} by {engines}; seeds {brief_seed_text(dataset.seed.values)}."

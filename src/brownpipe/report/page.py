@@ -49,43 +49,57 @@ def filled(template: str, **contents: Any) -> bytes:
 
 def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
     """Return the page of a study: the answer and its figures, the health of its runs last."""
-    found = answer(dataset, record.get("figures", ()))
-    scenes, counts = (", ".join(map(str, dataset[name].values)) for name in ("scene", "particles"))
+    results = answer(dataset, record.get("figures", ()))
+    scenes = ", ".join(map(str, dataset.scene.values))
+    counts = ", ".join(map(str, dataset.particles.values))
+    runs = counted(int(dataset.runs.sum()), "run")
+    title = record.get("title", "Brownian motion of hard disks")
+    lead = f"{scenes}; N = {counts}; {runs}"
+    rows = [*zip(*results.columns, strict=True)]
+    warnings = results.drifting + results.missing
+    captioned = [(drawing, *caption_of(drawing.name)) for drawing in drawings]
     return filled(
         "page.html",
-        title=record.get("title", "Brownian motion of hard disks"),
-        asked=asked_in_words(found),
+        title=title,
+        asked=asked_in_words(results),
         setup=setup_in_words(dataset),
-        lead=f"{scenes}; N = {counts}; {counted(int(dataset.runs.sum()), 'run')}",
-        answers={"": [*zip(*found.columns, strict=True)]},
-        warnings=[*found.drifting, *found.missing],
-        legend=found.legend,
-        figures=[(one, *caption_of(one.name)) for one in drawings],
+        lead=lead,
+        answers={"": rows},
+        warnings=warnings,
+        legend=results.legend,
+        figures=captioned,
         record=record,
     )
 
 
 def page_of_tradeoff(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
     """Return the page of a cost-accuracy trade-off: for each scene the answer and its figure."""
-    scenes, (title, paragraphs) = tradeoff.scenes_of(dataset), caption_of("tradeoff")
+    title, paragraphs = caption_of("tradeoff")
+    scenes = tradeoff.scenes_of(dataset)
+    tables = {}
+    for scene in scenes:
+        columns = tradeoff.columns_of(dataset, scene)
+        tables[scene] = [*zip(*columns, strict=True)]
+    captioned = [
+        (drawing, scene, paragraphs) for drawing, scene in zip(drawings, scenes, strict=True)
+    ]
     return filled(
         "page.html",
         title=title,
         asked="error and CPU time of every engine",
         setup=setup_in_words(dataset),
         lead=", ".join(scenes),
-        answers={
-            scene: [*zip(*tradeoff.columns_of(dataset, scene), strict=True)] for scene in scenes
-        },
+        answers=tables,
         legend=tradeoff.REMARK.splitlines(),
-        figures=[(one, scene, paragraphs) for one, scene in zip(drawings, scenes, strict=True)],
+        figures=captioned,
         record=record,
     )
 
 
-def asked_in_words(found: Answer) -> str:
+def asked_in_words(results: Answer) -> str:
     """Return the quantities of an answer, each once: `MSD(t = 1), D, eq. (18)`."""
-    headings = [column[0] for column in found.columns[found.labels + 1 :]]  # after the runs
+    measured = results.columns[results.labels + 1 :]  # after the runs
+    headings = [column[0] for column in measured]
     names = [heading.partition(", ")[0] for heading in headings]
     return ", ".join(dict.fromkeys(names))
 
@@ -96,4 +110,5 @@ def caption_of(name: str) -> tuple[str, list[str]]:
     """
     contents = (PACKAGE / "figures" / f"{name}.rst").read_text(encoding="utf-8")
     title, _, rest = contents.removeprefix("**").partition("**")
-    return title.strip().removesuffix("."), [" ".join(part.split()) for part in rest.split("\n\n")]
+    paragraphs = [" ".join(paragraph.split()) for paragraph in rest.split("\n\n")]
+    return title.strip().removesuffix("."), paragraphs

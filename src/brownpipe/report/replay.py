@@ -6,6 +6,8 @@ collisions determine every position at every time. The page gets these numbers, 
 computes the positions.
 """
 
+from typing import Any
+
 import numpy as np
 
 from brownpipe.errors import RequestError
@@ -15,8 +17,10 @@ from brownpipe.report.page import filled
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, runs_record
 from brownpipe.text import counted
 
-MOST_COLLISIONS = 5000  # of a replay: some 350 kB
-RECORD = "all,events"  # what `--record` must be given
+# Collisions in a replay: some 350 kB
+MOST_COLLISIONS = 5000
+# What `--record` must be given
+RECORD = "all,events"
 
 
 def replay_page(
@@ -29,54 +33,65 @@ def replay_page(
 
     Raises RequestError for a file without this run, its tracks or its collisions.
     """
-    scene, seed = trajectories.scene, _seed_of(trajectories, path, seed)
-    track, events = trajectories.ensemble.whole[seed], trajectories.ensemble.events[seed]
-    shades, end, extent = shades_of(scene), scene.duration, counted(len(events.time), "collision")
+    scene = trajectories.scene
+    seed = _seed_of(trajectories, path, seed)
+    events = trajectories.ensemble.events[seed]
+    title = f"{scene.name}, N = {scene.particles}, seed {seed}"
+    shades = shades_of(scene)
+    end = scene.duration
+    extent = counted(len(events.time), "collision")
     if len(events.time) > MOST_COLLISIONS:
         end = float(events.time[MOST_COLLISIONS])
         extent = f"the first {MOST_COLLISIONS:,} of {extent}, until t = {end:.3g}"
+    motion = _motion(trajectories, seed, shades)
     page = filled(
         "replay.html",
-        title=f"{scene.name}, N = {scene.particles}, seed {seed}",
+        title=title,
         extent=extent,
         legend=legend_entries(scene, shades),
         record=movie_record(trajectories, RECORD, seed),
-        data={
-            "box": scene.box.model_dump(),
-            "end": end,
-            "radius": scene.radius.tolist(),
-            "mass": scene.mass.tolist(),
-            "shade": shades.tolist(),
-            "position": track.position[0].tolist(),
-            "velocity": track.velocity[0].tolist(),
-            "collisions": {
-                name: values[:MOST_COLLISIONS].tolist() for name, values in events._asdict().items()
-            },
-        },
+        data=motion | {"end": end},
     )
     return page, extent
 
 
+def _motion(trajectories: Trajectories, seed: int, shades: np.ndarray) -> dict[str, Any]:
+    """Return the numbers from which `replay.js` computes all positions: the box, the disks with
+    their `shades` (N,), their state at t = 0, and the first MOST_COLLISIONS collisions.
+    """
+    scene = trajectories.scene
+    track = trajectories.ensemble.whole[seed]
+    events = trajectories.ensemble.events[seed]
+    of_disks = {
+        "radius": scene.radius,
+        "mass": scene.mass,
+        "shade": shades,
+        "position": track.position[0],
+        "velocity": track.velocity[0],
+    }
+    collisions = {
+        name: values[:MOST_COLLISIONS].tolist() for name, values in events._asdict().items()
+    }
+    numbers = {name: values.tolist() for name, values in of_disks.items()}
+    return {"box": scene.box.model_dump(), "collisions": collisions} | numbers
+
+
 def _seed_of(trajectories: Trajectories, path: str, seed: int | None) -> int:
     """Return the seed of the run to replay. Raises RequestError as `replay_page` does."""
-    scene, _, ensemble = trajectories[:3]
-    ended = len(ensemble.seeds) > len(ensemble.stopped)
-    if (
-        scene.particles
-        and ended
-        and not (ensemble.whole and ensemble.whole.keys() == ensemble.events.keys())
-    ):
+    scene = trajectories.scene
+    ensemble = trajectories.ensemble
+    has_runs = len(ensemble.seeds) > len(ensemble.stopped)
+    is_recorded = bool(ensemble.whole) and ensemble.whole.keys() == ensemble.events.keys()
+    if scene.particles and has_runs and not is_recorded:
         trajectories.engine.refuse_unfit(scene, RECORD.split(","))
-        command = runs_record(
-            trajectories, [int(ensemble.seeds[0]) if seed is None else seed], RECORD
-        )["command"]
+        recorded_seed = int(ensemble.seeds[0]) if seed is None else seed
+        command = runs_record(trajectories, [recorded_seed], RECORD)["command"]
         raise RequestError(f"{path}: holds no collisions of all disks; record them: {command}")
     seed = chosen_seed(trajectories, path, seed, ensemble.whole)
-    track, events = ensemble.whole[seed], ensemble.events[seed]
-    if not all(
-        np.isfinite(values).all()
-        for values in (track.position, track.velocity, events.time, events.impulse)
-    ):
+    track = ensemble.whole[seed]
+    events = ensemble.events[seed]
+    numbers = (track.position, track.velocity, events.time, events.impulse)
+    if not all(np.isfinite(values).all() for values in numbers):
         raise RequestError(
             f"{path}: seed {seed}: its run failed: positions or velocities are not numbers"
         )
