@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,8 +28,10 @@ from brownpipe.figures.cases import in_words as label_in_words
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
 from brownpipe.observables.displacement import displacement
+from brownpipe.observables.observable import Track
 from brownpipe.provenance import made_with
 from brownpipe.report.description import setup_in_words
+from brownpipe.scene import Scene
 from brownpipe.scene.reading import yaml_text
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage.datasets import read_contents, read_dataset
@@ -40,17 +43,13 @@ from brownpipe.tradeoff import is_tradeoff
 if TYPE_CHECKING:
     from xarray import Dataset
 
-DIGITS = 12  # shown of a digest
-LINE, INDENT = 100, 13  # characters of a line, and of its heading
-PRODUCTS = (
-    ".png",
-    ".svg",
-    ".csv",
-    ".txt",
-    ".json",
-    ".gif",
-    ".html",
-)  # of `brownpipe figures` and `movie`
+# Of a digest, shown
+DIGITS = 12
+# Characters of a line, and of its heading
+LINE = 100
+INDENT = 13
+# Endings of the files of `brownpipe figures` and `movie`
+PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".gif", ".html")
 
 
 def report(path: str | Path, seed: int | None = None) -> str:
@@ -63,31 +62,35 @@ def report(path: str | Path, seed: int | None = None) -> str:
     """
     contents = read_contents(path) if seed is None else runs_of(path, seed)
     if isinstance(contents, Trajectories):
-        lines, table = lines_on_runs(contents), table_of_runs(contents.ensemble)
+        lines = lines_on_runs(contents)
         lines.append(f"run again    brownpipe inspect {shell_path(path)} --reproduce")
-        step, made = "simulate", contents.header
-        now = made_with(step, contents.engine.name)
+        lines += _origin("simulate", contents.header, contents.engine.name)
+        table = table_of_runs(contents.ensemble)
     else:
-        lines, table = lines_on_results(contents), table_of_results(contents)
-        step, made = "tradeoff" if is_tradeoff(contents) else "aggregate", contents.attrs
-        now = made_with(step)
+        lines = lines_on_results(contents)
+        lines += _origin("tradeoff" if is_tradeoff(contents) else "aggregate", contents.attrs)
+        table = table_of_results(contents)
+    lines.append("intact       yes: every byte as it was written")
+    megabytes = Path(path).stat().st_size / 1e6
+    return in_lines([f"{path}  {megabytes:.2f} MB", *lines, "", *table])
+
+
+def _origin(step: str, header: Mapping[str, Any], *engine: str) -> list[str]:
+    """Return the lines on the versions and the source that wrote a file with this header, by a
+    step of a study.
+    """
     versions = [
-        f"{name.removesuffix('_version')} {made[name]}"
-        for name in made
+        f"{name.removesuffix('_version')} {version}"
+        for name, version in header.items()
         if name.endswith("_version")
     ]
-    source = made.get("source_digest", "unknown")
-    whose = (
-        "that of this installation"
-        if source == now["source_digest"]
-        else "not that of this installation"
-    )
-    lines += [
+    source = header.get("source_digest", "unknown")
+    is_here = source == made_with(step, *engine)["source_digest"]
+    whose = "that of this installation" if is_here else "not that of this installation"
+    return [
         f"written by   {', '.join(versions) or 'unknown'}",
         f"source       of {step}: {source[:DIGITS]}, {whose}",
-        "intact       yes: every byte as it was written",
     ]
-    return in_lines([f"{path}  {Path(path).stat().st_size / 1e6:.2f} MB", *lines, "", *table])
 
 
 def variables(path: str | Path) -> str:
@@ -97,8 +100,10 @@ def variables(path: str | Path) -> str:
     dataset = read_dataset(path)
     rows: list[tuple[str, ...]] = [("variable", "dimensions", "units", "meaning")]
     for name, variable in dataset.variables.items():
-        attributes = (str(variable.attrs.get(key, "-")) for key in ("units", "long_name"))
-        rows.append((str(name), ", ".join(map(str, variable.dims)), *attributes))
+        dims = ", ".join(map(str, variable.dims))
+        units = str(variable.attrs.get("units", "-"))
+        meaning = str(variable.attrs.get("long_name", "-"))
+        rows.append((str(name), dims, units, meaning))
     return in_lines(aligned([*zip(*rows, strict=True)]))
 
 
@@ -119,11 +124,9 @@ def runs_of(path: str | Path, seed: int | None = None) -> Trajectories:
         raise RequestError(
             f"{path}: --seed {seed}: is not in the file; must be of {brief_seed_text(seeds)}"
         )
-    return (
-        contents
-        if seed is None
-        else contents._replace(ensemble=select(contents.ensemble, seeds == seed))
-    )
+    if seed is None:
+        return contents
+    return contents._replace(ensemble=select(contents.ensemble, seeds == seed))
 
 
 # -- runs ------------------------------------------------------------------------------------------
@@ -131,29 +134,34 @@ def runs_of(path: str | Path, seed: int | None = None) -> Trajectories:
 
 def lines_on_runs(contents: Trajectories) -> list[str]:
     """Return the lines of the report on the runs of a trajectory file."""
-    scene, engine, ensemble, *_ = contents
-    times, box = ensemble.times, scene.box
-    size, phi = f"{box.boundary} box {box.width:g} x {box.height:g}", scene.packing_fraction
+    scene = contents.scene
+    ensemble = contents.ensemble
+    times = ensemble.times
+    box = f"{scene.box.boundary} box {scene.box.width:g} x {scene.box.height:g}"
+    disks = f"{scene.particles} disks in a {box}, packing fraction {scene.packing_fraction:.4g}"
+    seeds = f"{seed_text(ensemble.seeds)} ({counted(len(ensemble.seeds), 'run')})"
+    samples = f"{len(times)} from t = {times[0]:g} to {times[-1]:g}"
+    recorded = ", ".join(sorted(contents.record)) or "none"
     lines = [
-        f"scene        {scene.name}: {scene.particles} disks in a {size}, packing fraction "
-        f"{phi:.4g}",
-        f"engine       {engine.options}",
-        f"seeds        {seed_text(ensemble.seeds)} ({counted(len(ensemble.seeds), 'run')})",
-        f"samples      {len(times)} from t = {times[0]:g} to {times[-1]:g}",
-        f"recorded     {', '.join(sorted(contents.record)) or 'none'}",
+        f"scene        {scene.name}: {disks}",
+        f"engine       {contents.engine.options}",
+        f"seeds        {seeds}",
+        f"samples      {samples}",
+        f"recorded     {recorded}",
         f"averages     over {ensemble.average}",
         f"health       {_health(ensemble)}",
         *equilibrium(contents),
     ]
     if ensemble.tracer is not None and len(ensemble.seeds) == 1 and not ensemble.stopped:
-        moved = displacement(
-            ensemble.tracer.position, ensemble.tracer.image, (box.width, box.height)
-        )[-1, 0]
-        lines += [
-            f"displaced    by ({moved[0]:.6g}, {moved[1]:.6g}); squared displacement "
-            f"{np.sum(moved**2):.6g}"
-        ]
+        lines.append(f"displaced    by {_displacement_in_words(scene, ensemble.tracer)}")
     return lines
+
+
+def _displacement_in_words(scene: Scene, tracer: Track) -> str:
+    """Return the displacement of the tracer from the start to the end of a run, and its square."""
+    sides = (scene.box.width, scene.box.height)
+    x, y = displacement(tracer.position, tracer.image, sides)[-1, 0]
+    return f"({x:.6g}, {y:.6g}); squared displacement {x**2 + y**2:.6g}"
 
 
 def _health(ensemble: Ensemble) -> str:
@@ -162,25 +170,40 @@ def _health(ensemble: Ensemble) -> str:
     """
     parts = [failures(ensemble) or "no failed runs"]
     complete = ~np.isin(ensemble.seeds, list(ensemble.stopped))
-    for name in (name for name in HEALTH if name in ensemble.observables and complete.any()):
+    seeds = ensemble.seeds[complete]
+    for name in HEALTH:
+        if name not in ensemble.observables or not complete.any():
+            continue
         sizes = np.abs(ensemble.observables[name][complete])
-        seed = f" (seed {ensemble.seeds[complete][np.argmax(sizes)]})" if np.max(sizes) else ""
-        parts.append(
-            f"worst {name.removeprefix('worst_').replace('_', ' ')} {np.max(sizes):.2g}{seed}"
-        )
+        largest = np.max(sizes)
+        seed = f" (seed {seeds[np.argmax(sizes)]})" if largest else ""
+        parts.append(f"{_worst_in_words(name, largest)}{seed}")
     return "; ".join(parts)
+
+
+def _worst_in_words(name: str, size: float) -> str:
+    """Return the largest error of this name in words.
+
+    >>> _worst_in_words("worst_overlap", 2.5e-13)
+    'worst overlap 2.5e-13'
+    """
+    error = name.removeprefix("worst_").replace("_", " ")
+    return f"worst {error} {size:.2g}"
 
 
 def equilibrium(contents: Trajectories) -> list[str]:
     """Return whether the runs drift, if their scene claims to be in equilibrium from t = 0."""
-    scene, ensemble = contents.scene, contents.ensemble
+    scene = contents.scene
+    ensemble = contents.ensemble
     if not is_tested(scene, contents.engine):
         return []
-    kept = select(ensemble, ensemble.observables["failed"] == 0)
-    found = drift_of(quarters_of(scene, ensemble.times, kept.observables))
-    found = found._replace(p=holm(found.p))
-    words = in_words(found, time_to_try(scene)) or f"no drift found (family-wise level {LEVEL:.0%})"
-    return [f"equilibrium  {words if np.isfinite(found.p).any() else TOO_FEW}"]
+    complete = select(ensemble, ensemble.observables["failed"] == 0)
+    drift = drift_of(quarters_of(scene, ensemble.times, complete.observables))
+    if not np.isfinite(drift.p).any():
+        return [f"equilibrium  {TOO_FEW}"]
+    drift = drift._replace(p=holm(drift.p))
+    words = in_words(drift, time_to_try(scene))
+    return [f"equilibrium  {words or f'no drift found (family-wise level {LEVEL:.0%})'}"]
 
 
 def table_of_runs(ensemble: Ensemble) -> list[str]:
@@ -189,21 +212,26 @@ def table_of_runs(ensemble: Ensemble) -> list[str]:
 
     Of arrays it has the dimensions instead.
     """
-    several, shown = len(ensemble.seeds) > 1, ensemble.observables["failed"] == 0
-    shown = shown if several else np.array([not ensemble.stopped])
-    columns = ("mean", "min", "max") if several else ("value",)
-    rows: list[tuple[str, ...]] = [
-        ("observable", *(f"{name:>12}" for name in columns), "units", "meaning")
-    ]
+    statistics: dict[str, Callable[..., Any]]
+    if len(ensemble.seeds) > 1:
+        shown = ensemble.observables["failed"] == 0
+        statistics = {"mean": np.mean, "min": np.min, "max": np.max}
+    else:
+        shown = np.array([not ensemble.stopped])
+        statistics = {"value": np.mean}
+    headings = [f"{name:>12}" for name in statistics]
+    rows: list[tuple[str, ...]] = [("observable", *headings, "units", "meaning")]
     for name in sorted(ensemble.observables.keys() - {"failed"}):
-        values, numbers = ensemble.observables[name], ["", "", ""]
+        values = ensemble.observables[name]
         units, meaning = [*described(name, ensemble.own).values()][:2]
+        numbers = [""] * len(statistics)
         if values.ndim > 1:
-            sizes = zip(dims_of("/", name, ensemble.own), values.shape, strict=True)
-            meaning += f" ({', '.join(f'{dim} {size}' for dim, size in sizes)})"
+            dims = dims_of("/", name, ensemble.own)
+            sizes = [f"{dim} {size}" for dim, size in zip(dims, values.shape, strict=True)]
+            meaning += f" ({', '.join(sizes)})"
         elif shown.any():
-            numbers = [f"{of(values[shown]):12.6g}" for of in (np.mean, np.min, np.max)]
-        rows.append((name, *numbers[: len(columns)], units, meaning))
+            numbers = [f"{statistic(values[shown]):12.6g}" for statistic in statistics.values()]
+        rows.append((name, *numbers, units, meaning))
     return aligned([*zip(*rows, strict=True)])
 
 
@@ -214,28 +242,27 @@ def lines_on_results(dataset: Dataset) -> list[str]:
     """Return the lines of the report on a dataset: its sizes, and the largest errors of all runs,
     failed ones too.
     """
-    sizes = {
-        name: abs(dataset[name]) for name in ("energy_drift", "worst_overlap") if name in dataset
-    }
-    worst = {name: size.where(np.isfinite(size), 0.0).max().item() for name, size in sizes.items()}
-    words = (
-        f"worst {name.removeprefix('worst_').replace('_', ' ')} {size:.2g}"
-        for name, size in worst.items()
-    )
+    worst = []
+    for name in ("energy_drift", "worst_overlap"):
+        if name in dataset:
+            sizes = abs(dataset[name])
+            largest = sizes.where(np.isfinite(sizes), 0.0).max().item()
+            worst.append(_worst_in_words(name, largest))
     indent = " " * INDENT
     simulated = list[str]()
     for paragraph in setup_in_words(dataset):
         simulated += textwrap.wrap(paragraph, LINE, initial_indent=indent, subsequent_indent=indent)
     if simulated:
         simulated[0] = simulated[0].replace(indent, "simulated".ljust(INDENT), 1)
+    dimensions = ", ".join(f"{name} {size}" for name, size in dataset.sizes.items())
     lines = [
         f"title        {dataset.attrs.get('title', '-')}",
         *simulated,
-        f"dimensions   {', '.join(f'{name} {size}' for name, size in dataset.sizes.items())}",
+        f"dimensions   {dimensions}",
         f"variables    {len(dataset.data_vars)}; --variables lists them with units and meaning",
     ]
     if worst:
-        lines.append(f"health       {'; '.join(words)}")
+        lines.append(f"health       {'; '.join(worst)}")
     return lines
 
 
@@ -243,7 +270,8 @@ def table_of_results(dataset: Dataset) -> list[str]:
     """Return the results of a dataset of `brownpipe aggregate` or `brownpipe tradeoff` as their
     summaries show them.
     """
-    return (tradeoff.summary if is_tradeoff(dataset) else summary)(dataset).splitlines()
+    text = tradeoff.summary(dataset) if is_tradeoff(dataset) else summary(dataset)
+    return text.splitlines()
 
 
 def describe_product(path: str | Path) -> list[str]:
@@ -263,15 +291,14 @@ def describe_product(path: str | Path) -> list[str]:
         )
     dataset = record.get("dataset", {})
     lines = [f"{path}  made by {installation_in_words(record['made_by'])}"]
-    lines += [f"dataset      {dataset['sha256'][:DIGITS]}"] if dataset else []
-    lines += [
-        f"runs         {one['command']}"
-        for one in (*dataset.get("made_from", ()), *record.get("made_from", ()))
-    ]
-    return [
-        *lines,
-        "scenes       are in the files of runs: brownpipe inspect FILE.h5 --scene > SCENE.yaml",
-    ]
+    if dataset:
+        lines.append(f"dataset      {dataset['sha256'][:DIGITS]}")
+    for runs in (*dataset.get("made_from", ()), *record.get("made_from", ())):
+        lines.append(f"runs         {runs['command']}")
+    lines.append(
+        "scenes       are in the files of runs: brownpipe inspect FILE.h5 --scene > SCENE.yaml"
+    )
+    return lines
 
 
 def failed_runs(path: str | Path) -> tuple[int, int, str]:
@@ -286,12 +313,13 @@ def failed_runs(path: str | Path) -> tuple[int, int, str]:
         raise WrongFileError(
             f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate"
         )
+    has_failed = status == FAILED
+    labels = [str(dim) for dim in status.dims[:-1]]  # the last is `seed`
     cases = []
-    for place in zip(*np.nonzero((status == FAILED).any("seed").values), strict=True):
-        words = label_in_words(
-            status[place].coords.to_dataset(), map(str, status.dims[:-1])
-        )  # the last is `seed`
-        cases.append(
-            f"{words}: seeds {brief_seed_text(status.seed.values[status[place].values == FAILED])}"
-        )
-    return int((status == FAILED).sum()), int((status != MISSING).sum()), "; ".join(cases)
+    for place in zip(*np.nonzero(has_failed.any("seed").values), strict=True):
+        case = has_failed[place]
+        title = label_in_words(case.coords.to_dataset(), labels)
+        seeds = case.seed.values[case.values]
+        cases.append(f"{title}: seeds {brief_seed_text(seeds)}")
+    runs = int((status != MISSING).sum())
+    return int(has_failed.sum()), runs, "; ".join(cases)

@@ -21,9 +21,8 @@ from brownpipe.storage.layout import groups_of
 from brownpipe.storage.trajectories import Trajectories
 from brownpipe.text import counted, in_lines, in_time
 
-Differences = dict[
-    str, dict[int, float]
-]  # by variable (as in the file) and seed: the `_distance`, unless None
+# By variable (as in the file) and seed: the `_distance`, unless None
+Differences = dict[str, dict[int, float]]
 
 
 def read_original(path: str | Path, seed: int | None = None) -> Trajectories:
@@ -34,9 +33,12 @@ def read_original(path: str | Path, seed: int | None = None) -> Trajectories:
     file.
     """
     contents = runs_of(path, seed)
-    scene, engine, options = contents.scene, contents.engine, _options(contents)
-    engine.refuse_unfit(scene, options[0])
-    forecast.refuse_too_large(scene, len(contents.ensemble.seeds), engine.forecast(scene, *options))
+    scene = contents.scene
+    engine = contents.engine
+    record, observables, average = _options(contents)
+    engine.refuse_unfit(scene, record)
+    cost = engine.forecast(scene, record, observables, average)
+    forecast.refuse_too_large(scene, len(contents.ensemble.seeds), cost)
     return contents
 
 
@@ -53,31 +55,33 @@ def _changes(original: Trajectories) -> str:
     """Return what differs between source and packages that made a file and those of this
     installation, in words.
     """
-    here = versions() | {"source": source_digest("simulate", original.engine.name)}
-    stored = {name: original.header.get(name, "unknown") for name in here} | {
-        "source": original.source
-    }
-    own = {array.observable: array.source for array in original.ensemble.own.values()}
-    here, stored = here | {name: identity(name).rpartition(" ")[2] for name in own}, stored | own
-    pairs = (
-        (name, stored[name][:DIGITS], here[name][:DIGITS])
-        for name in here
-        if stored[name] != here[name]
-    )
-    return "; ".join(
-        f"{name.removesuffix('_version')} {before}, here {now}" for name, before, now in pairs
-    )
+    here = versions()
+    stored = {name: original.header.get(name, "unknown") for name in here}
+    here["source"] = source_digest("simulate", original.engine.name)
+    stored["source"] = original.source
+    for array in original.ensemble.own.values():
+        here[array.observable] = identity(array.observable).rpartition(" ")[2]
+        stored[array.observable] = array.source
+    changes = []
+    for name, now in here.items():
+        before = stored[name]
+        if before != now:
+            what = name.removesuffix("_version")
+            changes.append(f"{what} {before[:DIGITS]}, here {now[:DIGITS]}")
+    return "; ".join(changes)
 
 
 def announcement(original: Trajectories) -> list[str]:
     """Return what will be run, how long it will take, and what may make it differ, as lines of
     text.
     """
-    scene, engine, runs = original.scene, original.engine, len(original.ensemble.seeds)
+    scene = original.scene
+    engine = original.engine
+    number = len(original.ensemble.seeds)
     cost = engine.forecast(scene, *_options(original))
-    seconds = forecast.START_UP + cost.once + runs * cost.seconds
-    what = f"{counted(runs, 'run')} of {scene.name}, N = {scene.particles}, {engine.options}"
-    lines = [f"running again {what}: some {in_time(seconds)} of CPU"]
+    seconds = forecast.START_UP + cost.once + number * cost.seconds
+    runs = f"{counted(number, 'run')} of {scene.name}, N = {scene.particles}, {engine.options}"
+    lines = [f"running again {runs}: some {in_time(seconds)} of CPU"]
     if changes := _changes(original):
         lines.append(f"results may differ: the file was made with {changes}")
     return lines
@@ -89,23 +93,21 @@ def differences(original: Trajectories) -> Differences:
 
     Raises RunError and RequestError like the engine.
     """
-    scene, seeds, (record, observables, average) = (
-        original.scene,
-        original.ensemble.seeds,
-        _options(original),
+    scene = original.scene
+    seeds = original.ensemble.seeds.tolist()
+    record, observables, average = _options(original)
+    reproduced = original.engine.simulate(
+        scene, seeds, record, observables=observables, average=average
     )
-    again = original.engine.simulate(
-        scene, seeds.tolist(), record, observables=observables, average=average
-    )
-    found: Differences = {}
-    for seed in seeds.tolist():
-        stored, made = (
-            _variables(scene, ensemble, seed) for ensemble in (original.ensemble, again)
-        )
-        for name in stored | made:
-            if (distance := _distance(stored.get(name), made.get(name))) is not None:
-                found.setdefault(name, {})[seed] = distance
-    return found
+    distances: Differences = {}
+    for seed in seeds:
+        stored = _variables(scene, original.ensemble, seed)
+        repeated = _variables(scene, reproduced, seed)
+        for name in stored | repeated:
+            distance = _distance(stored.get(name), repeated.get(name))
+            if distance is not None:
+                distances.setdefault(name, {})[seed] = distance
+    return distances
 
 
 def _variables(scene: Scene, ensemble: Ensemble, seed: int) -> dict[str, np.ndarray]:
@@ -115,43 +117,45 @@ def _variables(scene: Scene, ensemble: Ensemble, seed: int) -> dict[str, np.ndar
     run = select(ensemble, ensemble.seeds == seed)
     if run.stopped:
         return {"failed": run.observables["failed"], "stopped": np.array([*run.stopped.values()])}
-    groups = groups_of(scene, run).items()
-    return {
-        f"{path}/{name}".lstrip("/"): values
-        for path, group in groups
-        for name, values in group.items()
-    }
+    variables = {}
+    for path, group in groups_of(scene, run).items():
+        for name, values in group.items():
+            variables[f"{path}/{name}".lstrip("/")] = values
+    return variables
 
 
-def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
+def _distance(stored: np.ndarray | None, repeated: np.ndarray | None) -> float | None:
     """Return the largest absolute difference of two arrays, None if they are bit-identical.
 
     NaN if shapes or types differ, or where one of them is NaN.
     """
-    if one is None or other is None or one.dtype != other.dtype or one.shape != other.shape:
+    if stored is None or repeated is None:
         return np.nan
-    if one.tobytes() == other.tobytes():
+    if stored.dtype != repeated.dtype or stored.shape != repeated.shape:
+        return np.nan
+    if stored.tobytes() == repeated.tobytes():
         return None
-    if one.dtype.kind == "U":
+    if stored.dtype.kind == "U":
         return np.nan
-    differing = (one != other) & ~(np.isnan(one) & np.isnan(other))
-    moved = np.abs(one[differing].astype(float) - other[differing].astype(float))
-    return float(np.max(moved, initial=0.0))
+    both_nan = np.isnan(stored) & np.isnan(repeated)
+    differing = (stored != repeated) & ~both_nan
+    before = stored[differing].astype(float)
+    now = repeated[differing].astype(float)
+    return float(np.max(np.abs(before - now), initial=0.0))
 
 
-def verdict(original: Trajectories, found: Differences) -> str:
+def verdict(original: Trajectories, distances: Differences) -> str:
     """Return whether all variables are bit-identical or, for each that is not, its runs and by how
     much they differ.
     """
     runs = counted(len(original.ensemble.seeds), "run")
-    if not found:
+    if not distances:
         return f"identical: {runs}, all variables bit-identical"
-    lines = [f"different: {len(set().union(*found.values()))} of {runs}"]
-    for name, sizes in found.items():
-        largest = np.max([*sizes.values()])
+    differing = set().union(*distances.values())
+    lines = [f"different: {len(differing)} of {runs}"]
+    for name, of_seeds in distances.items():
+        largest = np.max([*of_seeds.values()])
         size = "in shape, type or NaN" if np.isnan(largest) else f"by at most {largest:.2g}"
-        lines.append(
-            f"  {name}: {size} ({'seed' if len(sizes) == 1 else 'seeds'} "
-            f"{brief_seed_text([*sizes])})"
-        )
+        word = "seed" if len(of_seeds) == 1 else "seeds"
+        lines.append(f"  {name}: {size} ({word} {brief_seed_text([*of_seeds])})")
     return in_lines(lines)
