@@ -18,7 +18,14 @@ from brownpipe.figures.render import Drawing, drawing_of
 from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, drawing, grid, log_axis
 from brownpipe.progress import tracked
 from brownpipe.text import in_lines
-from brownpipe.tradeoff.front import FEWEST_RUNS, pareto_front, settings_of, total_error
+from brownpipe.tradeoff.front import (
+    FEWEST_RUNS,
+    Interval,
+    MeasuredSetting,
+    pareto_front,
+    settings_of,
+    total_error,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,40 +59,25 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     """
     settings = settings_of(dataset, scene)
     front = pareto_front(settings_of(dataset, scene, careful=True))
-    exact = settings[
-        0
-    ]  # is drawn until it reaches the finest error, or beyond the last change of the front
-    end = max(
-        (exact.spread / LEAST_ERROR) ** 2 * exact.seconds,
-        *(3 * interval.start for interval in front),
-    )
-    times = np.geomspace(FEWEST_RUNS * min(setting.seconds for setting in settings), end, POINTS)
-    figure, ((axes,),) = grid(1, 1, WIDTH, max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings)))
+    times = _cpu_times(settings, front)
+    height = max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings))
+    figure, ((axes,),) = grid(1, 1, WIDTH, height)
     coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
     colours = dict(zip(coloured, cycle(colour for colour, _, _ in SERIES), strict=False))
     for setting in settings:
-        error, on_front = total_error(setting, times), np.zeros(len(times), bool)
-        for interval in front:
-            on_front |= (
-                (interval.label == setting.label)
-                & (times >= interval.start)
-                & (times <= interval.end)
-            )
-        unresolved = error < _unresolved_bound(
-            dataset.sel(scene=scene, setting=setting.label), "msd_bias"
-        )
-        colour, bold = (
-            colours.get(setting.label, GREY),
-            {"linewidth": 4.0, "solid_capstyle": "round"},
-        )
-        lines = (~unresolved, {"alpha": 0.8}), (unresolved, {"linestyle": DOTTED}), (on_front, bold)
-        for shown, looks in lines:
-            line: dict[str, Any] = {
-                "color": colour,
-                "linewidth": 1.0,
-                "label": setting.label,
-            } | looks
-            axes.plot(times, np.where(shown, error, np.nan), **line)
+        bias = dataset.sel(scene=scene, setting=setting.label)
+        error = total_error(setting, times)
+        unresolved = error < _unresolved_bound(bias, "msd_bias")
+        on_front = _are_on_front(times, setting.label, front)
+        thin: dict[str, Any] = {
+            "color": colours.get(setting.label, GREY),
+            "linewidth": 1.0,
+            "label": setting.label,
+        }
+        bold = thin | {"linewidth": 4.0, "solid_capstyle": "round"}
+        axes.plot(times, np.where(~unresolved, error, np.nan), **thin, alpha=0.8)
+        axes.plot(times, np.where(unresolved, error, np.nan), **thin, linestyle=DOTTED)
+        axes.plot(times, np.where(on_front, error, np.nan), **bold)
     last = {setting.label: float(total_error(setting, times[-1])) for setting in settings}
     inside = {label: error for label, error in last.items() if error <= 1.0}
     log_axis(axes, "x", times[0], times[-1])
@@ -95,8 +87,29 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     axes.set_title(f"{scene}: cost-accuracy trade-off", pad=11 + LABEL_DISTANCE)
     place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
     axes.annotate(KEY, (0, 1), (0, 6), color=GREY, fontsize=8.8, **place)
-    _direct_labels(axes, inside, colours, LABEL_DISTANCE / 72 / (figure.get_figheight() - FRAME))
+    panel_height = figure.get_figheight() - FRAME
+    _direct_labels(axes, inside, colours, LABEL_DISTANCE / 72 / panel_height)
     return figure
+
+
+def _cpu_times(settings: Sequence[MeasuredSetting], front: Sequence[Interval]) -> np.ndarray:
+    """Return the CPU times (POINTS,) of the curves: until exact runs, the first setting, reach the
+    finest error, or beyond the last change of the front.
+    """
+    exact = settings[0]
+    fastest = min(setting.seconds for setting in settings)
+    finest = (exact.spread / LEAST_ERROR) ** 2 * exact.seconds
+    end = max(finest, *(3 * interval.start for interval in front))
+    return np.geomspace(FEWEST_RUNS * fastest, end, POINTS)
+
+
+def _are_on_front(times: np.ndarray, label: str, front: Sequence[Interval]) -> np.ndarray:
+    """Return at which CPU times a setting is on the Pareto front."""
+    are_on_front = np.zeros(len(times), bool)
+    for interval in front:
+        if interval.label == label:
+            are_on_front |= (times >= interval.start) & (times <= interval.end)
+    return are_on_front
 
 
 def _unresolved_bound(setting: Dataset, name: str) -> float:
@@ -113,11 +126,12 @@ def _direct_labels(
     """
     low, high = np.log(axes.get_ylim())
     ends = [(np.log(error) - low) / (high - low) for error in errors.values()]
-    for label, end, place in zip(errors, ends, apart(ends, least, 0.0, 1.0), strict=True):
-        colour, weight = colours.get(label, INK), "bold" if label in colours else "normal"
+    places = apart(ends, least, 0.0, 1.0)
+    for label, end, place in zip(errors, ends, places, strict=True):
+        colour = colours.get(label, INK)
         looks: dict[str, Any] = {
             "color": colour,
-            "weight": weight,
+            "weight": "bold" if label in colours else "normal",
             "arrowprops": LEADER | {"color": colour},
         }
         axes.annotate(label, (1, end), (1.04, place), **looks, **LABELS)
@@ -135,11 +149,10 @@ def apart(
     order = np.argsort(places, kind="stable")
     least = min(least, (high - low) / max(1, len(order) - 1))
     offsets = least * np.arange(len(order))
-    moved = (
-        np.maximum.accumulate(np.clip(np.asarray(places, float)[order], low, high) - offsets)
-        + offsets
-    )
-    return np.minimum(moved, high - offsets[::-1])[np.argsort(order)]
+    ascending = np.clip(np.asarray(places, float)[order], low, high)
+    moved_up = np.maximum.accumulate(ascending - offsets) + offsets
+    moved = np.minimum(moved_up, high - offsets[::-1])
+    return moved[np.argsort(order)]
 
 
 # --- the trade-off in numbers
@@ -151,17 +164,14 @@ def table(dataset: Dataset) -> DataFrame:
     """
     numbers = [
         name
-        for name, of in dataset.items()
-        if of.dims == ("scene", "setting") and of.dtype.kind in "fi"
+        for name, variable in dataset.items()
+        if variable.dims == ("scene", "setting") and variable.dtype.kind in "fi"
     ]
-    rows = [
-        (scene, setting.label)
-        for scene in scenes_of(dataset)
-        for setting in settings_of(dataset, scene)
-    ]
-    frame = (
-        dataset[["particles", *numbers]].to_dataframe(["scene", "setting"]).loc[rows].reset_index()
-    )
+    rows: list[tuple[str, str]] = []
+    for scene in scenes_of(dataset):
+        rows += [(scene, setting.label) for setting in settings_of(dataset, scene)]
+    frame = dataset[["particles", *numbers]].to_dataframe(["scene", "setting"])
+    frame = frame.loc[rows].reset_index()
     return frame[["scene", "particles", "setting", *numbers]]
 
 
@@ -198,21 +208,23 @@ def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:
 
 def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
     """One line of the table, cell by cell."""
-    return {
+    seconds = float(setting.seconds)
+    overlap = f"{float(setting.worst_overlap):.1g}".replace("nan", "-")
+    departure = f"{float(setting.departure_time):.3g}".replace("nan", "-")
+    row = {
         "setting": setting.setting.item(),
         "runs": f"{int(setting.runs)}",
-        "ms/run": f"{1e3 * float(setting.seconds):.3g}",
-        "cost": f"{float(setting.seconds) / exact_seconds:.3g}",
-        "MSD bias": _bias(setting, "msd_bias"),
-        "D bias": _bias(setting, "d_bias"),
-        "distance": _bias(setting, "displacement_bias"),
-        "g(contact)": _bias(setting, "contact_bias"),
-        "overlap": f"{float(setting.worst_overlap):.1g}".replace("nan", "-"),
-        "departs": f"{float(setting.departure_time):.3g}".replace("nan", "-").replace(
-            "inf", "never"
-        ),
-        "front, s": _interval(setting),
+        "ms/run": f"{1e3 * seconds:.3g}",
+        "cost": f"{seconds / exact_seconds:.3g}",
     }
+    row["MSD bias"] = _bias(setting, "msd_bias")
+    row["D bias"] = _bias(setting, "d_bias")
+    row["distance"] = _bias(setting, "displacement_bias")
+    row["g(contact)"] = _bias(setting, "contact_bias")
+    row["overlap"] = overlap
+    row["departs"] = departure.replace("inf", "never")
+    row["front, s"] = _interval(setting)
+    return row
 
 
 def _bias(setting: Dataset, name: str) -> str:
@@ -240,19 +252,17 @@ def _interval(setting: Dataset) -> str:
 
 def scenes_of(dataset: Dataset) -> list[str]:
     """Return the scenes that have runs of more than one setting."""
-    return [
-        scene
-        for scene in dataset.scene.values
-        if np.count_nonzero(dataset.runs.sel(scene=scene)) > 1
-    ]
+    settings_with_runs = (dataset.runs > 0).sum("setting")
+    return dataset.scene.values[settings_with_runs.values > 1].tolist()
 
 
 def drawn(dataset: Dataset, metadata: Mapping[str, str]) -> list[Drawing]:
     """Draw the trade-off of every scene with these metadata; the table of each drawing has that
     scene alone.
     """
+    tables = [*table(dataset).groupby("scene", sort=False)]
     with drawing():
         return [
             drawing_of(f"tradeoff_{scene}", draw(dataset, scene), rows, metadata)
-            for scene, rows in tracked([*table(dataset).groupby("scene", sort=False)], "figures")
+            for scene, rows in tracked(tables, "figures")
         ]
