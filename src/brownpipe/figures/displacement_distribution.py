@@ -26,14 +26,13 @@ from brownpipe.figures.style import (
 )
 
 # By the source of a model's D; msd and square are also the names of their models, all others are
-# slopes:
+# slopes: colour, line, marker
 LOOKS = {
     "msd": (FIT, "-", "o"),
     "slope": (MODEL, DASHED, "s"),
     "square": (INK, DOTTED, "^"),
-}  # colour, line, marker
+}
 SOURCES = {"msd": "D = MSD/4$t$", "slope": "D = slope/4", "square": "reflecting square, D"}
-OF_MODELS = ("model_diffusion_coefficient", "expected_overflow", "p_value_joint")  # in the legend
 HEIGHTS = (4.4, 2.0)  # of the counts and of their residuals [inch]
 LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where no runs are expected
 
@@ -44,9 +43,9 @@ def draw(cases: list[Dataset]) -> Figure:
     """
     shown = distributions_of(cases)
     comparable = len({_width(case) for case in shown}) == 1  # counts in rings of equal width
-    counted = (
-        f"runs between $r$ and $r$ + {_width(shown[0]):.4g}" if comparable else "runs per ring"
-    )
+    counted = "runs per ring"
+    if comparable:
+        counted = f"runs between $r$ and $r$ + {_width(shown[0]):.4g}"
     labels = (counted, "(observed - expected)\n/ standard error")
     figure, axes = columns(labels, len(shown), HEIGHTS, sharey=comparable)
     for case, (main, low) in zip(shown, axes.T, strict=True):
@@ -55,7 +54,8 @@ def draw(cases: list[Dataset]) -> Figure:
         _counts(main, low, case)
         low.set_xlabel("displacement $r$")
         main.set_ylim(0, 1.05 * highest(shown if comparable else [case], "displacement_counts"))
-    heads(axes[0], [f"{title_of(case)}, $t$ = {case.displacement_time.item():g}" for case in shown])
+    titles = [f"{title_of(case)}, $t$ = {case.displacement_time.item():g}" for case in shown]
+    heads(axes[0], titles)
     return figure
 
 
@@ -66,35 +66,30 @@ def _counts(axes: Axes, low: Axes, case: Dataset) -> None:
     The legend has the p-value of each model by all its tests, the runs beyond the last ring, and
     those expected there.
     """
-    observed, r, edge = case.displacement_counts.values, case.r.values, case.r_outer[-1].item()
+    observed = case.displacement_counts.values
+    r = case.r.values
+    edge = case.r_outer[-1].item()
     axes.bar(r, observed, 0.92 * _width(case), color=DATA, alpha=0.18, linewidth=0)
-    reach = np.abs(
-        np.stack([case.displacement_counts_low, case.displacement_counts_high]) - observed
-    )
-    runs = (
-        f"{int(case.runs):,} runs, 95 % intervals; {int(case.displacement_overflow):,} beyond $r$ "
-        f"= {edge:g}"
-    )
+    interval = np.stack([case.displacement_counts_low, case.displacement_counts_high])
+    reach = np.abs(interval - observed)
+    overflow = f"{int(case.displacement_overflow):,} beyond $r$ = {edge:g}"
+    runs = f"{int(case.runs):,} runs, 95 % intervals; {overflow}"
     axes.errorbar(r, observed, reach, fmt="none", ecolor=DATA, elinewidth=1.1)
     axes.plot(r, observed, "o", color=DATA, markersize=3.5, label=runs)
     axes.set_xlim(0, edge)
     residual_panel(low)
     for source, model in _models(case).items():
         colour, line, marker = LOOKS[source]
-        diffusion, beyond, p = (model[name].item() for name in OF_MODELS)
+        diffusion = model.model_diffusion_coefficient.item()
+        beyond = model.expected_overflow.item()
+        p = model.p_value_joint.item()
         tested = goodness.in_words(p) if np.isfinite(p) else "not tested"
         label = f"{SOURCES[source]} = {diffusion:.3g}: {beyond:.0f} beyond; {tested}"
         expected = model.expected_counts.values
-        error = np.sqrt(np.maximum(expected * (1 - expected / float(case.runs)), LEAST_VARIANCE))
+        variance = expected * (1 - expected / float(case.runs))
+        residual = (observed - expected) / np.sqrt(np.maximum(variance, LEAST_VARIANCE))
         axes.plot(r, expected, color=colour, linestyle=line, label=label)
-        low.plot(
-            r,
-            (observed - expected) / error,
-            marker,
-            color=colour,
-            markersize=4,
-            markerfacecolor="none",
-        )
+        low.plot(r, residual, marker, color=colour, markersize=4, markerfacecolor="none")
 
 
 def _models(case: Dataset) -> dict[str, Dataset]:
@@ -106,17 +101,17 @@ def _models(case: Dataset) -> dict[str, Dataset]:
         name = model.model.item()
         first.setdefault(name if name in LOOKS else "slope", model)
     if {"msd", "square"} <= first.keys():
-        free, walled = (first[name].expected_counts.values for name in ("msd", "square"))
-        if np.all(
-            np.abs(free - walled) < 0.1 * np.sqrt(np.maximum(free, 1))
-        ):  # a tenth of a standard error
+        free = first["msd"].expected_counts.values
+        walled = first["square"].expected_counts.values
+        negligible = 0.1 * np.sqrt(np.maximum(free, 1))  # a tenth of a standard error
+        if np.all(np.abs(free - walled) < negligible):
             del first["square"]
     return first
 
 
-def _all_counts(case: Dataset, of: str) -> np.ndarray:
+def _all_counts(case: Dataset, name: str) -> np.ndarray:
     """Counts (K + 1,) in the rings and, at the end, beyond the last one."""
-    return np.append(case[f"{of}_counts"], case[f"{of}_overflow"])
+    return np.append(case[f"{name}_counts"], case[f"{name}_overflow"])
 
 
 def _width(case: Dataset) -> float:
@@ -130,17 +125,14 @@ def table(cases: list[Dataset]) -> DataFrame:
     """
     frames = []
     for case in distributions_of(cases):
-        columns = {
-            "time": case.displacement_time.item(),
-            "r_inner": np.append(case.r_inner, case.r_outer[-1]),
-            "r_outer": np.append(case.r_outer, np.inf),
-            "runs": _all_counts(case, "displacement"),
-            "runs_low": np.append(case.displacement_counts_low, np.nan),
-            "runs_high": np.append(case.displacement_counts_high, np.nan),
-        }
-        expected = {
-            f"expected, {name}": _all_counts(case.sel(model=name), "expected")
-            for name in case.model.values
-        }
-        frames.append(DataFrame(label_of(case) | columns | expected))
+        columns = label_of(case)
+        columns["time"] = case.displacement_time.item()
+        columns["r_inner"] = np.append(case.r_inner, case.r_outer[-1])
+        columns["r_outer"] = np.append(case.r_outer, np.inf)
+        columns["runs"] = _all_counts(case, "displacement")
+        columns["runs_low"] = np.append(case.displacement_counts_low, np.nan)
+        columns["runs_high"] = np.append(case.displacement_counts_high, np.nan)
+        for name in case.model.values:
+            columns[f"expected, {name}"] = _all_counts(case.sel(model=name), "expected")
+        frames.append(DataFrame(columns))
     return concat(frames)
