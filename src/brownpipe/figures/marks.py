@@ -103,10 +103,10 @@ def reasons_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
         if not marked:
             continue
         worst = max(marked, key=reason.size)
-        of_several = f" in {len(marked)} of {len(fits)} cases" if len(fits) > 1 else ""
+        share = f" in {len(marked)} of {len(fits)} cases" if len(fits) > 1 else ""
         title = f"{scene_of(worst)}, N = {worst.particles.item()}"
-        holds = f"{reason.statement}{of_several}, {reason.number(worst)} for {title}"
-        text = f"- {holds}; needed: {reason.cure}."
+        statement = f"{reason.statement}{share}, {reason.number(worst)} for {title}"
+        text = f"- {statement}; needed: {reason.cure}."
         yield from textwrap.wrap(text, LINE, subsequent_indent="  ")
 
 
@@ -119,17 +119,17 @@ def power_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
     plain = [fit for fit in fits if has(fit, "slope") and not fit.diffusion_mark.item()]
     if not plain:
         return
-    found = []
+    falls = []
     for fit in plain:
         error = (fit.slope_change_standard_error / abs(fit.slope)).values
         level = diffusive.LEVEL / tests
         beyond = change_found_with_power(error, int(fit.runs), level, POWER)
-        found.append(diffusive.SMALL_FALL + float(beyond))
-    text = (
-        "D without °: the slope is not found to fall by more than "
-        f"{diffusive.SMALL_FALL:.0%}, or to grow by more than {diffusive.SMALL_GROWTH:.0%}, from "
-        f"the first half of the window to the second, at a level of {diffusive.LEVEL:.0%} for "
-        f"{counted(tests, 'test')} (Holm); {POWER:.0%} of falls by {100 * max(found):.0f} % are "
-        "found."
+        falls.append(diffusive.SMALL_FALL + float(beyond))
+    limits = (
+        f"fall by more than {diffusive.SMALL_FALL:.0%}, or to grow by more than "
+        f"{diffusive.SMALL_GROWTH:.0%}, from the first half of the window to the second"
     )
+    level_in_words = f"a level of {diffusive.LEVEL:.0%} for {counted(tests, 'test')} (Holm)"
+    power = f"{POWER:.0%} of falls by {100 * max(falls):.0f} % are found"
+    text = f"D without °: the slope is not found to {limits}, at {level_in_words}; {power}."
     yield from textwrap.wrap(text, LINE)

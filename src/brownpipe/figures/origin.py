@@ -43,16 +43,11 @@ def record_of(dataset: Dataset, digest: str, options: Mapping[str, Any]) -> Reco
     digest: the seal of the dataset's file. options: the given ones of `brownpipe figures`:
     `figures`, `particles` and `panel` (`render`), `title` and `note`.
     """
-    stated = {str(name): value for name, value in dataset.attrs.items() if name not in DESCRIBING}
-    return {
-        **options,
-        "made_by": made_by("figures"),
-        "dataset": {"sha256": digest}
-        | {
-            name: json.loads(value) if name in IN_JSON else str(value)
-            for name, value in stated.items()
-        },
-    }
+    of_dataset: dict[str, Any] = {"sha256": digest}
+    for name, value in dataset.attrs.items():
+        if name not in DESCRIBING:
+            of_dataset[str(name)] = json.loads(value) if name in IN_JSON else str(value)
+    return {**options, "made_by": made_by("figures"), "dataset": of_dataset}
 
 
 def movie_record(
@@ -84,11 +79,9 @@ def record_text(record: Record, names: Iterable[str]) -> str:
 
 def closing_lines(record: Record) -> str:
     """Return the lines at the end of a text file: what made it, and where all the rest is said."""
-    what = installation_in_words(record["made_by"])
-    return (
-        f"Made by {what} from the dataset {record['dataset']['sha256'][:12]}.\nScenes, seeds, "
-        f"versions: {RECORD}\n"
-    )
+    installation = installation_in_words(record["made_by"])
+    digest = record["dataset"]["sha256"][:12]
+    return f"Made by {installation} from the dataset {digest}.\nScenes, seeds, versions: {RECORD}\n"
 
 
 def installation_in_words(made: Mapping[str, Any]) -> str:
@@ -99,10 +92,9 @@ def installation_in_words(made: Mapping[str, Any]) -> str:
     commit = str(made.get("git_commit", ""))
     commit = f", commit {commit[:12]}{commit[40:]}" if commit else ""
     source = str(made.get("source_digest"))[:12]
-    return printable(
-        f"brownpipe {made.get('brownpipe_version')}, source of figures {source}{commit}, Python "
-        f"{made.get('python')}"
-    )
+    version = made.get("brownpipe_version")
+    python = made.get("python")
+    return printable(f"brownpipe {version}, source of figures {source}{commit}, Python {python}")
 
 
 def read_record(path: str | Path) -> Record | None:
@@ -114,20 +106,20 @@ def read_record(path: str | Path) -> Record | None:
     from PIL import Image, UnidentifiedImageError
 
     path = Path(path)
-    text, beside = path.read_bytes(), path.with_name(RECORD)
+    text = path.read_bytes()
+    record_file = path.with_name(RECORD)
     try:
         if path.suffix in (".png", ".gif"):
             with Image.open(path) as picture:
                 text = picture.info.get("Source") or picture.info["comment"]
-        elif found := IN_TEXT.search(text):
-            text = html.unescape(found[1].decode()).encode()
-        elif beside.is_file():
-            text = beside.read_bytes()
+        elif element := IN_TEXT.search(text):
+            text = html.unescape(element[1].decode()).encode()
+        elif record_file.is_file():
+            text = record_file.read_bytes()
         record = json.loads(text)
-        return (
-            record
-            if "made_by" in record and path.name in (*record.get("files", [path.name]), RECORD)
-            else None
-        )
+        if "made_by" not in record:
+            return None
+        files = (*record.get("files", [path.name]), RECORD)
+        return record if path.name in files else None
     except (KeyError, TypeError, UnidentifiedImageError, ValueError):
         return None
