@@ -6,14 +6,16 @@ A picture shows the end of the run; an animation its samples.
 
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from PIL import Image
 
@@ -29,17 +31,15 @@ from brownpipe.text import counted
 
 SUFFIXES = (".gif", ".png")
 DOTS = 100  # per inch, of an animation
-GIF_RATES = (
-    100 / 65535,
-    50.0,
-)  # frames a second: a pause is two bytes [0.01 s], and viewers slow down shorter ones
+# Frames a second: a pause is two bytes [0.01 s], and viewers slow down shorter ones
+GIF_RATES = (100 / 65535, 50.0)
 LONGER_SIDE = 5.6  # of the box [inch]
 LEAST_WIDTH = 3.6  # of the panel [inch]
-BESIDE, ABOVE = 0.36, 0.9  # margins of the panel, without the legend [inch]
+BESIDE = 0.36  # margin of the panel to both sides [inch]
+ABOVE = 0.9  # margin of the panel above and below, without the legend [inch]
 LINE = 0.19  # height of a line of the legend [inch]
-FACES = np.array(
-    ["#B5DAF0", "#DADADA", "#A9A9A9", "#F1E2B8", "#8FB8A8"]
-)  # of disk 0 and of the others, by species
+# Colours of disk 0 and of the others, by species
+FACES = np.array(["#B5DAF0", "#DADADA", "#A9A9A9", "#F1E2B8", "#8FB8A8"])
 RIM = "#858585"  # edge of the other disks
 
 
@@ -57,19 +57,19 @@ def scenery_of(scene: Scene, seed: int, track: Track) -> tuple[Figure, Callable[
     axes.add_collection(disks)
     (path,) = axes.plot([], [], color=DATA, linewidth=1.2)
     (centre,) = axes.plot([], [], "o", color=DATA, markersize=3.5)
-    axes.plot(
-        *track.position[0, 0], "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3
-    )
+    start = track.position[0, 0]
+    axes.plot(*start, "o", color=DATA, markersize=3.5, markerfacecolor="white", zorder=3)
     time = axes.set_title("", loc="right", fontweight="normal", fontsize=10)
     points, ends = path_of(track)
 
     def show(k: int) -> None:
-        centres, which = with_images(scene, track.position[k])
+        centres, indices = with_images(scene, track.position[k])
+        diameters = 2 * scene.radius[indices]
         disks.set_offsets(centres)
-        disks.set_widths(2 * scene.radius[which])
-        disks.set_heights(2 * scene.radius[which])
-        disks.set_facecolor(FACES[shades[which]])
-        disks.set_edgecolor(np.where(which == 0, DATA, RIM).tolist())
+        disks.set_widths(diameters)
+        disks.set_heights(diameters)
+        disks.set_facecolor(FACES[shades[indices]])
+        disks.set_edgecolor(np.where(indices == 0, DATA, RIM).tolist())
         path.set_data(*points[: ends[k]].T)
         centre.set_data(*track.position[k, :1].T)
         time.set_text(f"$t$ = {scene.times[k]:#.4g}")
@@ -99,39 +99,38 @@ def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
     width, height = LONGER_SIDE * sides / sides.max()
     entries = legend_entries(scene, shades)
     size = np.array([max(width, LEAST_WIDTH) + BESIDE, height + ABOVE + LINE * len(entries)])
-    figure = Figure(
-        np.ceil(50 * size) / 50, layout="constrained"
-    )  # an even number of pixels, as videos need
+    even_size = np.ceil(50 * size) / 50  # an even number of pixels, as videos need
+    figure = Figure(even_size, layout="constrained")
     axes = figure.add_subplot(
         aspect="equal", xlim=scene.box.x, ylim=scene.box.y, xticks=[], yticks=[]
     )
     for spine in axes.spines.values():
         spine.set(visible=True, color=INK, linewidth=1.2 if scene.box.periodic else 2.5)
         spine.set_linestyle((0, (4, 3)) if scene.box.periodic else "-")
+    _draw_legend(figure, entries, title)
+    sides_in_words = f"{scene.box.width:g} x {scene.box.height:g} (reduced units)"
+    boundary = "periodic" if scene.box.periodic else "hard walls"
+    axes.set_xlabel(f"{sides_in_words}, {boundary}", loc="left", fontsize=8.8)
+    return figure, axes
+
+
+def _draw_legend(figure: Figure, entries: Sequence[tuple[int, str]], title: str) -> None:
+    """Put the title and a disk in the colours of each entry above the box."""
     mark = partial(Line2D, [], [], linestyle="", marker="o", markersize=8)
-    marks = [
-        mark(mfc=FACES[shade], mec=RIM if shade else DATA, label=text) for shade, text in entries
-    ]
-    head = {
-        "title": title,
-        "title_fontproperties": {"size": 11, "weight": "bold"},
-        "alignment": "left",
-    }
+    marks = []
+    for shade, text in entries:
+        edge = RIM if shade else DATA
+        marks.append(mark(mfc=FACES[shade], mec=edge, label=text))
     figure.legend(
         handles=marks,
+        title=title,
+        title_fontproperties=FontProperties(size=11, weight="bold"),
         loc="outside upper left",
         handlelength=1,
         borderpad=0,
         borderaxespad=0.9,
-        **head,
+        alignment="left",
     )
-    sides_in_words = f"{scene.box.width:g} x {scene.box.height:g} (reduced units)"
-    axes.set_xlabel(
-        f"{sides_in_words}, {'periodic' if scene.box.periodic else 'hard walls'}",
-        loc="left",
-        fontsize=8.8,
-    )
-    return figure, axes
 
 
 def legend_entries(scene: Scene, shades: np.ndarray) -> list[tuple[int, str]]:
@@ -139,7 +138,8 @@ def legend_entries(scene: Scene, shades: np.ndarray) -> list[tuple[int, str]]:
     entries = []
     for shade in np.unique(shades):
         members = shades == shade
-        radius, mass = (_range(values[members]) for values in (scene.radius, scene.mass))
+        radius = _range(scene.radius[members])
+        mass = _range(scene.mass[members])
         name = counted(int(members.sum()), "other disk") if shade else "tracer and its path"
         entries.append((shade, f"{name}: radius {radius}, mass {mass}"))
     return entries
@@ -157,17 +157,19 @@ def with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Centres (M, 2) and indices (M,) of all disks and of the images that reach into a periodic
     box; disk 0 is last.
     """
-    which, sides = np.arange(scene.particles)[::-1], np.array([scene.box.width, scene.box.height])
+    indices = np.arange(scene.particles)[::-1]
     if not scene.box.periodic:
-        return position[which], which
-    which = np.repeat(which, 9)
-    images = np.tile([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)], (scene.particles, 1))
-    centres = position[which] + images * sides
+        return position[indices], indices
+    sides = np.array([scene.box.width, scene.box.height])
+    indices = np.repeat(indices, 9)
+    images = np.tile([*product((-1, 0, 1), repeat=2)], (scene.particles, 1))
+    centres = position[indices] + images * sides
     middle = np.array(scene.box.origin) + sides / 2
-    seen = (np.abs(centres - middle) < sides / 2 + scene.radius[which, None]).all(
-        axis=1
-    ) | ~images.any(axis=1)
-    return centres[seen], which[seen]
+    reach = sides / 2 + scene.radius[indices, None]
+    reaches_in = (np.abs(centres - middle) < reach).all(axis=1)
+    is_disk = ~images.any(axis=1)
+    seen = reaches_in | is_disk
+    return centres[seen], indices[seen]
 
 
 def path_of(track: Track) -> tuple[np.ndarray, np.ndarray]:
@@ -176,11 +178,13 @@ def path_of(track: Track) -> tuple[np.ndarray, np.ndarray]:
     It has a gap, a point of NaN, where the disk leaves a periodic box and enters at the opposite
     edge.
     """
-    points, ends = track.position[:, 0], np.arange(1, len(track.position) + 1)
+    points = track.position[:, 0]
+    ends = np.arange(1, len(points) + 1)
     if track.image is None:
         return points, ends
-    crossed = np.flatnonzero(np.diff(track.image[:, 0], axis=0).any(axis=1))
-    return np.insert(points, crossed + 1, np.nan, axis=0), ends + np.searchsorted(crossed, ends - 1)
+    crossings = np.flatnonzero(np.diff(track.image[:, 0], axis=0).any(axis=1))
+    gaps_before = np.searchsorted(crossings, ends - 1)
+    return np.insert(points, crossings + 1, np.nan, axis=0), ends + gaps_before
 
 
 # --- pictures, animations
@@ -206,12 +210,13 @@ def movie(
         raise RequestError(
             f"--fps: must be from {low:.3g} to {high:g} frames a second for a .gif, not {fps:.10g}"
         )
-    scene, track = trajectories.scene, trajectories.ensemble.whole[seed]
+    scene = trajectories.scene
     with drawing():
-        figure, show = scenery_of(scene, seed, track)
+        figure, show = scenery_of(scene, seed, trajectories.ensemble.whole[seed])
         if suffix == ".png":
             return image_bytes(figure, "png", metadata(record))
-        return _gif(figure, show, samples_shown(len(scene.times), frames), fps, json.dumps(record))
+        shown = samples_shown(len(scene.times), frames)
+        return _gif(figure, show, shown, fps, json.dumps(record))
 
 
 def samples_shown(samples: int, frames: int | None = None) -> np.ndarray:
@@ -226,7 +231,7 @@ def _gif(
 ) -> bytes:
     """Return the bytes of an animation that repeats forever, in the colours of its last picture."""
     figure.set_dpi(DOTS)
-    canvas, buffer = FigureCanvasAgg(figure), io.BytesIO()
+    canvas = FigureCanvasAgg(figure)
 
     def picture(k: int) -> Image.Image:
         show(k)
@@ -238,6 +243,7 @@ def _gif(
         picture(k).quantize(palette=colours, dither=Image.Dither.NONE)
         for k in tracked(shown, "frames")
     )
-    how = {"duration": 10 * round(100 / fps), "loop": 0, "comment": comment}
-    next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, **how)
+    options = {"duration": 10 * round(100 / fps), "loop": 0, "comment": comment}
+    buffer = io.BytesIO()
+    next(pictures).save(buffer, "GIF", save_all=True, append_images=pictures, **options)
     return buffer.getvalue()
