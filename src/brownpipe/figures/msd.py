@@ -23,12 +23,8 @@ from brownpipe.figures.cases import (
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
-DOTS = {
-    "linestyle": "",
-    "marker": "o",
-    "markersize": 3,
-    "markevery": 0.02,
-}  # of the length of the curve
+# One at every fiftieth of the length of a curve
+DOTS = {"linestyle": "", "marker": "o", "markersize": 3, "markevery": 0.02}
 LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
 # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
 FORGOTTEN = 0.5
@@ -39,30 +35,33 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     with models.
     """
     single = len(cases) == 1 and not looks
-    for case, line in style.told_apart(
-        cases, _last_in_words if single else fitted_diffusion, looks
-    ):
-        style.band(axes, case, "msd", **line | (DOTS if single else {}))  # models are lines
-    for k, fit in enumerate(fit for case in cases for fit in fits_of(case)[:1]):
+    number = _last_in_words if single else fitted_diffusion
+    for case, line in style.told_apart(cases, number, looks):
+        if single:
+            line |= DOTS  # models are lines
+        style.band(axes, case, "msd", **line)
+    first_fits: list[Dataset] = []
+    for case in cases:
+        first_fits += fits_of(case)[:1]
+    for k, fit in enumerate(first_fits):
         t = np.array([fit.window_start.item(), fit.window_end.item()])
-        slope = f": slope {estimate_of(fit, 'slope')}{diffusion_ring(fit)}" if single else ""
-        label = "_" if looks or k else f"least squares over {fit.window.item()}{slope}"
-        axes.plot(
-            t, _fitted(fit, t), color=style.FIT if single else style.INK, linewidth=1.2, label=label
-        )
+        label = "_" if looks or k else f"least squares over {fit.window.item()}"
+        if single:
+            label += f": slope {estimate_of(fit, 'slope')}{diffusion_ring(fit)}"
+        colour = style.FIT if single else style.INK
+        axes.plot(t, _fitted(fit, t), color=colour, linewidth=1.2, label=label)
     if single:
         _models(axes, cases[0], np.linspace(0, cases[0].time.values[-1], 201))
         axes.set_ylim(0, HEADROOM * style.highest(cases, "msd") or 1.0)
-    axes.set_xlim(0, 1.01 * max(axes.dataLim.x1, *(case.time.values[-1] for case in cases)))
+    end = max(axes.dataLim.x1, *(case.time.values[-1] for case in cases))
+    axes.set_xlim(0, 1.01 * end)
     axes.set_xlabel("time $t$")
 
 
 def _last_in_words(case: Dataset) -> str:
     """The number of runs and the MSD at their end, for the legend."""
-    return (
-        f"{int(case.runs):,} runs: MSD({case.time[-1]:g}) = "
-        f"{estimate_of(case.isel(time=-1), 'msd')}"
-    )
+    last = case.isel(time=-1)
+    return f"{int(case.runs):,} runs: MSD({last.time:g}) = {estimate_of(last, 'msd')}"
 
 
 def _models(axes: Axes, case: Dataset, t: np.ndarray) -> None:
@@ -75,13 +74,8 @@ def _models(axes: Axes, case: Dataset, t: np.ndarray) -> None:
     square_speed = float(case.initial_square_speed)
     if np.isfinite(square_speed):
         label = f"ballistic flight, $\\langle v_0^2 \\rangle t^2 = {square_speed:.3g}\\,t^2$"
-        axes.plot(
-            t,
-            theory.ballistic_msd(t, square_speed),
-            color=style.GREY,
-            linestyle=style.DOTTED,
-            label=label,
-        )
+        ballistic = theory.ballistic_msd(t, square_speed)
+        axes.plot(t, ballistic, color=style.GREY, linestyle=style.DOTTED, label=label)
 
 
 def _diffusion(case: Dataset, t: np.ndarray) -> tuple[np.ndarray, str]:
@@ -94,29 +88,30 @@ def _diffusion(case: Dataset, t: np.ndarray) -> tuple[np.ndarray, str]:
     half. There is no D if no line could be fitted, if it does not rise, or if the tracer still
     moves ballistically where the window begins.
     """
+    unknown = np.full(t.shape, np.nan)
     half_width = float(case.accessible_half_width) if has(case, "accessible_half_width") else np.inf
-    start, value, source = np.nan, np.nan, ""
     stopped = np.flatnonzero(case.msd > half_width**2 / 3)
+    fits = fits_of(case)
     if len(stopped) and stopped[0] > 1:
-        start, msd = (float(values[stopped[0] - 1]) for values in (case.time, case.msd))
-        value = theory.reflecting_square_diffusion(msd, start, half_width)
+        last = case.isel(time=stopped[0] - 1)
+        start = float(last.time)
+        value = theory.reflecting_square_diffusion(float(last.msd), start, half_width)
         source = f"D from MSD({start:.3g}) = {value:.3g}"
-    elif fits := fits_of(case):
+    elif fits:
         fit = max(fits, key=lambda fit: float(fit.window_start))
-        start, value = float(fit.window_start), float(fit.diffusion_coefficient)
-        source = (
-            f"D over {fit.window.item()} = "
-            f"{estimate_of(fit, 'diffusion_coefficient')}{diffusion_ring(fit)}"
-        )
+        start = float(fit.window_start)
+        value = float(fit.diffusion_coefficient)
+        estimate = f"{estimate_of(fit, 'diffusion_coefficient')}{diffusion_ring(fit)}"
+        source = f"D over {fit.window.item()} = {estimate}"
+    else:
+        return unknown, ""
+    msd = np.interp(start, case.time, case.msd)
     ballistic = theory.ballistic_msd(start, float(case.initial_square_speed))
-    if not (
-        value > 0 and np.interp(start, case.time, case.msd) < FORGOTTEN * ballistic
-    ):  # nor if any is unknown: NaN
-        return np.full(t.shape, np.nan), ""
+    if not (value > 0 and msd < FORGOTTEN * ballistic):  # nor if any is unknown: NaN
+        return unknown, ""
     if half_width < np.inf:
-        return theory.reflecting_square_msd(
-            t, value, half_width
-        ), f"diffusion between walls: {source}"
+        confined = theory.reflecting_square_msd(t, value, half_width)
+        return confined, f"diffusion between walls: {source}"
     return theory.diffusive_msd(t, value), f"free diffusion, $4Dt$: {source}"
 
 
@@ -134,16 +129,15 @@ def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
         if moving:
             for case, line in style.told_apart(moving, lambda _: "", {}):
                 style.band(panel, case, "msd", **line)
-            start, end = (
-                min(case.time.values[0] for case in moving),
-                max(case.time.values[-1] for case in moving),
-            )
+            start = min(case.time.values[0] for case in moving)
+            end = max(case.time.values[-1] for case in moving)
             style.log_axis(panel, "x", start, end)
         if len(moving) == 1:
             _models(panel, moving[0], np.geomspace(start, end, 201))
     msd = np.concatenate([case.msd.values for case in cases])
     if (msd > 0).any():
-        style.log_axis(axes[1, 0], "y", msd[msd > 0].min() / MARGIN, max(msd.max() * MARGIN, top))
+        least = msd[msd > 0].min() / MARGIN
+        style.log_axis(axes[1, 0], "y", least, max(msd.max() * MARGIN, top))
 
 
 def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:
@@ -160,10 +154,10 @@ def table(cases: list[Dataset]) -> DataFrame:
     for case in cases:
         t = case.time.values
         ballistic = theory.ballistic_msd(t, float(case.initial_square_speed))
-        fits = {
-            f"fit over {window}": _fitted(case.sel(window=window), t)
-            for window in case.window.values
-        }
+        diffusion, _ = _diffusion(case, t)
         frame = frame_of([case], ["time"], ["msd", "msd_over_4t"])
-        frames.append(frame.assign(ballistic=ballistic, diffusion=_diffusion(case, t)[0], **fits))
+        frame = frame.assign(ballistic=ballistic, diffusion=diffusion)
+        for window in case.window.values:
+            frame[f"fit over {window}"] = _fitted(case.sel(window=window), t)
+        frames.append(frame)
     return concat(frames)

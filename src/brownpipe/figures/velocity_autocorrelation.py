@@ -5,6 +5,7 @@ of hydrodynamics in two dimensions.
 """
 
 from collections.abc import Iterator, Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -31,17 +32,20 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     axes.axhline(0, color=style.GREY, linewidth=0.8)
     for curve, line in _curves(cases, looks):
         style.band(axes, curve, TRACER, **line)
-    if (
-        len(cases) == 1
-        and not looks
-        and has(cases[0], "vacf_initial_slope_expected")
-        and cases[0][TRACER][0] > 0
-    ):
-        rate = -float(cases[0].vacf_initial_slope_expected) / float(cases[0][TRACER][0])
-        t = np.linspace(0, 1 / max(rate, 1 / float(cases[0].time[-1])), 200)
-        label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
-        axes.plot(t, 1 - rate * t, color=style.INK, linestyle=style.DOTTED, label=label)
+    if len(cases) == 1 and not looks:
+        _initial_slope(axes, cases[0])
     style.time_axis(axes, cases)
+
+
+def _initial_slope(axes: Axes, case: Dataset) -> None:
+    """Draw the initial slope that follows from the collision rate, if it is known."""
+    if not has(case, "vacf_initial_slope_expected") or not case[TRACER][0] > 0:
+        return
+    rate = -float(case.vacf_initial_slope_expected) / float(case[TRACER][0])
+    least_rate = 1 / float(case.time[-1])
+    t = np.linspace(0, 1 / max(rate, least_rate), 200)
+    label = f"$1 - \\gamma t$, $\\gamma$ = {rate:.3g} from the collision rate"
+    axes.plot(t, 1 - rate * t, color=style.INK, linestyle=style.DOTTED, label=label)
 
 
 def _curves(
@@ -51,7 +55,9 @@ def _curves(
     looks.
     """
     names = [TRACER, BATH] if len(cases) == 1 and not looks else [TRACER]
-    curves = [_normalised(case, name) for case in cases for name in names if has(case, name)]
+    curves = []
+    for case in cases:
+        curves += [_normalised(case, name) for name in names if has(case, name)]
     return style.told_apart(curves, _rate_in_words, looks)
 
 
@@ -59,14 +65,14 @@ def _normalised(case: Dataset, name: str) -> Dataset:
     """The case with the correlation of this name and its initial slope, if it is the tracer's, over
     its first value.
     """
-    scaled = {TRACER: name, SLOPE: SLOPE if name == TRACER else ""}
-    parts = {f"{new}{part}": f"{old}{part}" for new, old in scaled.items() for part in PARTS}
-    curve = case.drop_dims("species", errors="ignore").drop_vars(
-        [new for new in parts if new in case]
-    )
-    curve = curve.assign(
-        {new: case[old] / float(case[name][0]) for new, old in parts.items() if old in case}
-    )
+    replaced = [f"{variable}{suffix}" for variable, suffix in product((TRACER, SLOPE), PARTS)]
+    sources = {f"{TRACER}{suffix}": f"{name}{suffix}" for suffix in PARTS}
+    if name == TRACER:
+        sources |= {f"{SLOPE}{suffix}": f"{SLOPE}{suffix}" for suffix in PARTS}
+    first = float(case[name][0])
+    scaled = {new: case[old] / first for new, old in sources.items() if old in case}
+    curve = case.drop_dims("species", errors="ignore").drop_vars(replaced, errors="ignore")
+    curve = curve.assign(scaled)
     return curve.assign_coords(species="bath" if name == BATH else "tracer")
 
 
@@ -76,10 +82,8 @@ def _rate_in_words(curve: Dataset) -> str:
     """
     if not has(curve, SLOPE):
         return ""
-    return (
-        "initial decay $1 - \\gamma t$, $\\gamma$ = "
-        f"{plus_minus(-curve[SLOPE], curve[f'{SLOPE}_standard_error'])}"
-    )
+    rate = plus_minus(-curve[SLOPE], curve[f"{SLOPE}_standard_error"])
+    return f"initial decay $1 - \\gamma t$, $\\gamma$ = {rate}"
 
 
 def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
@@ -89,7 +93,9 @@ def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
         times = np.concatenate([case.time.values for case in group])
         style.log_axis(lower, "x", times[times > 0].min(), times.max())
         lower.set_xlabel("time $t$")
-    least = min([0.5, *(np.min(line.get_ydata()) for panel in axes[1] for line in panel.lines)])
+    least = 0.5
+    for panel in axes[1]:
+        least = min([least, *(np.min(line.get_ydata()) for line in panel.lines)])
     style.log_axis(axes[1, 0], "y", least / 3, 1.5)
 
 
@@ -111,8 +117,15 @@ def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> None:
         axes.text(
             0.5, 0.5, "not resolved from 0", ha="center", color=style.GREY, transform=axes.transAxes
         )
-    for tail in [tail for tail in tails if tail.sizes["time"] > 2][:1]:  # a guide above its end
-        t = tail.time.values[tail.time.values >= tail.time.values[-1] / 3]
-        guide = 2.5 * float((tail[TRACER] * tail.time).sel(time=t).mean()) / t
-        axes.plot(t, guide, color=style.INK, linewidth=1)
-        upper.plot([], [], color=style.INK, linewidth=1, label="decay as $1/t$ (lower panel)")
+    long_tails = [tail for tail in tails if tail.sizes["time"] > 2]
+    if long_tails:
+        _guide(upper, axes, long_tails[0])
+
+
+def _guide(upper: Axes, axes: Axes, tail: Dataset) -> None:
+    """Draw a line of slope 1/t above the end of a tail."""
+    times = tail.time.values
+    t = times[times >= times[-1] / 3]
+    amplitude = float((tail[TRACER] * tail.time).sel(time=t).mean())
+    axes.plot(t, 2.5 * amplitude / t, color=style.INK, linewidth=1)
+    upper.plot([], [], color=style.INK, linewidth=1, label="decay as $1/t$ (lower panel)")
