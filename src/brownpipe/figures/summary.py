@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import textwrap
 from collections.abc import Collection, Iterator, Sequence
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -44,7 +45,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-TESTS = ("eq. (18), D = MSD/4t", "eq. (18), fitted D")  # of the first two models of a dataset
+# Headings of the tests of the first two models of a dataset
+TESTS = ("eq. (18), D = MSD/4t", "eq. (18), fitted D")
 FIT = (
     *("window_start", "window_end", "slope", "slope_standard_error"),
     *("diffusion_coefficient", "diffusion_coefficient_standard_error"),
@@ -63,13 +65,14 @@ class Quantity(NamedTuple):
 
     heading: str
     variable: str
-    asked_by: tuple[
-        str, ...
-    ]  # variables of observables, options of the analysis, figures: any of them shows it
-    theory: str = ""  # variable with its value in theory, shown beside it in parentheses
+    # Variables of observables, options of the analysis, figures: any of them shows it
+    asked_by: tuple[str, ...]
+    # Variable with its value in theory, shown beside it in parentheses
+    theory: str = ""
 
 
-OF_RINGS = ("rings", "displacement_times")  # options that ask for the tests of eq. (18)
+# Options that ask for the tests of eq. (18)
+OF_RINGS = ("rings", "displacement_times")
 OF_SPREADING = (
     *("diffusion_running", "fit_windows", *OF_RINGS),
     *("figure msd", "figure diffusion", "figure displacement_distribution", "figure scan"),
@@ -102,15 +105,16 @@ DISPLACED = (
 class Answer(NamedTuple):
     """The results of a study in words."""
 
-    labels: int  # number of the first columns, which name the cases
-    columns: list[
-        tuple[str, ...]
-    ]  # heading and cells; those of TESTS, the last, only if there are tests
-    legend: list[str]  # lines that explain the columns
-    missing: list[str]  # lines that name failed and missing seeds
-    drifting: list[
-        str
-    ]  # lines that name cases that are not in equilibrium, or of which it cannot be told
+    # Number of the first columns, which name the cases
+    labels: int
+    # Heading and cells; those of TESTS, the last, only if there are tests
+    columns: list[tuple[str, ...]]
+    # Lines that explain the columns
+    legend: list[str]
+    # Lines that name failed and missing seeds
+    missing: list[str]
+    # Lines that name cases that are not in equilibrium, or of which it cannot be told
+    drifting: list[str]
 
 
 def summary(dataset: Dataset, chosen: Collection[str] = (), title: str = "") -> str:
@@ -119,20 +123,19 @@ def summary(dataset: Dataset, chosen: Collection[str] = (), title: str = "") -> 
     Columns beyond WIDEST are below the others, beside the names of the cases again.
     chosen: the figures that the study names. title: of the study, a line above the table.
     """
-    found = answer(dataset, chosen)
-    names = found.columns[: found.labels]
-    blocks = [[*names]]
-    for column in found.columns[found.labels :]:
-        if sum(max(map(len, cells)) + 2 for cells in [*blocks[-1], column]) > WIDEST + 2:
-            blocks.append([*names])
-        blocks[-1].append(column)
-    table = [line for block in blocks for line in aligned(block)]
-    return (
-        in_lines(
-            [*([title] if title else []), *table, *found.legend, *found.missing, *found.drifting]
-        )
-        + "\n"
-    )
+    results = answer(dataset, chosen)
+    names = results.columns[: results.labels]
+    tables = [[*names]]
+    for column in results.columns[results.labels :]:
+        widths = [max(map(len, cells)) + 2 for cells in [*tables[-1], column]]
+        if sum(widths) > WIDEST + 2:
+            tables.append([*names])
+        tables[-1].append(column)
+    lines = [title] if title else []
+    for table in tables:
+        lines += aligned(table)
+    lines += results.legend + results.missing + results.drifting
+    return in_lines(lines) + "\n"
 
 
 def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
@@ -145,41 +148,71 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     family: a model is rejected at the family-wise level (Holm).
     """
     cases = cases_of(dataset)
-    options = json.loads(dataset.attrs.get("options", "{}"))
-    given = {name for name, value in options.items() if value} | {
-        f"figure {name}" for name in chosen
-    }
-    of_quantity = {one: [*columns_of(cases, one)] for one in quantities(dataset)}
-    given |= {name for one in of_quantity for name in one.asked_by if has(dataset, name)}
-    known = [one for one, found in of_quantity.items() if found]
-    shown = [one for one in known if given & {*one.asked_by}] or known
-    p = np.array([at_last_distribution(case).p_value_joint.values[: len(TESTS)] for case in cases])
-    p = p if given & {*OF_RINGS} else np.full_like(p, np.nan)
-    rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
-    tests = int(np.count_nonzero(np.isfinite(p)))
-    ends = {float(case.time[time_shown(case, "msd")]) for case in cases if has(case, "msd")}
-    end = f"MSD(t = {ends.pop():g})" if len(ends) == 1 else "MSD at the end"
-    names = [
-        name for name in labels_of_cases(dataset) if name != "engine" or dataset.sizes["engine"] > 1
-    ]
-    headings = ["N" if name == "particles" else name.replace("_", " ") for name in names]
-    columns = [
-        (head, *(text_of(case, name) for case in cases))
-        for head, name in zip(headings, names, strict=True)
-    ]
-    if scan_changes_density(dataset, cases):
-        columns.append(("phi", *(f"{case.packing_fraction.item():.4f}" for case in cases)))
+    requests = _requests(dataset, chosen)
+    of_quantity = {quantity: [*columns_of(cases, quantity)] for quantity in quantities(dataset)}
+    known = [quantity for quantity, columns in of_quantity.items() if columns]
+    shown = [quantity for quantity in known if requests & {*quantity.asked_by}] or known
+    columns = _columns_of_labels(dataset, cases)
     labels = len(columns)
     columns.append(("runs", *(str(int(case.runs)) for case in cases)))
-    for one in shown:
-        for heading, parts in of_quantity[one]:
-            columns.append(
-                (end if one.variable == "msd" else heading, *(_cell(part, one) for part in parts))
-            )
-    if tests:
-        columns += [(name, *map(_verdict, p[:, k], rejected[:, k])) for k, name in enumerate(TESTS)]
+    for quantity in shown:
+        for heading, parts in of_quantity[quantity]:
+            title = _heading_of_msd(cases) if quantity.variable == "msd" else heading
+            columns.append((title, *(_cell(part, quantity) for part in parts)))
+    tests = 0
+    if requests & {*OF_RINGS}:
+        p = _p_values(cases)
+        tests = int(np.count_nonzero(np.isfinite(p)))
+        if tests:
+            columns += _columns_of_tests(p)
     legend = [*_legend(dataset, cases, shown, tests)]
     return Answer(labels, columns, legend, [*missing_runs(dataset, cases)], [*drifting(cases)])
+
+
+def _requests(dataset: Dataset, chosen: Collection[str]) -> set[str]:
+    """Return what shows quantities (`Quantity.asked_by`): the options of the analysis, the figures
+    `chosen` and the variables of the dataset.
+    """
+    options = json.loads(dataset.attrs.get("options", "{}"))
+    requests = {name for name, value in options.items() if value}
+    requests |= {f"figure {name}" for name in chosen}
+    for quantity in quantities(dataset):
+        requests |= {name for name in quantity.asked_by if has(dataset, name)}
+    return requests
+
+
+def _columns_of_labels(dataset: Dataset, cases: list[Dataset]) -> list[tuple[str, ...]]:
+    """Return the columns that name the cases; a single engine is not named."""
+    columns = []
+    for name in labels_of_cases(dataset):
+        if name == "engine" and dataset.sizes["engine"] == 1:
+            continue
+        heading = "N" if name == "particles" else name.replace("_", " ")
+        columns.append((heading, *(text_of(case, name) for case in cases)))
+    if scan_changes_density(dataset, cases):
+        columns.append(("phi", *(f"{case.packing_fraction.item():.4f}" for case in cases)))
+    return columns
+
+
+def _heading_of_msd(cases: list[Dataset]) -> str:
+    """Return the heading of the MSD, with its time if that is the same in all cases."""
+    times = {float(case.time[time_shown(case, "msd")]) for case in cases if has(case, "msd")}
+    return f"MSD(t = {times.pop():g})" if len(times) == 1 else "MSD at the end"
+
+
+def _p_values(cases: list[Dataset]) -> np.ndarray:
+    """Return the joint p-value of each of TESTS (cases, tests), NaN where it was not tested."""
+    distributions = [at_last_distribution(case) for case in cases]
+    return np.array([case.p_value_joint.values[: len(TESTS)] for case in distributions])
+
+
+def _columns_of_tests(p: np.ndarray) -> list[tuple[str, ...]]:
+    """Return the columns with the verdicts on eq. (18) from the p-values (cases, tests)."""
+    rejected = holm(p.ravel()).reshape(p.shape) < FAMILY_LEVEL
+    columns = []
+    for k, heading in enumerate(TESTS):
+        columns.append((heading, *map(_verdict, p[:, k], rejected[:, k])))
+    return columns
 
 
 def scan_changes_density(dataset: Dataset, cases: list[Dataset]) -> bool:
@@ -199,54 +232,59 @@ def quantities(dataset: Dataset) -> list[Quantity]:
     An observable of the user's own is every variable with this attribute that is one number in each
     case.
     """
-    own = own_names([dataset])
-    numbers = [
-        name
-        for name in own
-        if f"{name}_standard_error" in dataset and dataset[name].dims == dataset.runs.dims
-    ]
-    return [*QUANTITIES, *(Quantity(name, name, (name,)) for name in numbers), *DISPLACED]
+    numbers = []
+    for name in own_names([dataset]):
+        if f"{name}_standard_error" in dataset and dataset[name].dims == dataset.runs.dims:
+            numbers.append(Quantity(name, name, (name,)))
+    return [*QUANTITIES, *numbers, *DISPLACED]
 
 
-def columns_of(cases: list[Dataset], one: Quantity) -> Iterator[tuple[str, list[Dataset | None]]]:
+def columns_of(
+    cases: list[Dataset], quantity: Quantity
+) -> Iterator[tuple[str, list[Dataset | None]]]:
     """Yield heading and cells of each column of a quantity: for each case the part with one number,
     None without it.
     """
     needed = {
-        one.variable,
-        f"{one.variable}_standard_error",
-        one.theory,
+        quantity.variable,
+        f"{quantity.variable}_standard_error",
+        quantity.theory,
         "diffusion_mark",
         "not_diffusive_before",
         "drift_p_value",
     }
     # What `_cell` reads, and no more: of a case with all variables each part takes xarray several
     # times as long.
-    cases = [case[[name for name in needed if name in case]] for case in cases]
-    dim = next((dim for dim in SPECIES if dim in cases[0].dims), "")
-    labels = cases[0][dim].values.tolist() if dim else [""]
-    parts = {
-        label: [_at(case.sel({dim: label}) if dim else case, one) for case in cases]
-        for label in labels
-    }
-    known = {label: of_label for label, of_label in parts.items() if any(of_label)}
-    for label, of_label in known.items():
-        yield f"{one.heading}, {label}" if len(known) > 1 else one.heading, of_label
+    small_cases = []
+    for case in cases:
+        small_cases.append(case[[name for name in needed if name in case]])
+    dim = next((dim for dim in SPECIES if dim in small_cases[0].dims), "")
+    labels = small_cases[0][dim].values.tolist() if dim else [""]
+    known = {}
+    for label in labels:
+        of_label = [case.sel({dim: label}) if dim else case for case in small_cases]
+        parts = [_at(case, quantity) for case in of_label]
+        if any(parts):
+            known[label] = parts
+    for label, parts in known.items():
+        yield f"{quantity.heading}, {label}" if len(known) > 1 else quantity.heading, parts
 
 
-def _at(case: Dataset, one: Quantity) -> Dataset | None:
+def _at(case: Dataset, quantity: Quantity) -> Dataset | None:
     """Return the case at the time of `time_shown` and in the first window; None if it does not have
     the quantity there.
 
     Without a temperature, the Green-Kubo integral is not a D.
     """
-    if not has(case, one.variable) or (one.variable == "green_kubo" and not has(case, one.theory)):
+    if not has(case, quantity.variable):
         return None
-    values, places = case[one.variable], {"window": 0}
-    if "time" in values.dims:
-        places["time"] = time_shown(case, one.variable)
+    if quantity.variable == "green_kubo" and not has(case, quantity.theory):
+        return None
+    places = {"window": 0}
+    if "time" in case[quantity.variable].dims:
+        places["time"] = time_shown(case, quantity.variable)
     part = case.isel(places, missing_dims="ignore")
-    return part if has(part, one.variable) else None
+    return part if has(part, quantity.variable) else None
 
 
 def time_shown(case: Dataset, name: str) -> int:
@@ -263,21 +301,23 @@ def time_shown(case: Dataset, name: str) -> int:
     return int(known[-1])
 
 
-def _cell(part: Dataset | None, one: Quantity) -> str:
+def _cell(part: Dataset | None, quantity: Quantity) -> str:
     """Return a quantity with its standard error and theory; `-` where there is none.
 
     A star marks values of runs that drift, a ring a D that something speaks against.
     """
     if part is None:
         return "-"
-    theory = f" ({float(part[one.theory]):#.4g})" if one.theory and has(part, one.theory) else ""
+    theory = ""
+    if quantity.theory and has(part, quantity.theory):
+        theory = f" ({float(part[quantity.theory]):#.4g})"
     star = " *" if drifts(part) else ""
     ring = ""
-    if one.variable == "diffusion_coefficient":
+    if quantity.variable == "diffusion_coefficient":
         ring = diffusion_ring(part)
-    elif one.variable == "green_kubo":
+    elif quantity.variable == "green_kubo":
         ring = " °" if _integral_mark(part) else ""
-    return estimate_of(part, one.variable) + theory + star + ring
+    return estimate_of(part, quantity.variable) + theory + star + ring
 
 
 def _integral_mark(part: Dataset) -> int:
@@ -291,7 +331,7 @@ def _integral_mark(part: Dataset) -> int:
 
 def _integral_ends_early(case: Dataset) -> bool:
     """Return whether the Green-Kubo integral is shown at a time at which it may not be a D yet."""
-    integral = next(one for one in QUANTITIES if one.variable == "green_kubo")
+    integral = next(quantity for quantity in QUANTITIES if quantity.variable == "green_kubo")
     part = _at(case, integral)
     return part is not None and bool(_integral_mark(part) & EARLY)
 
@@ -310,49 +350,46 @@ def _legend(
     followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
     where = {"time": ", at the end", "window": f" {dataset.window.values[0]}"}
     at_window_end = {"time": f", at t = {dataset.window_end.values[0]:g}"}
-    for one in shown:
-        variable = dataset[one.variable]
-        meaning = variable.attrs.get("long_name", one.variable).replace(FOLLOWED, followed)
+    for quantity in shown:
+        variable = dataset[quantity.variable]
+        meaning = variable.attrs.get("long_name", quantity.variable).replace(FOLLOWED, followed)
         source = f" ({variable.observable})" if "observable" in variable.attrs else ""
-        is_at_window_end = one.variable == "green_kubo" or (
-            one.variable in OF_LAG and dataset.attrs.get("average") == "origins"
+        is_at_window_end = quantity.variable == "green_kubo" or (
+            quantity.variable in OF_LAG and dataset.attrs.get("average") == "origins"
         )
         places = where | at_window_end if is_at_window_end else where
         place = "".join(places.get(str(dim), "") for dim in variable.dims)
-        yield from textwrap.wrap(f"{one.heading}: {meaning}{place}{source}.", LINE)
+        yield from textwrap.wrap(f"{quantity.heading}: {meaning}{place}{source}.", LINE)
     for name, own in dataset.data_vars.items():
-        if (
-            "observable" in own.attrs
-            and own.dims == dataset.runs.dims
-            and (own.isnull() & (dataset.runs > 0)).any()
-        ):
-            yield f"{name}: no mean where a run has no number of it."
-    if any(one.theory and has(case, one.theory) for one in shown for case in cases):
+        if "observable" in own.attrs and own.dims == dataset.runs.dims:
+            lacks_mean = own.isnull() & (dataset.runs > 0)
+            if lacks_mean.any():
+                yield f"{name}: no mean where a run has no number of it."
+    theories = [quantity.theory for quantity in shown if quantity.theory]
+    if any(has(case, theory) for theory, case in product(theories, cases)):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
     if DISPLACED[-1] in shown:
         yield from reasons_in_words(cases)
         yield from power_in_words(cases)
-    if any(one.variable == "green_kubo" for one in shown):
-        early = [case for case in cases if _integral_ends_early(case)]
-        if early:
-            yield (
-                "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D "
-                "of diffusion."
-            )
+    shows_integral = any(quantity.variable == "green_kubo" for quantity in shown)
+    if shows_integral and any(_integral_ends_early(case) for case in cases):
+        yield (
+            "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D "
+            "of diffusion."
+        )
     yield from _tests_of_equilibrium(cases)
     if tests:
-        times = {
-            at_last_distribution(case).displacement_time.item()
-            for case in cases
-            if has(case, "msd")
-        }
-        at = "at the end" if len(times) > 1 else f"at t = {times.pop():g}"
-        family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
-        yield (
-            f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and "
-            "kurtosis,"
-        )
-        yield f"and rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm)."
+        yield from _tests_of_diffusion(cases, tests)
+
+
+def _tests_of_diffusion(cases: list[Dataset], tests: int) -> Iterator[str]:
+    """Lines on the tests of eq. (18): what is tested, at which time and level."""
+    moving = [case for case in cases if has(case, "msd")]
+    times = {at_last_distribution(case).displacement_time.item() for case in moving}
+    at = "at the end" if len(times) > 1 else f"at t = {times.pop():g}"
+    family = f"the {tests} tests of this table" if tests > 1 else "the one test of this table"
+    yield f"Eq. (18): x and y {at} are normal, of variance 2Dt; tested by ring counts and kurtosis,"
+    yield f"and rejected at a family-wise level of {FAMILY_LEVEL:.0%} for {family} (Holm)."
 
 
 def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:
@@ -364,11 +401,9 @@ def _tests_of_equilibrium(cases: list[Dataset]) -> Iterator[str]:
     if not tests:
         return
     family = f"level {drift.LEVEL:.0%} for all {tests} tests (Holm)"
+    power = _power_in_words(tested, tests)
     yield f"Equilibrium: the first and the last quarter of each run are compared, {family}."
-    yield from textwrap.wrap(
-        f"{_power_in_words(tested, tests)}; changes that take longer than the runs are not seen.",
-        LINE,
-    )
+    yield from textwrap.wrap(f"{power}; changes that take longer than the runs are not seen.", LINE)
     if any(has(case, "contact_value") and _has_large_pairs(case) for case in tested):
         yield from textwrap.wrap(
             "Not tested is g(r) of large disks among small ones: it settles last, as they diffuse "
@@ -413,16 +448,18 @@ def drifting(cases: list[Dataset]) -> Iterator[str]:
     """
     claimed = [case for case in cases if has(case, "time_to_try")]
     for case in filter(drifts, claimed):
-        values = (case[name].values for name in ("drift", "drift_standard_error", "drift_p_value"))
-        found = drift.Drift(case["quantity"].values.tolist(), *values)
-        words = drift.in_words(found, case.time_to_try.item())
-        yield f"* {scene_of(case)}, N = {case.particles.item()}: {words}"
-    unknown = [title_of(case) for case in claimed if not has(case, "drift_p_value")]
-    if unknown:
-        yield (
-            f"{unknown[0]}{f' and {len(unknown) - 1} more' if len(unknown) > 1 else ''}: "
-            f"{drift.TOO_FEW}"
+        found_drift = drift.Drift(
+            case["quantity"].values.tolist(),
+            case["drift"].values,
+            case["drift_standard_error"].values,
+            case["drift_p_value"].values,
         )
+        words = drift.in_words(found_drift, case.time_to_try.item())
+        yield f"* {scene_of(case)}, N = {case.particles.item()}: {words}"
+    untested = [title_of(case) for case in claimed if not has(case, "drift_p_value")]
+    if untested:
+        others = f" and {len(untested) - 1} more" if len(untested) > 1 else ""
+        yield f"{untested[0]}{others}: {drift.TOO_FEW}"
 
 
 def missing_runs(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
@@ -436,29 +473,32 @@ def missing_runs(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
     of_engine = is_there.any([dim for dim in is_there.dims if dim not in ("engine", "seed")])
     for case in cases:
         run = of_engine.sel(engine=case.engine).values
-        asked = np.logical_or.accumulate(run) & np.logical_or.accumulate(run[::-1])[::-1]
+        from_first = np.logical_or.accumulate(run)
+        to_last = np.logical_or.accumulate(run[::-1])[::-1]
+        requested = from_first & to_last
         for status, fate in ((FAILED, "failed and left out"), (MISSING, "missing")):
-            seeds = case.seed.values[(case.run_status.values == status) & asked]
+            seeds = case.seed.values[(case.run_status.values == status) & requested]
             if seeds.size:
-                reasons = (
-                    case.stopped.values.tolist() if status == FAILED and "stopped" in case else ()
-                )
-                stopped = {
-                    seed: why
-                    for seed, why in zip(case.seed.values.tolist(), reasons, strict=False)
-                    if why
-                }
-                reason = f"; {stopped_in_words(stopped)}" if stopped else ""
-                which = (
-                    f"{seeds.size} of {np.count_nonzero(asked)} seeds ({brief_seed_text(seeds)})"
-                )
-                yield f"{title_of(case)}: {fate}: {which}{reason}"
-    if failed := sum(int(case.failed_runs) for case in cases):
+                number = np.count_nonzero(requested)
+                words = f"{seeds.size} of {number} seeds ({brief_seed_text(seeds)})"
+                reasons = _reasons_in_words(case) if status == FAILED else ""
+                yield f"{title_of(case)}: {fate}: {words}{reasons}"
+    failed = sum(int(case.failed_runs) for case in cases)
+    if failed:
         runs = counted(failed, "failed run")
         yield (
             f"The averages leave out {runs}; they are biased if runs that fail differ from the "
             "others."
         )
+
+
+def _reasons_in_words(case: Dataset) -> str:
+    """Return why runs of a case could not go on, to be appended to a line; "" if all could."""
+    if "stopped" not in case:
+        return ""
+    reasons = zip(case.seed.values.tolist(), case.stopped.values.tolist(), strict=True)
+    stopped = {seed: reason for seed, reason in reasons if reason}
+    return f"; {stopped_in_words(stopped)}" if stopped else ""
 
 
 def summary_table(dataset: Dataset) -> DataFrame:
@@ -467,9 +507,12 @@ def summary_table(dataset: Dataset) -> DataFrame:
     """
     from pandas import DataFrame
 
-    rows, cases = [], cases_of(dataset)
+    cases = cases_of(dataset)
     shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
-    measured = [(one, *column) for one in shown for column in columns_of(cases, one)]
+    measured: list[tuple[Quantity, str, list[Dataset | None]]] = []
+    for quantity in shown:
+        measured += [(quantity, *column) for column in columns_of(cases, quantity)]
+    rows = []
     for k, case in enumerate(cases):
         row = label_of(case, "packing_fraction", "runs", "failed_runs")
         row |= {
@@ -477,16 +520,19 @@ def summary_table(dataset: Dataset) -> DataFrame:
             "not_diffusive_before": case.not_diffusive_before.item(),
             "drifts": drifts(case),
         }
-        for one, heading, parts in measured:
-            for end in ("", "_standard_error"):
-                value = parts[k][one.variable + end].item() if parts[k] is not None else np.nan
-                row[heading.replace(one.heading, one.variable) + end] = value
+        for quantity, heading, parts in measured:
+            part = parts[k]
+            column = heading.replace(quantity.heading, quantity.variable)
+            for suffix in ("", "_standard_error"):
+                value = part[quantity.variable + suffix].item() if part is not None else np.nan
+                row[column + suffix] = value
         last = at_last_distribution(case)
         row |= {name: last[name].item() if name in last else np.nan for name in SHAPE}
-        of_models = [(test, model) for model in dataset.model.values for test in TESTED]
-        row |= {f"{test}, {model}": last[test].sel(model=model).item() for test, model in of_models}
+        for model, test in product(dataset.model.values, TESTED):
+            row[f"{test}, {model}"] = last[test].sel(model=model).item()
         for w in range(case.sizes["window"]):
             fit = case.isel(window=w)
             numbers = {name: fit[name].item() for name in FIT}
-            rows.append(row | numbers | {"mark": diffusive.in_words(fit.diffusion_mark.item())})
+            mark = diffusive.in_words(fit.diffusion_mark.item())
+            rows.append(row | numbers | {"mark": mark})
     return DataFrame(rows)
