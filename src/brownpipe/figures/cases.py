@@ -17,11 +17,11 @@ import numpy as np
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
 from brownpipe.errors import FigureError
-from brownpipe.figures.catalogue import FIGURES, OWN, SCAN
+from brownpipe.figures.catalogue import FIGURES, OWN, SCAN, Figure
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-    from xarray import Dataset
+    from xarray import DataArray, Dataset
 
 MOST_CURVES = 6  # cases in one panel, or curves of one case
 LONGEST = 10.0  # duration of the cases in one panel over the shortest
@@ -35,20 +35,23 @@ def cases_of(dataset: Dataset) -> list[Dataset]:
     With g(r) it has `contact_theory`, the contact value of equal disks, or of a tracer and its only
     species; of other pairs, whose value is not in a dataset, NaN.
     """
-    dims, cases = [name for name in labels_of_cases(dataset) if name in dataset.dims], []
+    dims = [name for name in labels_of_cases(dataset) if name in dataset.dims]
+    cases = []
     for labels in product(*(dataset[dim].values for dim in dims)):
         case = dataset.sel(dict(zip(dims, labels, strict=True)))
         if int(case.runs) + int(case.failed_runs) == 0:
             continue
         if has(case, "pair_distribution", "enskog_contact_value"):
-            pairs = [
-                part.species_pair.item()
-                for part in parts_of(case, "species_pair", "pair_distribution")
-            ]
-            known = case.species_pair == pairs[0] if len(pairs) <= 2 else False
-            case = case.assign(contact_theory=case.enskog_contact_value.where(known))
+            case = case.assign(contact_theory=_contact_theory(case))
         cases.append(case)
     return cases
+
+
+def _contact_theory(case: Dataset) -> DataArray:
+    """Return the contact value of each pair of species in theory, NaN where it is not known."""
+    pairs = parts_of(case, "species_pair", "pair_distribution")
+    known = case.species_pair == pairs[0].species_pair.item() if len(pairs) <= 2 else False
+    return case.enskog_contact_value.where(known)
 
 
 def has(case: Dataset, *names: str) -> bool:
@@ -60,10 +63,12 @@ def has(case: Dataset, *names: str) -> bool:
 
 def own_names(cases: list[Dataset]) -> list[str]:
     """Return the names of the averages of the user's own observables that any of the cases has."""
-    names = [
-        str(name) for name in cases[0].data_vars if "observable" in cases[0].variables[name].attrs
-    ]
-    return [name for name in names if any(has(case, name) for case in cases)]
+    names = []
+    for name in map(str, cases[0].data_vars):
+        is_own = "observable" in cases[0].variables[name].attrs
+        if is_own and any(has(case, name) for case in cases):
+            names.append(name)
+    return names
 
 
 def cases_shown(
@@ -84,23 +89,31 @@ def cases_shown(
         raise FigureError(f"particles: {particles} is not in the dataset; choose one of {counts}")
     shown: dict[str, list[Dataset]] = {}
     for name in names or FIGURES:
-        needs, variables, every_count, _ = FIGURES[name]
-        selected = [
-            defined(case, *variables[:1]) if variables else case
-            for case in cases
-            if has(case, *variables)
-        ]
-        selected = selected if every_count else one_count(selected, particles)
-        selected = [case for case in selected if OWN not in needs or own_names([case])]
-        if SCAN in needs and not (selected and axis_of(selected) in differing(selected)):
-            selected = []
-        if names and not selected:
-            needed = "; ".join(needs) or "runs"
+        figure = FIGURES[name]
+        selected = _selected(cases, figure, particles)
+        if selected:
+            shown[name] = selected
+        elif names:
+            needed = "; ".join(figure.needs) or "runs"
             raise FigureError(
                 f"{name}: cannot be drawn from this dataset, whose study must have {needed}"
             )
-        shown |= {name: selected} if selected else {}
     return shown
+
+
+def _selected(cases: list[Dataset], figure: Figure, particles: int | None) -> list[Dataset]:
+    """Return the cases that a figure shows, none if it needs what they do not have."""
+    selected = [case for case in cases if has(case, *figure.variables)]
+    if figure.variables:
+        selected = [defined(case, figure.variables[0]) for case in selected]
+    if not figure.every_count:
+        selected = one_count(selected, particles)
+    if OWN in figure.needs:
+        selected = [case for case in selected if own_names([case])]
+    is_scan = bool(selected) and axis_of(selected) in differing(selected)
+    if SCAN in figure.needs and not is_scan:
+        return []
+    return selected
 
 
 def one_count(cases: list[Dataset], particles: int | None = None) -> list[Dataset]:
@@ -117,11 +130,12 @@ def differing(cases: list[Dataset]) -> list[str]:
     """Return the labels that tell cases or their parts apart: scene, varied keys, particle count,
     engine, species.
     """
-    return [
-        name
-        for name in _labels(cases[0])
-        if len({case.variables[name].values.item() for case in cases}) > 1
-    ]
+    names = []
+    for name in _labels(cases[0]):
+        values = {case.variables[name].values.item() for case in cases}
+        if len(values) > 1:
+            names.append(name)
+    return names
 
 
 def _labels(case: Dataset) -> list[str]:
@@ -173,19 +187,33 @@ def panels_of(
         if name not in _labels(cases[0]):
             allowed = ", ".join(labels_of_cases(cases[0]))
             raise FigureError(f"panel: must be of {allowed}, not {name!r}")
-    further = differing(cases)
-    choices = [keys, *([*keys, name] for name in further), [*keys, *further]]
-    groupings = [[*_grouped(cases, partial(in_words, names=names)).values()] for names in choices]
-    groups = min(
-        (groups for groups in groupings[:-1] if all(map(_fits, groups))),
-        key=len,
-        default=groupings[-1],
-    )
-    panels = [] if part else groups
-    for group in groups if part else ():
-        parts = [one for case in group for one in parts_of(case, part, variable)]
-        panels += [parts] if part == "species" and len(group) == 1 else panels_of(parts, [part])
+    groups = _groups_that_fit(cases, keys)
+    if not part:
+        return groups
+    panels: list[list[Dataset]] = []
+    for group in groups:
+        parts: list[Dataset] = []
+        for case in group:
+            parts += parts_of(case, part, variable)
+        if part == "species" and len(group) == 1:
+            panels.append(parts)
+        else:
+            panels += panels_of(parts, [part])
     return panels
+
+
+def _groups_that_fit(cases: list[Dataset], keys: Sequence[str]) -> list[list[Dataset]]:
+    """Group the cases by the labels `keys`, and by further ones where panels would be too full."""
+    further = differing(cases)
+    choices = [keys, *([*keys, name] for name in further)]
+    groupings = []
+    for names in choices:
+        groups = [*_grouped(cases, partial(in_words, names=names)).values()]
+        if all(map(_fits, groups)):
+            groupings.append(groups)
+    if groupings:
+        return min(groupings, key=len)
+    return [*_grouped(cases, partial(in_words, names=[*keys, *further])).values()]
 
 
 def _fits(group: list[Dataset]) -> bool:
@@ -202,16 +230,20 @@ def series_of(cases: list[Dataset], *axes: str, drift: bool = False) -> dict[str
     names = [name for name in differing(cases) if name not in axes]
     for name in labels_of_cases(cases[0])[1:-1]:
         others = [other for other in names if other != name]
-        if len({tuple(case[label].item() for label in (*axes, *others)) for case in cases}) == len(
-            cases
-        ):
+        places = {_values(case, (*axes, *others)) for case in cases}
+        if len(places) == len(cases):
             # it follows from them: a key varied together with the axis, N if a species' count is
             # varied
             names = others
     ascending = sorted(cases, key=lambda case: case[axes[0]].item())
-    return _grouped(
-        ascending, lambda case: in_words(case, names) + (drift_in_words(case) if drift else "")
-    )
+    if drift:
+        return _grouped(ascending, lambda case: in_words(case, names) + drift_in_words(case))
+    return _grouped(ascending, lambda case: in_words(case, names))
+
+
+def _values(case: Dataset, labels: Iterable[str]) -> tuple[Any, ...]:
+    """Return the values of labels of a case."""
+    return tuple(case[label].item() for label in labels)
 
 
 def _grouped(cases: list[Dataset], name: Callable[[Dataset], Any]) -> dict[Any, list[Dataset]]:
@@ -229,11 +261,9 @@ def defined(case: Dataset, name: str) -> Dataset:
     Scenes of other durations, sizes or pairs leave gaps.
     """
     values = case.variables[name]
-    return (
-        case.dropna(values.dims[-1], how="all", subset=[name])
-        if values.dims and values.isnull().any()
-        else case
-    )
+    if not values.dims or not values.isnull().any():
+        return case
+    return case.dropna(values.dims[-1], how="all", subset=[name])
 
 
 def parts_of(case: Dataset, dim: str, name: str) -> list[Dataset]:
@@ -250,11 +280,9 @@ def distributions_of(cases: list[Dataset]) -> list[Dataset]:
     """Return the cases at each time of their displacement distributions, with the rings used at
     that time.
     """
-    at_times = [
-        one
-        for case in cases
-        for one in parts_of(case, "displacement_time", "displacement_overflow")
-    ]
+    at_times: list[Dataset] = []
+    for case in cases:
+        at_times += parts_of(case, "displacement_time", "displacement_overflow")
     return [defined(at_time, "displacement_counts") for at_time in at_times]
 
 
@@ -284,14 +312,18 @@ def in_words(case: Dataset, names: Iterable[str]) -> str:
     """Return labels of a case: scene, engine (but for the exact one) and species by name, others as
     `N = 150`.
     """
-    words = {name: text_of(case, name) for name in names}
-    numbers = {
-        name: f"{'N' if name == 'particles' else name} = {word}" for name, word in words.items()
-    }
-    named = {name: word for name, word in words.items() if name in ("scene", "engine", *SPECIES)}
-    return ", ".join(word for word in (numbers | named).values() if word != "exact") or "exact" * (
-        "engine" in words
-    )
+    labels = [*dict.fromkeys(names)]
+    words = []
+    for name in labels:
+        value = text_of(case, name)
+        if name in ("scene", "engine", *SPECIES):
+            words.append(value)
+        else:
+            words.append(f"{'N' if name == 'particles' else name} = {value}")
+    named = [word for word in words if word != "exact"]
+    if not named and "engine" in labels:
+        return "exact"
+    return ", ".join(named)
 
 
 def scene_of(case: Dataset) -> str:
@@ -305,16 +337,18 @@ def title_of(*cases: Dataset) -> str:
 
     Of a single case also whether its runs drift.
     """
-    apart = differing([*cases])
-    common = in_words(cases[0], [name for name in _labels(cases[0]) if name not in apart])
-    return common + (drift_in_words(cases[0]) if len(cases) == 1 else "")
+    varied = differing([*cases])
+    shared = [name for name in _labels(cases[0]) if name not in varied]
+    title = in_words(cases[0], shared)
+    return title + drift_in_words(cases[0]) if len(cases) == 1 else title
 
 
 def axis_label(case: Dataset, name: str) -> str:
     """Return the label of an axis: what is varied, with its unit."""
     unit = case[name].attrs.get("units", "1")
     symbols = {"particles": "number of disks $N$", "packing_fraction": "packing fraction $\\phi$"}
-    return symbols.get(name, name.replace("_", " ")) + f" [{unit}]" * (unit != "1")
+    label = symbols.get(name, name.replace("_", " "))
+    return label if unit == "1" else f"{label} [{unit}]"
 
 
 def drift_in_words(case: Dataset) -> str:
@@ -337,10 +371,12 @@ def fitted_diffusion(case: Dataset) -> str:
     """Return D in the first fit window in words, with the ring of `diffusion_ring`; "" without a
     fit.
     """
-    fits = [(fit, estimate_of(fit, "diffusion_coefficient")) for fit in fits_of(case)[:1]]
-    return "".join(
-        f"D over {fit.window.item()} = {estimate}{diffusion_ring(fit)}" for fit, estimate in fits
-    )
+    fits = fits_of(case)
+    if not fits:
+        return ""
+    first = fits[0]
+    estimate = estimate_of(first, "diffusion_coefficient")
+    return f"D over {first.window.item()} = {estimate}{diffusion_ring(first)}"
 
 
 def estimate_of(case: Dataset, name: str) -> str:
@@ -375,14 +411,15 @@ def frame_of(cases: Sequence[Dataset], dims: Sequence[str], names: Iterable[str]
     import pandas
 
     labels = labels_of_cases(cases[0])
-    shown = [
-        name for name in names if name not in labels and any(has(case, name) for case in cases)
-    ]
-    shown = [f"{name}{part}" for name in shown for part in PARTS if f"{name}{part}" in cases[0]]
-    frames = [
-        case[shown].expand_dims(labels).to_dataframe([*labels, *dims])[shown].dropna(how="all")
-        for case in cases
-    ]
+    shown = []
+    for name in names:
+        if name not in labels and any(has(case, name) for case in cases):
+            estimates = [f"{name}{suffix}" for suffix in PARTS]
+            shown += [estimate for estimate in estimates if estimate in cases[0]]
+    frames = []
+    for case in cases:
+        frame = case[shown].expand_dims(labels).to_dataframe([*labels, *dims])
+        frames.append(frame[shown].dropna(how="all"))
     return pandas.concat(frames).reset_index()
 
 
@@ -398,4 +435,8 @@ def aligned(columns: Sequence[Sequence[str]]) -> list[str]:
     cell.
     """
     widths = [max(map(len, column)) for column in columns]
-    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in zip(*columns, strict=True)]
+    lines = []
+    for row in zip(*columns, strict=True):
+        cells = map(str.ljust, row, widths)
+        lines.append("  ".join(cells).rstrip())
+    return lines
