@@ -20,15 +20,12 @@ ROUTES = {
     "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
 }  # variable: label
 TABLE = (("time",), ROUTES)
-FROM_MSD = (
-    "diffusion_running",
-    "msd_over_4t",
-)  # shown in every case; they set the limits of the axis
-OTHERS = (
-    "green_kubo",
-    "enskog_diffusion",
-)  # shown in equilibrium, up to REACH times the largest value from the MSD
-HEADROOM, REACH = 1.25, 2.0
+# Shown in every case; they set the limits of the axis
+FROM_MSD = ("diffusion_running", "msd_over_4t")
+# Shown in equilibrium, up to REACH times the largest value from the MSD
+OTHERS = ("green_kubo", "enskog_diffusion")
+HEADROOM = 1.25
+REACH = 2.0
 ENSKOG = "Enskog's theory"
 
 
@@ -46,13 +43,10 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
             band(axes, case.isel(time=case.time.values > 0), name, **line)
             _bar(axes, case, color=line["color"])
             if has(case, "enskog_diffusion"):
-                hidden = "_" * (bool(looks) or ENSKOG in axes.get_legend_handles_labels()[1])
-                axes.axhline(
-                    float(case.enskog_diffusion),
-                    color=line["color"],
-                    linestyle=DOTTED,
-                    label=hidden + ENSKOG,
-                )
+                theory = float(case.enskog_diffusion)
+                _, labels = axes.get_legend_handles_labels()
+                label = f"_{ENSKOG}" if looks or ENSKOG in labels else ENSKOG
+                axes.axhline(theory, color=line["color"], linestyle=DOTTED, label=label)
         axes.set_ylim(bottom=min(0, axes.get_ylim()[0]))
     time_axis(axes, cases)
 
@@ -61,31 +55,30 @@ def _routes(axes: Axes, case: Dataset) -> None:
     """Draw D(t) of one case by every route; without a temperature, the Green-Kubo integral is not a
     D.
     """
-    shown = [
-        name
-        for name in (*FROM_MSD, *(OTHERS if has(case, "enskog_diffusion") else ()))
-        if has(case, name)
-    ]
-    highest = max(float(case[name].max()) for name in shown if name in FROM_MSD)
-    end = HEADROOM * min(max(float(case[name].max()) for name in shown), REACH * highest) or 1.0
+    names = (*FROM_MSD, *OTHERS) if has(case, "enskog_diffusion") else FROM_MSD
+    highest = {name: float(case[name].max()) for name in names if has(case, name)}
+    lowest = {name: float(case[name].min()) for name in highest}
+    from_msd = max(highest[name] for name in FROM_MSD if name in highest)
+    end = HEADROOM * min(max(highest.values()), REACH * from_msd) or 1.0
     later = case.isel(time=case.time.values > 0)
     for (name, label), (colour, line, _) in zip(ROUTES.items(), SERIES, strict=False):
-        if name in shown:
-            leaves = ", leaves the panel" * bool((later[name] > end).any())
-            band(axes, later, name, colour, linestyle=line, label=label + leaves)
+        if name in highest:
+            if (later[name] > end).any():
+                label += ", leaves the panel"
+            band(axes, later, name, colour, linestyle=line, label=label)
     _bar(axes, case, color=INK, label=f"slope/4: {fitted_diffusion(case)}")
-    if "enskog_diffusion" in shown:
-        label = f"{ENSKOG}: D = {float(case.enskog_diffusion):.4g}"
-        label += ", above the panel" * bool(case.enskog_diffusion > end)
-        axes.axhline(float(case.enskog_diffusion), color=GREY, linestyle=DOTTED, label=label)
-    axes.set_ylim(min(0.0, *(float(case[name].min()) for name in shown)), end)
+    if "enskog_diffusion" in highest:
+        theory = float(case.enskog_diffusion)
+        label = f"{ENSKOG}: D = {theory:.4g}"
+        if theory > end:
+            label += ", above the panel"
+        axes.axhline(theory, color=GREY, linestyle=DOTTED, label=label)
+    axes.set_ylim(min(0.0, *lowest.values()), end)
 
 
 def _bar(axes: Axes, case: Dataset, **looks: Any) -> None:
     """Draw slope/4 of the first fit across its window."""
     for fit in fits_of(case)[:1]:
-        ends, diffusion = (
-            [float(fit.window_start), float(fit.window_end)],
-            float(fit.diffusion_coefficient),
-        )
+        ends = [float(fit.window_start), float(fit.window_end)]
+        diffusion = float(fit.diffusion_coefficient)
         axes.plot(ends, [diffusion] * 2, linewidth=1.2, marker="|", markersize=9, **looks)

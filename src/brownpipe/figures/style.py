@@ -31,13 +31,12 @@ DASHED = (0, (5, 2.5))
 DOTTED = (0, (1, 1.2))
 # Colour, line and marker of the first, second, ... species, fit window or scene
 SERIES = (
-    *(
-        (DATA, "-", "o"),
-        (FIT, DASHED, "s"),
-        (MODEL, (0, (4, 1.5, 1, 1.5)), "^"),
-        ("#8A4F7D", DOTTED, "D"),
-    ),
-    *(("#E69F00", (0, (9, 2)), "v"), ("#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P")),
+    (DATA, "-", "o"),
+    (FIT, DASHED, "s"),
+    (MODEL, (0, (4, 1.5, 1, 1.5)), "^"),
+    ("#8A4F7D", DOTTED, "D"),
+    ("#E69F00", (0, (9, 2)), "v"),
+    ("#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P"),
 )
 # Of the points or curves of the first, second, ... series: every pair of colour and marker, or of
 # colour and line
@@ -68,8 +67,9 @@ def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None 
     """Return the bytes of a PNG or SVG file with these metadata, without date. The first call
     computes the layout.
     """
-    if (engine := figure.get_layout_engine()) is not None:
-        engine.execute(figure)
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
         figure.set_layout_engine(None)  # with an engine, `savefig` would draw the figure twice
     buffer = io.BytesIO()
     figure.savefig(buffer, format=suffix, metadata={"Date": None, **(metadata or {})})
@@ -101,10 +101,11 @@ def columns(
     leftmost of a row shows its numbers.
     """
     wide = min(count, MOST_COLUMNS)
-    rows, panels = -(-count // wide), len(heights)
-    figure, axes = grid(
-        panels * rows, wide, WIDTH, sum(heights) / panels, height_ratios=tuple(heights) * rows
-    )
+    rows = -(-count // wide)
+    panels = len(heights)
+    mean_height = sum(heights) / panels
+    ratios = tuple(heights) * rows
+    figure, axes = grid(panels * rows, wide, WIDTH, mean_height, height_ratios=ratios)
     stacks = axes.reshape(rows, panels, wide).swapaxes(0, 1).reshape(panels, rows * wide)
     for panel in stacks[:, count:].flat:
         panel.remove()
@@ -126,21 +127,20 @@ def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """
     labels = [axes.get_legend_handles_labels()[1] for axes in panels]
     sizes = [_legend_size(of_panel) for of_panel in labels]
-    heights = [
-        LINE_HEIGHT * size * len(of_panel) for of_panel, size in zip(labels, sizes, strict=True)
-    ]
+    heights = []
+    for of_panel, size in zip(labels, sizes, strict=True):
+        heights.append(LINE_HEIGHT * size * len(of_panel))
     pad = 9 + max(heights)  # [point]
+    place: dict[str, Any] = {
+        "loc": "lower left",
+        "bbox_to_anchor": (-0.02, 1.0),
+        "borderaxespad": 0.2,
+        "labelspacing": 0.35,
+    }
     for axes, title, of_panel, size in zip(panels, titles, labels, sizes, strict=True):
-        axes.set_title(
-            title or " ", pad=pad, fontsize=11 * min(1, 45 / max(len(title), 1))
-        )  # "" makes no room
+        title_size = 11 * min(1, 45 / max(len(title), 1))
+        axes.set_title(title or " ", pad=pad, fontsize=title_size)  # "" makes no room
         if of_panel:
-            place = {
-                "loc": "lower left",
-                "bbox_to_anchor": (-0.02, 1.0),
-                "borderaxespad": 0.2,
-                "labelspacing": 0.35,
-            }
             axes.legend(**place, fontsize=size).set_in_layout(False)
 
 
@@ -152,10 +152,10 @@ def _legend_size(labels: Sequence[str]) -> float:
     from matplotlib.textpath import text_to_path
 
     font = FontProperties(size=KEY_SIZE)
-    widths = [
-        text_to_path.get_text_width_height_descent(text, font, "$" in text)[0] / 72
-        for text in labels
-    ]
+    widths = []
+    for text in labels:
+        width, _, _ = text_to_path.get_text_width_height_descent(text, font, "$" in text)
+        widths.append(width / 72)
     return KEY_SIZE * min(1, MOST_LEGEND / max(widths, default=MOST_LEGEND))
 
 
@@ -175,11 +175,10 @@ def told_apart(
     ordered = len(names) == 1 and cases[0][names[0]].dtype.kind in "iuf"
     colours = shades(len(cases)) if ordered else [colour for colour, _, _ in SERIES]
     for case, colour, line in zip(cases, cycle(colours), cycle(LINES), strict=False):
-        label = ": ".join(filter(None, (in_words(case, names), number(case)))) + drift_in_words(
-            case
-        )
-        own = {"color": colour, "linestyle": "-" if ordered else line, "label": label}
-        yield case, own | normalize_kwargs({**looks}, Line2D)
+        words = filter(None, (in_words(case, names), number(case)))
+        label = ": ".join(words) + drift_in_words(case)
+        default = {"color": colour, "linestyle": "-" if ordered else line, "label": label}
+        yield case, default | normalize_kwargs({**looks}, Line2D)
 
 
 def band(axes: Axes, case: Dataset, name: str, color: Any, **line: Any) -> None:
@@ -188,9 +187,9 @@ def band(axes: Axes, case: Dataset, name: str, color: Any, **line: Any) -> None:
     """
     x = case[case[name].dims[0]].values
     if f"{name}_low" in case:
-        axes.fill_between(
-            x, case[f"{name}_low"], case[f"{name}_high"], color=color, alpha=0.22, linewidth=0
-        )
+        low = case[f"{name}_low"]
+        high = case[f"{name}_high"]
+        axes.fill_between(x, low, high, color=color, alpha=0.22, linewidth=0)
     axes.plot(x, case[name], color=color, **line)
 
 
@@ -200,9 +199,9 @@ def points(
     """Draw a variable of each case at its x, with its 95 % interval; hollow, so that equal points
     show each other.
     """
-    value, low, high = (
-        [float(case[f"{name}{part}"]) for case in cases] for part in ("", "_low", "_high")
-    )
+    value = [float(case[name]) for case in cases]
+    low = [float(case[f"{name}_low"]) for case in cases]
+    high = [float(case[f"{name}_high"]) for case in cases]
     reach = np.abs(np.subtract([low, high], value))
     axes.errorbar(x, value, reach, markersize=5, markerfacecolor="none", elinewidth=1.3, **looks)
 
