@@ -76,7 +76,8 @@ def ends_of_quarters(times: np.ndarray) -> np.ndarray:
     """
     if len(times) < 5:
         return np.zeros(0, np.int64)
-    ends = np.searchsorted((times[1:] + times[:-1]) / 2, times[-1] * np.arange(5) / 4)
+    between_samples = (times[1:] + times[:-1]) / 2
+    ends = np.searchsorted(between_samples, times[-1] * np.arange(5) / 4)
     return ends if (np.diff(ends) > 0).all() else ends[:0]
 
 

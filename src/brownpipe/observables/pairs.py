@@ -59,7 +59,8 @@ def bins(scene: Scene) -> tuple[int, float]:
 def pairs_in_reach(scene: Scene) -> float:
     """Return how many pairs per disk are expected at distances up to the end of the histogram."""
     number, width = bins(scene)
-    return scene.particles / 2 * min(np.pi * (number * width) ** 2 / scene.box.area, 1.0)
+    reach = number * width
+    return scene.particles / 2 * min(np.pi * reach**2 / scene.box.area, 1.0)
 
 
 def pair_names(scene: Scene) -> list[str]:

@@ -52,8 +52,11 @@ def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray
     flat = velocity.reshape(len(velocity), -1)
     if average != "origins":
         return np.einsum("tm,m->t", flat, flat[0]) / disks
-    products = (np.einsum("tm,tm->t", flat[earlier], flat[later]) for earlier, later in lags(scene))
-    return np.array([product.mean() / disks for product in products])
+    means = []
+    for earlier, later in lags(scene):
+        products = np.einsum("tm,tm->t", flat[earlier], flat[later])
+        means.append(products.mean() / disks)
+    return np.array(means)
 
 
 def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
@@ -101,8 +104,11 @@ def _temperature(scene: Scene, velocity: np.ndarray) -> float:
     drawn = motion.temperature(scene)
     if drawn is not None:
         return drawn
-    energies = [(scene.mass / 2 * np.sum(sample**2, axis=-1)).mean() for sample in velocity]
-    return float(np.mean(energies))
+    means = []
+    for sample in velocity:
+        energy = scene.mass / 2 * np.sum(sample**2, axis=-1)
+        means.append(energy.mean())
+    return float(np.mean(means))
 
 
 def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:

@@ -405,5 +405,9 @@ def _path(error: Any, value: Any) -> list[str | int]:
 
 def did_you_mean(word: str, options: Sequence[str]) -> str:
     """Return a question about the most similar option, "" if none is similar."""
-    near = [*SYNONYMS.get(word.lower(), ()), *difflib.get_close_matches(word.lower(), options, n=1)]
-    return next((f"did you mean {name}? " for name in near if name in options), "")
+    lower = word.lower()
+    similar = difflib.get_close_matches(lower, options, n=1)
+    for name in (*SYNONYMS.get(lower, ()), *similar):
+        if name in options:
+            return f"did you mean {name}? "
+    return ""

@@ -85,7 +85,9 @@ class Box(Record):
         is.
         """
         margin = 0.0 if self.periodic else radius
-        return np.array(self.origin) + margin, np.array((self.width, self.height)) - 2 * margin
+        corner = np.array(self.origin) + margin
+        size = np.array((self.width, self.height)) - 2 * margin
+        return corner, size
 
 
 class Disk(Record):

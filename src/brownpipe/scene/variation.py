@@ -134,7 +134,7 @@ def _scaled(mapping: Mapping[str, Any], where: str, packing_fraction: Any) -> Ma
     lengths = {"box.x": scene.box.x, "box.y": scene.box.y}
     if scene.species[0].position:
         lengths["disks.tracer.position"] = scene.species[0].position
-    scaled = {path: [factor * length for length in pair] for path, pair in lengths.items()}
+    scaled = {path: [factor * first, factor * last] for path, (first, last) in lengths.items()}
     return with_values(mapping, scaled, where)
 
 

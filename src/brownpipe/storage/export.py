@@ -73,11 +73,11 @@ def _tracers(ensemble: Ensemble) -> dict[int, Track]:
     """Return the tracks (M = 1) of the tracers of all runs that came to their end, by seed."""
     if ensemble.tracer is None:
         return {}
-    return {
-        seed: ensemble.tracer.of(slice(column, column + 1))
-        for column, seed in enumerate(ensemble.seeds.tolist())
-        if seed not in ensemble.stopped
-    }
+    tracks = {}
+    for column, seed in enumerate(ensemble.seeds.tolist()):
+        if seed not in ensemble.stopped:
+            tracks[seed] = ensemble.tracer.of(slice(column, column + 1))
+    return tracks
 
 
 def _in_space(vectors: np.ndarray, kind: type = float) -> np.ndarray:
@@ -193,13 +193,11 @@ def _xyz_head(scene: Scene) -> str:
     columns += ["velo:R:3", "momenta:R:3"]
     if box.periodic:
         columns.append("image:I:3")
-    words = [
-        f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1"',
-        f'Origin="{box.x[0]} {box.y[0]} -0.5"',
-        f'pbc="{"T T" if box.periodic else "F F"} F"',
-        f"Properties={':'.join(columns)}",
-    ]
-    return " ".join(words)
+    left, bottom = box.origin
+    lattice = f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1"'
+    origin = f'Origin="{left} {bottom} -0.5"'
+    boundary = 'pbc="T T F"' if box.periodic else 'pbc="F F F"'
+    return f"{lattice} {origin} {boundary} Properties={':'.join(columns)}"
 
 
 def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], _: dict) -> None:
@@ -214,9 +212,8 @@ def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
         for seed, track in tracks.items():
             for k, time in enumerate(times.tolist()):
                 rows = _rows(scene, *(getattr(track, name)[k] for name in recorded))
-                file.writelines(
-                    f"{seed},{time},{disk},{','.join(row)}\n" for disk, row in enumerate(rows)
-                )
+                for disk, row in enumerate(rows):
+                    file.write(f"{seed},{time},{disk},{','.join(row)}\n")
 
 
 FORMATS = {"gsd": _gsd, "xyz": _xyz, "csv": _csv}

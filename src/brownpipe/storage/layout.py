@@ -194,11 +194,13 @@ def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
     events: dict[int, Events] = {}
     if "/events" in groups:
         events = {seed: _log_of(groups["/events"], row) for seed, row in ended.items()}
+    tracer = _track_of(root) if "position" in root else None
+    observables = {name: values for name, values in root.items() if name not in PLACES["/"]}
     return Ensemble(
         seeds=root["seed"],
         times=root["time"],
-        tracer=_track_of(root) if "position" in root else None,
-        observables={name: root[name] for name in root if name not in PLACES["/"]},
+        tracer=tracer,
+        observables=observables,
         whole=whole,
         events=events,
         stopped=stopped,

@@ -187,7 +187,8 @@ def _pooled(counts: np.ndarray, shells: list[tuple[int, int, int]]) -> np.ndarra
     """Return the counts (S, shells) of pairs in the shells of `_shells`, from those in bins (S, P,
     R).
     """
-    return np.stack([counts[:, pair, k:m].sum(axis=1) for pair, k, m in shells], axis=1)
+    sums = [counts[:, pair, first:end].sum(axis=1) for pair, first, end in shells]
+    return np.stack(sums, axis=1)
 
 
 def _shells(counts: np.ndarray) -> list[tuple[int, int, int]]:
@@ -197,9 +198,11 @@ def _shells(counts: np.ndarray) -> list[tuple[int, int, int]]:
     shells = []
     for pair, row in enumerate(counts):
         contact = int(np.argmax(row > 0))
-        end = min(NEAR_CONTACT * (contact + 0.5), len(row))
-        edges = np.unique(np.rint(np.linspace(contact, end, SHELLS + 1)).astype(int))
-        shells += [(pair, k, m) for k, m in pairwise(edges) if row[k:m].sum() > 0]
+        farthest = min(NEAR_CONTACT * (contact + 0.5), len(row))
+        edges = np.unique(np.rint(np.linspace(contact, farthest, SHELLS + 1)).astype(int))
+        for first, end in pairwise(edges):
+            if row[first:end].sum() > 0:
+                shells.append((pair, first, end))
     return shells
 
 

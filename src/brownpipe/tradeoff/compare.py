@@ -123,10 +123,10 @@ def compare(
     values: dict[str, Any] = {
         "runs": len(runs.seeds),
         "failed_runs": runs.failed,
-        "paired_runs": 0 if pairs is None else len(pairs[0]),
         "seconds": seconds,
         "worst_overlap": runs.worst_overlap.max(),
     }
+    values["paired_runs"] = 0 if pairs is None else len(pairs[0])
     values["departure_time"] = np.nan if pairs is None else _departure(runs, exact, pairs)
     values |= _biases(runs, exact, pairs, window)
     values |= _distribution(runs, exact, pairs)
