@@ -71,7 +71,8 @@ def reflecting_square_msd(t: Numbers, diffusion: Numbers, half_width: Numbers) -
     sign = np.where(k % 2, -1.0, 1.0)
     decay = np.exp(-(np.pi**2) * k**2 * tau[..., None])
     series = (sign / k**2 * decay).sum(axis=-1)
-    component = np.where(tau < _WALLS_UNSEEN, 2.0 * tau, 1.0 / 3.0 + 4.0 / np.pi**2 * series)
+    between_walls = 1.0 / 3.0 + 4.0 / np.pi**2 * series
+    component = np.where(tau < _WALLS_UNSEEN, 2.0 * tau, between_walls)
     return 2.0 * np.square(half_width) * component
 
 
@@ -266,7 +267,8 @@ def dilute_pair_distribution(r: Numbers, diameter: Numbers, packing_fraction: Nu
     half = np.minimum(np.asarray(r, float) / (2 * np.asarray(diameter, float)), 1.0)
     triangle = half * np.sqrt(1.0 - half * half)
     overlap = 2.0 * (np.arccos(half) - triangle)  # A(r) over the squared diameter
-    return np.where(np.asarray(r) < diameter, 0.0, 1.0 + 4.0 / np.pi * packing_fraction * overlap)
+    first_order = 4.0 / np.pi * packing_fraction * overlap
+    return np.where(np.asarray(r) < diameter, 0.0, 1.0 + first_order)
 
 
 def contact_value_mixture(
@@ -429,12 +431,9 @@ def pair_distance_density_between(
     (width_1, height_1), (width_2, height_2) = first, second
     kinks_x = np.array([abs(width_1 - width_2), width_1 + width_2]) / 2
     kinks_y = np.array([abs(height_1 - height_2), height_1 + height_2]) / 2
-    angles = [
-        np.zeros_like(d),
-        np.arccos(np.minimum(kinks_x / d, 1.0)),
-        np.arcsin(np.minimum(kinks_y / d, 1.0)),
-        np.full_like(d, np.pi / 2),
-    ]
+    angles_x = np.arccos(np.minimum(kinks_x / d, 1.0))
+    angles_y = np.arcsin(np.minimum(kinks_y / d, 1.0))
+    angles = [np.zeros_like(d), angles_x, angles_y, np.full_like(d, np.pi / 2)]
     cuts = np.sort(np.concatenate(angles, axis=-1))[..., None]
     node, weight = leggauss(16)
     wide = np.diff(cuts, axis=-2) / 2
@@ -495,7 +494,9 @@ def disk_area_in_rectangle(
 
     def strip(wall: Numbers) -> np.ndarray:  # F less half the area of a quarter disk
         u = np.minimum(np.abs(wall), r)
-        return (u * np.sqrt(square - u**2) + square * np.arcsin(u / safe)) / 2 - excess
+        triangle = u * np.sqrt(square - u**2)
+        sector = square * np.arcsin(u / safe)
+        return (triangle + sector) / 2 - excess
 
     def quadrant(a: Numbers, b: Numbers, strips: np.ndarray) -> np.ndarray:
         is_corner_within = a**2 + b**2 <= square

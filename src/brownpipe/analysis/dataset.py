@@ -76,10 +76,9 @@ LABELS_AND_HEALTH = {
 ALWAYS = LABELS_AND_HEALTH.union(
     with_uncertainties(displacement.VARIABLES | diffusive.VARIABLES | distribution.AT_TIMES)
 )
-ALL_COORDINATES = {
-    dim: Variable((dim,), *axis[:2]) for dim, axis in AXES.items()
-} | variables.COORDINATES
-ALL_COORDINATES |= displacement.COORDINATES | distribution.COORDINATES | drift.COORDINATES
+ALL_COORDINATES = {dim: Variable((dim,), axis.units, axis.long_name) for dim, axis in AXES.items()}
+for _module in (variables, displacement, distribution, drift):
+    ALL_COORDINATES |= _module.COORDINATES
 taken.update(ALL_VARIABLES, ALL_COORDINATES, VARIABLES)
 Table = Mapping[str, Variable]
 Axis = list | np.ndarray  # labels in order of appearance, or ascending numbers
@@ -327,10 +326,14 @@ def _results(case: Case, group: Group) -> list[Part]:
     part |= results_of(ESTIMATORS, case, averages)
     part |= names
     part |= _missing_coordinates(case, part)
-    good_seeds = {"seed": group.seeds[is_good], "window": part["window"]}
-    of_every_run = names | good_seeds | averages.kept
-    of_times = [names | results for results in distribution.at_each_time(case, averages)]
-    return [part, of_every_run, *of_times]
+    good_runs_part = {
+        **names,
+        "seed": group.seeds[is_good],
+        "window": part["window"],
+        **averages.kept,
+    }
+    parts_of_times = [names | results for results in distribution.at_each_time(case, averages)]
+    return [part, good_runs_part, *parts_of_times]
 
 
 def _labels_of(case: Case) -> Part:
@@ -359,10 +362,10 @@ def _missing_coordinates(case: Case, part: Part) -> Part:
         dims.update(ALL_VARIABLES[name].dims)
     coordinates = {}
     for dim in dims - part.keys():
-        is_axis = dim in AXES
-        coordinates[dim] = (
-            AXES[dim].coordinates(case.scene) if is_axis else np.arange(own_sizes[dim])
-        )
+        if dim in AXES:
+            coordinates[dim] = AXES[dim].coordinates(case.scene)
+        else:
+            coordinates[dim] = np.arange(own_sizes[dim])
     return coordinates
 
 

@@ -89,12 +89,15 @@ def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
     uncertainty = _quantile(dataset.runs) * dataset.growth_exponent_standard_error
     drift_error = dataset.diffusion_coefficient_standard_error.fillna(0.0)
     negligible = np.fmax(drift_error, 1e-9 * abs(dataset.diffusion_coefficient))
+    slope_changes = dataset.slope_change_p_value < LEVEL
+    is_held = dataset.growth_exponent + uncertainty < HELD
     walls = dataset.wall_reduction > WALLS_FELT
+    earliest_start = ROUNDED * dataset.not_diffusive_before
     return {
-        CHANGES: (dataset.slope_change_p_value < LEVEL) & ~walls,
-        PLATEAU: (dataset.growth_exponent + uncertainty < HELD) & ~walls,
+        CHANGES: slope_changes & ~walls,
+        PLATEAU: is_held & ~walls,
         WALLS: walls,
-        EARLY: dataset.window_start < ROUNDED * dataset.not_diffusive_before,
+        EARLY: dataset.window_start < earliest_start,
         DRIFT: dataset.window_drift_diffusion > negligible,
         UNTESTED: dataset.slope_change_p_value.isnull(),
     }

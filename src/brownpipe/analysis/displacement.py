@@ -66,7 +66,8 @@ def change_weights(times: np.ndarray, window: Window) -> np.ndarray:
     inside = np.flatnonzero(are_inside(times, window) & (times > 0))
     if len(inside) < 3 or np.isnan(line_weights(times, window)).any():
         return np.full(len(times), np.nan)
-    middle = np.searchsorted(times, np.sqrt(times[inside[0]] * times[inside[-1]]))
+    geometric_mean = np.sqrt(times[inside[0]] * times[inside[-1]])
+    middle = np.searchsorted(times, geometric_mean)
     middle = min(max(middle, inside[1]), inside[-2])
     first_half = inside[inside <= middle]
     second_half = inside[inside >= middle]
@@ -107,7 +108,8 @@ def accessible_half_width(scene: Scene) -> float:
     start = known_start(scene, "runs")
     if box.periodic or start is None or abs(box.width - box.height) > CENTRED * box.width:
         return np.nan
-    off_centre = np.abs(np.array(start) - [sum(box.x) / 2, sum(box.y) / 2]).max()
+    centre = [sum(box.x) / 2, sum(box.y) / 2]
+    off_centre = np.abs(np.array(start) - centre).max()
     half_width = (box.width - 2 * scene.radius[0]) / 2
     return half_width if off_centre <= CENTRED * box.width and half_width > 0 else np.nan
 
@@ -283,12 +285,16 @@ def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
 def _scene_values(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return windows, and what is known of the scene before any run, or from its friction alone."""
     scene = case.scene
+    windows = case.windows
+    values: dict[str, ArrayLike] = {
+        "window": labels(windows),
+        "window_start": [start for start, _ in windows],
+        "window_end": [end for _, end in windows],
+        "window_drift_diffusion": [window_drift_diffusion(case, window) for window in windows],
+    }
     friction = averages.mean("friction_rate") if "friction_rate" in averages.places else np.nan
     diffusive_from = DECAY_TIMES / friction if friction > 0 else not_diffusive_before(scene)
-    return {
-        "window": labels(case.windows),
-        "window_start": [start for start, _ in case.windows],
-        "window_end": [end for _, end in case.windows],
+    return values | {
         "box_width": scene.box.width,
         "duration": case.times[-1],
         "packing_fraction": scene.packing_fraction,
@@ -296,7 +302,6 @@ def _scene_values(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "not_diffusive_before": diffusive_from,
         "accessible_half_width": accessible_half_width(scene),
         "msd_limit": msd_limit(scene, case.average),
-        "window_drift_diffusion": [window_drift_diffusion(case, window) for window in case.windows],
     }
 
 

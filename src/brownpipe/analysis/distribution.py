@@ -108,14 +108,15 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     """
     samples = chosen_times(case)
     squared = displacement.squared_of(case, runs)
-    distance2 = displacement.tracer_square_displacement(case, runs)
+    tracer_squared = displacement.tracer_square_displacement(case, runs)
     moments = _moments_within_runs(case, runs, squared)
-    if squared is None or distance2 is None or not len(samples):
+    if squared is None or tracer_squared is None or not len(samples):
         return Columns(moments)
-    r2 = distance2[:, samples]
+    r2 = tracer_squared[:, samples]
     slopes = displacement.per_run_lines(squared, case.times, case.windows)[:, 0]
     size = max(map(len, case.rings))
-    counts, shared = [], []
+    counts = []
+    shared = []
     for sample, r2_at_time, edges in zip(samples, r2.T, case.rings, strict=True):
         ring = ring_of(np.sqrt(r2_at_time), edges)
         counts.append(np.bincount(ring, minlength=size))
@@ -168,8 +169,10 @@ def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
 
 
 def _rings(edges: np.ndarray) -> dict[str, np.ndarray]:
-    """Middle, inner and outer radius of the rings."""
-    return {"r": (edges[1:] + edges[:-1]) / 2, "r_inner": edges[:-1], "r_outer": edges[1:]}
+    """Return the middle, inner and outer radius of the rings."""
+    inner = edges[:-1]
+    outer = edges[1:]
+    return {"r": (outer + inner) / 2, "r_inner": inner, "r_outer": outer}
 
 
 class Model(NamedTuple):
@@ -184,11 +187,7 @@ class Model(NamedTuple):
 
 
 def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, list]:
-    """Tests of every model (M,) against the counts (K + 1,) at the k-th time: variable -> M values.
-
-    D is the mean of r^2/4t or of a slope over 4, or that which gives the reflecting square this
-    mean of r^2; NaN if the mean is not positive.
-    """
+    """Return the tests of all models against the counts at the k-th time, by variable."""
     edges = case.rings[k]
     t = case.times[chosen_times(case)[k]]
     counts = averages.totals["rings"][k][: len(edges)]
@@ -199,7 +198,11 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
 
 
 def _models(case: Case, averages: Averages, k: int, counts: np.ndarray) -> list[Model]:
-    """Return the models at the k-th time: D from the MSD, from every slope, and in the square."""
+    """Return the models at the k-th time, whose `counts` (K + 1,) are to be tested.
+
+    D is the mean of r^2/4t or of a slope over 4, or that which gives the reflecting square this
+    mean of r^2; NaN if the mean is not positive.
+    """
     sample = chosen_times(case)[k]
     t = case.times[sample]
     msd, msd_variance = resampling.moments(averages.of("msd"), 0)
@@ -229,7 +232,7 @@ def _model_of_square(msd: float, t: float, half_width: float, plane: Model) -> M
 def _test(
     counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, model: Model
 ) -> dict[str, Any]:
-    """Test of one model: variable -> value."""
+    """Return the test of one model: variable -> value."""
 
     def counts_at(scale: float) -> np.ndarray:  # expected with this multiple of D
         diffusion = model.diffusion * scale

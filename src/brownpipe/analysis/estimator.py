@@ -11,7 +11,6 @@ A variable with the name of one of the means takes its values, unless it is in t
 Nothing else of a run stays in memory. To add one, enter it in `dataset.ESTIMATORS`.
 """
 
-from collections import ChainMap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -111,10 +110,14 @@ class Averages:
 
 def columns_of(estimators: Iterable[Any], case: Case, runs: Ensemble) -> Columns:
     """Return the columns of some estimators, and the observables that are averaged as they are."""
-    columns = [estimator.columns(case, runs) for estimator in estimators]
-    means = dict(ChainMap(*(block.means for block in columns)))
-    totals = dict(ChainMap(*(block.totals for block in columns)))
-    kept = dict(ChainMap(*(block.kept for block in columns)))
+    means: dict[str, np.ndarray] = {}
+    totals: dict[str, np.ndarray] = {}
+    kept: dict[str, np.ndarray] = {}
+    for estimator in estimators:
+        columns = estimator.columns(case, runs)
+        means |= columns.means
+        totals |= columns.totals
+        kept |= columns.kept
     for name in (*AVERAGED, *case.own):
         if name in runs.observables:
             means[name] = runs.observables[name]

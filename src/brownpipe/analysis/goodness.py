@@ -134,7 +134,8 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
     variance = n**2 * (n - 1) / ((n + 1) ** 2 * (n + 2) * (n + 3))
     ratio = (n + 2) * (n + 3) / (n - 1)
     skewness = 2 * (5 * n - 7) / ((n + 4) * (n + 5)) * np.sqrt(ratio)
-    third = np.log(1 + skewness**2 / 2 + skewness * np.sqrt(1 + skewness**2 / 4)) / 3
+    root = np.sqrt(1 + skewness**2 / 4)
+    third = np.log(1 + skewness**2 / 2 + skewness * root) / 3
     w = np.exp(third) + np.exp(-third) - 1  # exp(width^2): skewness = (w + 2) sqrt(w - 1)
     median = np.sqrt(variance / (w * (w - 1)))  # less the shift
     mean = n / (n + 1)  # of the kurtosis
@@ -167,7 +168,8 @@ def change_found_with_power(error: np.ndarray, runs: int, level: float, power: f
     """
     from scipy.special import stdtrit
 
-    return error * (stdtrit(runs - 1, 1 - level / 2) + stdtrit(runs - 1, power))
+    critical = stdtrit(runs - 1, 1 - level / 2)
+    return error * (critical + stdtrit(runs - 1, power))
 
 
 def both(p: float, q: float) -> float:

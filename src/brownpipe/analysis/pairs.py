@@ -74,7 +74,9 @@ def contact_weights(
     Averages are taken by three-point Gauss-Legendre quadrature. NaN if there are too few bins for
     the next degree.
     """
-    inside = (edges[:-1] >= contact * (1 - 1e-9)) & (edges[1:] <= contact * NEAR * (1 + 1e-9))
+    is_beyond_contact = edges[:-1] >= contact * (1 - 1e-9)
+    is_near = edges[1:] <= contact * NEAR * (1 + 1e-9)
+    inside = is_beyond_contact & is_near
     weights = np.zeros((2, len(inside)))
     if np.count_nonzero(inside) < ORDER + 2:
         return np.full(weights.shape, np.nan)
@@ -86,14 +88,12 @@ def contact_weights(
     powers = (x[..., None] / (NEAR - 1)) ** np.arange(ORDER + 2)
     decayed = area / (1 + decay * x / 16) ** 16
     area_of_bin = area.sum(axis=1, keepdims=True)
-    averages = (decayed[..., None] * powers).sum(axis=1) / area_of_bin
+    averages = (decayed[..., None] * powers).sum(axis=1) / area_of_bin  # (bins, orders)
     root = np.sqrt(area.sum(axis=1))
-    fits = [
-        np.linalg.pinv(root[:, None] * averages[:, :terms])[0] * root
-        for terms in (ORDER + 1, ORDER + 2)
-    ]
-    weights[0, inside] = fits[0]
-    weights[1, inside] = fits[1] - fits[0]
+    fit = np.linalg.pinv(root[:, None] * averages[:, : ORDER + 1])[0] * root
+    next_fit = np.linalg.pinv(root[:, None] * averages)[0] * root
+    weights[0, inside] = fit
+    weights[1, inside] = next_fit - fit
     return weights
 
 
@@ -158,8 +158,7 @@ def contact_from_rate(
 
 
 def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
-    """Columns of contact values from collisions; none if the runs are not in equilibrium from t =
-    0.
+    """Return the contact values from collisions; {} if the runs are not in equilibrium from t = 0.
 
     The collisions of each pair of species are known for one species, and for one beside a single
     tracer. Between walls its contact value needs the ideal gas around it.
@@ -169,13 +168,14 @@ def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
     names = ("pair_collisions", "tracer_collisions", "kinetic_energy")
     if not is_stationary(scene) or not seen.keys() >= {*names}:
         return {}
-    of_all, of_tracer, energy = (np.asarray(seen[name], float) for name in names)
+    pair_collisions, tracer_collisions, energy = (np.asarray(seen[name], float) for name in names)
     number = species_table(scene).number
     if len(number) == 1 and number[0] > 1:
-        collisions = of_all[:, None]
+        collisions = pair_collisions[:, None]
     elif len(number) == 2 and number[0] == 1 and (scene.box.periodic or "pair_expected" in seen):
-        within_tracer = np.full_like(of_all, np.nan)
-        collisions = np.stack([within_tracer, of_tracer, of_all - of_tracer], axis=1)
+        none = np.full_like(pair_collisions, np.nan)  # of the tracer with its own species
+        others = pair_collisions - tracer_collisions
+        collisions = np.stack([none, tracer_collisions, others], axis=1)
     else:
         return {}
     kt = temperature(scene, energy)
@@ -227,20 +227,23 @@ def columns(case: Case, runs: Ensemble) -> Columns:
 
 
 def _extrapolated(name: str, values: np.ndarray, weights: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns of the value at contact, and of its change by the next order, for `weights` (2,
-    ...).
-    """
+    """Return the value at contact and its change by the next order, from `weights` (2, ...)."""
     value, following = ((values * weights_of_order).sum(axis=-1) for weights_of_order in weights)
     return {name: value, f"{name}_following": following}
 
 
 def _over(number: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Return the ratio of two numbers of pairs, NaN where none is expected.
+
+    >>> _over(np.array([3.0, 0.0]), np.array([2.0, 0.0]))
+    array([1.5, nan])
+    """
     return np.divide(number, expected, out=np.full(number.shape, np.nan), where=expected > 0)
 
 
 def _per_lone(around_lone: np.ndarray) -> np.ndarray:
-    """One over g(r) of an ideal gas around the lone disks where they were recorded, `around_lone`;
-    1 for other pairs.
+    """Return one over g(r) of an ideal gas around the lone disks where they were recorded,
+    `around_lone`; 1 for other pairs.
 
     `around_lone`, which like g(r) is relative to uniform points, is taken as known. This does not
     underestimate the error of their ratio: the position of the lone disk shifts the counts of a run
@@ -250,7 +253,7 @@ def _per_lone(around_lone: np.ndarray) -> np.ndarray:
 
 
 def _distribution(case: Case, averages: Averages, around_lone: np.ndarray) -> Estimate:
-    """Estimate of g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least
+    """Return g(r); beyond contact the interval of fewer than FEW pairs in a bin is at least
     Poisson's.
 
     The bootstrap has no interval for up to three pairs, and too short ones for a few more.
@@ -269,8 +272,8 @@ def _distribution(case: Case, averages: Averages, around_lone: np.ndarray) -> Es
 
 
 def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> dict[str, Estimate]:
-    """Contact values relative to the ideal gas around lone disks; those from g(r) with the error of
-    extrapolation.
+    """Return the contact values relative to the ideal gas around lone disks; those from g(r) with
+    the error of extrapolation.
     """
     lone, following_lone = (
         np.sum(around_lone * weights, axis=-1) for weights in weights_of(case.scene)

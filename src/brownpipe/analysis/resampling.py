@@ -124,9 +124,7 @@ def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums
 
 @lru_cache(maxsize=4)
 def _weights(block: int) -> np.ndarray:
-    """Poisson weights (REPLICATES, SEEDS_PER_BLOCK) of the seeds of a block: integers from 0 to
-    8.
-    """
+    """Return Poisson weights (REPLICATES, SEEDS_PER_BLOCK) of the seeds of a block: 0 to 8."""
     stream = np.random.Philox(key=_KEY, counter=[0, 0, 0, block])
     numbers = stream.random_raw(REPLICATES * SEEDS_PER_BLOCK // 4).astype("<u8")
     bits = numbers.view("<u2").reshape(REPLICATES, -1)
@@ -227,7 +225,7 @@ def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
 
 
 def _added_up(seeds: np.ndarray, columns: np.ndarray) -> Sums:
-    """Sums over all runs, seeds ascending."""
+    """Return the sums over all runs, seeds ascending."""
     sums = None
     starts = np.flatnonzero(np.diff(seeds // SEEDS_PER_BLOCK)) + 1  # of the blocks but the first
     for rows in np.split(np.arange(len(seeds)), starts):

@@ -178,9 +178,8 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
             if len(seeds):
                 runs = file.contents.ensemble if file.is_in_memory else opened(file.path)
                 rows = np.flatnonzero(np.isin(runs.seeds, seeds))
-                first, last = rows[0], rows[-1]
-                consecutive = select(runs, slice(first, last + 1))
-                parts.append(select(consecutive, rows - first))
+                consecutive = select(runs, slice(rows[0], rows[-1] + 1))
+                parts.append(select(consecutive, rows - rows[0]))
         runs = joined(parts)
         _refuse_gaps(group, runs)
         yield runs

@@ -80,16 +80,17 @@ def enskog(scene: Scene) -> dict[str, float]:
     n = number / scene.box.area
     rates = theory.mixture_collision_rates(n, 2 * species.radius, species.mass, kt)
     rates = rates * (1 - np.diag(1 / number))  # none with itself
+    collision_rate = (number * rates.sum(axis=1)).sum() / number.sum()
     partners = friction.partners_of(scene)
     main_partner = np.argmax(friction.bath_of(scene).number)
-    friction_rate = partners.friction.sum()
-    bath_share = motion.bath_share(scene)
+    gamma = partners.friction.sum()
+    diffusion = motion.bath_share(scene) ** 2 * kt / (species.mass[0] * gamma)
     return {
-        "enskog_collision_rate": (number * rates.sum(axis=1)).sum() / number.sum(),
+        "enskog_collision_rate": collision_rate,
         "enskog_tracer_collision_rate": partners.rate.sum(),
         "enskog_contact_value": partners.contact_value[main_partner],
         "enskog_compressibility": theory.mixture_compressibility(n, 2 * species.radius),
-        "enskog_diffusion": bath_share**2 * kt / (species.mass[0] * friction_rate),
+        "enskog_diffusion": diffusion,
     }
 
 

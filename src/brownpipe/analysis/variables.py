@@ -118,7 +118,11 @@ STATUS = {
 }
 
 AVERAGED = [name for name, array in ARRAYS.items() if array.averaged]
-VARIABLES = {name: Mean((*EACH, *ARRAYS[name].dims), *ARRAYS[name][1:3]) for name in AVERAGED}
+VARIABLES = {
+    name: Mean((*EACH, *array.dims), array.units, array.long_name)
+    for name, array in ARRAYS.items()
+    if array.averaged
+}
 # Numbers and health of the runs.
 VARIABLES |= {
     "runs": Variable(EACH, "1", "number of runs averaged", (), np.int64, 0),
