@@ -107,9 +107,8 @@ def aggregate(
     from the data.
     displacement_times: its times [time], by default the end of each run.
     vary, vary_together: keys in which the scenes differ, each a dimension in place of a scene for
-    each combination of
-        their values; together, keys beyond the first are coordinates along the dimension of the
-        first.
+    each combination of their values; together, keys beyond the first are coordinates along the
+    dimension of the first.
 
     Raises AnalysisError for files that do not belong together, for windows that coincide, or
     windows and times that no run reaches or can use, and what `read_trajectories` raises for broken
@@ -299,8 +298,8 @@ def _results(case: Case, group: Group) -> list[Part]:
     Those of the displacement distributions come as a part for each time, since each may have rings
     of its own.
     """
-    first = first_good_runs(group) if case.edges is None else []
-    case = case._replace(rings=distribution.rings_of(case, first))
+    first_runs = first_good_runs(group) if case.edges is None else []
+    case = case._replace(rings=distribution.rings_of(case, first_runs))
     averages = Averages()
     stopped: dict[int, str] = {}
     health = []
@@ -350,7 +349,7 @@ def _labels_of(case: Case) -> Part:
 
 
 def _missing_coordinates(case: Case, part: Part) -> Part:
-    """Return the coordinates, such as species and bins, of the dimensions of a part that has none.
+    """Return the coordinates, such as species and bins, of dimensions for which a part has none.
 
     Along dimensions of the user's own arrays they are 0, 1, ...
     """

@@ -205,8 +205,8 @@ def _models(case: Case, averages: Averages, k: int, counts: np.ndarray) -> list[
     """
     sample = chosen_times(case)[k]
     t = case.times[sample]
-    msd, msd_variance = resampling.moments(averages.of("msd"), 0)
-    slope, slope_variance = resampling.moments(averages.of("slope"), 0)
+    msd, msd_variance = resampling.moments(averages.sums_of("msd"), 0)
+    slope, slope_variance = resampling.moments(averages.sums_of("slope"), 0)
     means = np.append(msd[0, sample], slope[0])
     means = np.where(means > 0.0, means, np.nan)
     variances = np.append(msd_variance[0, sample], slope_variance[0]) / means**2
@@ -270,7 +270,8 @@ def kurtosis(averages: Averages, names: Sequence[str] = ("r2", "r4", "r6")) -> E
     distribution: 95, 91, 93 and 94 % of 600 ensembles of 20, 50, 100 and 400 runs; the kurtosis
     itself has 90, 88, 91 and 94 %, plain percentiles 83 to 92 %.
     """
-    cube = resampling.estimate(*map(averages.of, names), of=_inverse_cube)
+    sums = map(averages.sums_of, names)
+    cube = resampling.estimate(*sums, function=_inverse_cube)
     with np.errstate(over="ignore", divide="ignore"):  # an interval that reaches 0 has no upper end
         mean = _inverse_cube_root(cube.mean)
         low = _inverse_cube_root(cube.high)
@@ -337,7 +338,7 @@ def _controlled(averages: Averages, value: np.ndarray) -> dict[str, np.ndarray]:
 
 def _means_of_replicates(averages: Averages, name: str) -> np.ndarray:
     """Return a mean over runs (B, T - 1) after t = 0 in the replicates that have runs."""
-    means, _ = resampling.moments(averages.of(name))
+    means, _ = resampling.moments(averages.sums_of(name))
     has_runs = np.isfinite(means).all(axis=1)
     has_runs[0] = False  # all runs, as they are
     return means[has_runs, 1:]

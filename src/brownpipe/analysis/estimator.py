@@ -92,19 +92,19 @@ class Averages:
         self.sums = resampling.add_block(self.sums, seeds, np.concatenate(flat, axis=1))
         return self
 
-    def of(self, name: str) -> Sums:
+    def sums_of(self, name: str) -> Sums:
         """Return the sums behind one of the means, its entries flattened into columns."""
         return self.sums.at(self.places[name].columns)
 
     def estimate(self, name: str) -> Estimate:
         """Return one of the means with error and interval."""
-        flat = resampling.estimate(self.of(name))
+        flat = resampling.estimate(self.sums_of(name))
         shape = self.places[name].shape
         return Estimate(*(values.reshape(shape) for values in flat))
 
     def mean(self, name: str) -> np.ndarray:
         """Return one of the means."""
-        means, _ = resampling.moments(self.of(name), 0)
+        means, _ = resampling.moments(self.sums_of(name), 0)
         return means.reshape(self.places[name].shape)
 
 

@@ -151,13 +151,12 @@ def _on_a_grid(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.rint(columns / unit).astype(np.float32), unit
 
 
-def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)) -> Estimate:
+def estimate(*sums: Sums, function: Callable = lambda mean, variance: (mean, variance)) -> Estimate:
     """Return the Estimate of a function of means over runs, arrays (C,), by default of one mean;
     bootstrap-t interval.
 
-    of: from the means and then the variances of all `sums`, each (1 + B, C), to the value and n - 1
-    times its squared
-        error.
+    function: from the means and then the variances of all `sums`, each (1 + B, C), to the value and
+    n - 1 times its squared error.
 
     r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard
     error, which makes the interval asymmetric in the right sense: it covers the truth in 95 % of
@@ -171,10 +170,10 @@ def estimate(*sums: Sums, of: Callable = lambda mean, variance: (mean, variance)
         estimates = []
         for chunk in chunks:
             sums_of_chunk = [sums_of_mean.at(chunk) for sums_of_mean in sums]
-            estimates.append(estimate(*sums_of_chunk, of=of))
+            estimates.append(estimate(*sums_of_chunk, function=function))
         return Estimate(*map(np.concatenate, zip(*estimates, strict=True)))
     means, variances = zip(*map(moments, sums), strict=True)
-    value, variance = of(*means, *variances)
+    value, variance = function(*means, *variances)
     runs = sums[0].weight
     error = np.sqrt(variance / _or_nan(runs - 1)[:, None])
     # Of all runs; views would keep the replicates in memory.
