@@ -29,33 +29,33 @@ def draw(cases: list[Dataset]) -> Figure:
 
     Of a case are shown at most MOST_CURVES, those at the first places along the other dimensions.
     """
-    shown = {
-        one: [part for case in cases if has(case, one) for part in _parts(case, one)]
-        for one in own_names(cases)
-    }
-    figure, axes = grid(len(shown), 1, WIDTH, 2.3 + 0.19 * max(6, *map(len, shown.values())))
+    shown = {name: _all_parts(cases, name) for name in own_names(cases)}
+    most_curves = max(map(len, shown.values()))
+    figure, axes = grid(len(shown), 1, WIDTH, 2.3 + 0.19 * max(6, most_curves))
     for (name, parts), panel in zip(shown.items(), axes[:, 0], strict=True):
         along, *others = map(str, cases[0][name].dims or ("case",))
-        place = partial(
-            in_words, names=[dim for dim in others if dim not in SPECIES]
-        )  # species are told apart anyway
+        dims = [dim for dim in others if dim not in SPECIES]  # species are told apart anyway
+        place = partial(in_words, names=dims)
         for k, (part, line) in enumerate(told_apart(parts, place, {})):
             if cases[0][name].dims:
                 band(panel, defined(part, name), name, **line)
             else:
-                points(
-                    panel,
-                    [k],
-                    [part],
-                    name,
-                    **line | {"linestyle": "none", "marker": MARKS[k % 36]["fmt"]},
-                )
+                mark = {"linestyle": "none", "marker": MARKS[k % 36]["fmt"]}
+                points(panel, [k], [part], name, **line | mark)
                 panel.set_xticks([])
         panel.set(xlabel=along, ylabel=axis_label(cases[0], name))
-    heads(
-        axes[:, 0], [f"{cases[0][name].observable}: {cases[0][name].long_name}" for name in shown]
-    )
+    arrays = [cases[0][name] for name in shown]
+    heads(axes[:, 0], [f"{array.observable}: {array.long_name}" for array in arrays])
     return figure
+
+
+def _all_parts(cases: list[Dataset], name: str) -> list[Dataset]:
+    """Return the parts of all cases that have this array."""
+    parts: list[Dataset] = []
+    for case in cases:
+        if has(case, name):
+            parts += _parts(case, name)
+    return parts
 
 
 def _parts(case: Dataset, name: str) -> Iterator[Dataset]:
@@ -64,7 +64,8 @@ def _parts(case: Dataset, name: str) -> Iterator[Dataset]:
     """
     dims = case[name].dims[1:]
     numbered = case.assign_coords({dim: case[dim] for dim in dims})
-    for place in islice(product(*(range(case.sizes[dim]) for dim in dims)), MOST_CURVES):
+    places = product(*(range(case.sizes[dim]) for dim in dims))
+    for place in islice(places, MOST_CURVES):
         yield numbered.isel(dict(zip(dims, place, strict=True)))
 
 

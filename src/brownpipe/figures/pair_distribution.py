@@ -20,10 +20,11 @@ from brownpipe.observables.pairs import BINS_PER_CONTACT
 NAME = "pair_distribution"
 LABELS = ("pair distribution function $g(r)$",)
 TABLE = (("species_pair", "distance"), (NAME,))
+# Label, colour, marker
 CONTACTS = {
     "contact_value": ("at contact, by extrapolation", style.FIT, "o"),
     "contact_value_rate": ("at contact, from the collision rate", style.MODEL, "s"),
-}  # label, colour, marker
+}
 LARGEST_ERROR = 0.02  # relative error of g(r) above which neighbouring bins are pooled
 # Bins in a pooled one: a tenth of the smallest contact distance in the scene. g(r) of large disks
 # among small ones has structure of the size of the small ones, too (depletion).
@@ -72,19 +73,20 @@ def _theory(axes: Axes, pairs: list[Dataset], named: bool) -> None:
     """
     known = [pair for pair in pairs if has(pair, "contact_theory")]
     for k, pair in enumerate(known):
-        hidden = "_" * (k > 0 or not named)
-        label = (
-            f"theory at contact: {float(pair.contact_theory):.4g}"
-            if len(known) == 1
-            else "theory at contact"
+        hidden = "" if named and k == 0 else "_"
+        contact = float(pair.contact_distance)
+        value = float(pair.contact_theory)
+        label = f"{hidden}theory at contact"
+        if len(known) == 1:
+            label += f": {value:.4g}"
+        axes.plot(
+            [contact], [value], "_", color=style.INK, markersize=12, linestyle="", label=label
         )
-        place = [float(pair.contact_distance)], [float(pair.contact_theory)]
-        axes.plot(*place, "_", color=style.INK, markersize=12, linestyle="", label=hidden + label)
         if has(pair, "compressibility_rate") and pair.packing_fraction < DILUTE:  # equal disks
-            r = np.linspace(place[0][0], float(pair.distance[-1]), 400)
+            r = np.linspace(contact, float(pair.distance[-1]), 400)
             g = theory.dilute_pair_distribution(r, r[0], float(pair.packing_fraction))
-            words = f"{hidden}first order in the density"
-            axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=words)
+            label = f"{hidden}first order in the density"
+            axes.plot(r, g, color=style.INK, linestyle=style.DASHED, linewidth=1, label=label)
 
 
 def _bin_width(pair: Dataset) -> float:
@@ -99,7 +101,8 @@ def _bins_pooled(pair: Dataset) -> int:
     Errors of bins are taken as independent: the error of their mean falls as the root of their
     number.
     """
-    g, error = pair[NAME], pair[f"{NAME}_standard_error"]
+    g = pair[NAME]
+    error = pair[f"{NAME}_standard_error"]
     relative = float((error / g.where(g > 0)).median())
     if not relative > LARGEST_ERROR:
         return 1
@@ -110,11 +113,11 @@ def _pooled(pair: Dataset, number: int) -> Dataset:
     """Return g(r) with `number` neighbouring bins in one, weighted by the area of their rings."""
     if number == 1:
         return pair
-    g, error, area = pair[NAME], pair[f"{NAME}_standard_error"], pair.distance.rename("area")
-    sums = (
+    area = pair.distance.rename("area")
+    total, variance, areas = (
         values.coarsen(distance=number, boundary="trim").sum()
-        for values in (area * g, (area * error) ** 2, area)
+        for values in (area * pair[NAME], (area * pair[f"{NAME}_standard_error"]) ** 2, area)
     )
-    total, variance, areas = sums
-    mean, reach = total / areas, NORMAL * np.sqrt(variance) / areas
+    mean = total / areas
+    reach = NORMAL * np.sqrt(variance) / areas
     return Dataset({NAME: mean, f"{NAME}_low": mean - reach, f"{NAME}_high": mean + reach})
