@@ -40,7 +40,8 @@ def drawn(
 
     shown: the cases of each figure (`cases_shown`). panel: labels, as in `cases.panels_of`.
     """
-    module, cases = import_module(f"brownpipe.figures.{name}"), shown[name]
+    module = import_module(f"brownpipe.figures.{name}")
+    cases = shown[name]
     with drawing():
         table = module.table(cases) if hasattr(module, "table") else frame_of(cases, *module.TABLE)
         return drawing_of(name, _figure(name, cases, panel), table, metadata)
@@ -54,14 +55,15 @@ def _figure(name: str, cases: list[Dataset], panel: Sequence[str]) -> Figure:
     A figure that shows every particle count has one panel. Further rows of panels are drawn by
     `below`.
     """
-    module, (needs, variables, every_count, part) = (
-        import_module(f"brownpipe.figures.{name}"),
-        FIGURES[name],
-    )
-    most = len(cases) if SCAN in needs else min(MOST_CASES, len(cases))
+    module = import_module(f"brownpipe.figures.{name}")
+    entry = FIGURES[name]
+    most = len(cases) if SCAN in entry.needs else min(MOST_CASES, len(cases))
     shown = [cases[step] for step in np.linspace(0, len(cases) - 1, most, dtype=int)]
     if hasattr(module, "curves"):
-        groups = [shown] if every_count else panels_of(shown, panel, part, variables[0])
+        if entry.every_count:
+            groups = [shown]
+        else:
+            groups = panels_of(shown, panel, entry.part, entry.variables[0])
         rows = len(module.LABELS)
         figure, axes = columns(module.LABELS, len(groups), HEIGHTS[:rows], sharey=rows > 1)
         for upper, group in zip(axes[0], groups, strict=True):
@@ -84,9 +86,8 @@ def drawing_of(name: str, figure: Figure, table: DataFrame, metadata: Mapping[st
     """Lay out a figure and make its pictures with these metadata; to be called within
     `style.drawing()`.
     """
-    return Drawing(
-        name, {suffix: image_bytes(figure, suffix, metadata) for suffix in ("png", "svg")}, table
-    )
+    images = {suffix: image_bytes(figure, suffix, metadata) for suffix in ("png", "svg")}
+    return Drawing(name, images, table)
 
 
 def draw(
@@ -108,12 +109,14 @@ def draw_into(
     looks: of its lines, as for `axes.plot`, such as color and label. Raises FigureError for a
     figure of several panels.
     """
-    module, (_, variables, _, part) = import_module(f"brownpipe.figures.{name}"), FIGURES[name]
+    module = import_module(f"brownpipe.figures.{name}")
+    entry = FIGURES[name]
     if not hasattr(module, "curves"):
         raise FigureError(f"ax: must not be given for {name}, which has several panels")
     cases = cases_shown(dataset, particles, [name])[name]
-    module.curves(
-        axes, [one for case in cases for one in parts_of(case, part, variables[0])], **looks
-    )
+    parts: list[Dataset] = []
+    for case in cases:
+        parts += parts_of(case, entry.part, entry.variables[0])
+    module.curves(axes, parts, **looks)
     axes.set_ylabel(axes.get_ylabel() or module.LABELS[0])
     return axes

@@ -3,7 +3,7 @@ of disks.
 """
 
 from collections.abc import Mapping
-from itertools import cycle, pairwise
+from itertools import chain, cycle, pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,7 +29,8 @@ from brownpipe.scene.variation import is_number
 # ratio of the largest value to the smallest, beyond which an axis is logarithmic
 LOGARITHMIC = 30.0
 MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
-END, D = "msd", "diffusion_coefficient"
+END = "msd"
+D = "diffusion_coefficient"
 OF_RUNS = {END: "run_msd", D: "run_diffusion_coefficient"}  # the same of each run
 PANELS = {  # title, label of the axis, Enskog's theory
     END: ("MSD at the end of the runs", "$\\langle r^2 \\rangle$", ""),
@@ -62,11 +63,12 @@ def draw(cases: list[Dataset]) -> Figure:
         _panel(panel, axis, shown, name)
         panel.set_xlabel("\n".join(along))
         panel.set_ylabel(PANELS[name][1])
-    over = {
-        D: " over "
-        f"{cases[0].window[0].item()}{max(diffusion_ring(case.isel(window=0)) for case in cases)}"
-    }
-    heads(axes.flat[: len(names)], [PANELS[name][0] + over.get(name, "") for name in names])
+    titles = {name: PANELS[name][0] for name in names}
+    if D in titles:
+        window = cases[0].window[0].item()
+        ring = max(diffusion_ring(case.isel(window=0)) for case in cases)
+        titles[D] += f" over {window}{ring}"
+    heads(axes.flat[: len(names)], titles.values())
     return figure
 
 
@@ -85,28 +87,20 @@ def also_varied(cases: list[Dataset], axis: str) -> list[str]:
 
 def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str) -> None:
     """Draw a quantity of each series with 95 % intervals, and theory as a dashed line."""
-    theory, values = PANELS[name][2], []
+    _, _, theory = PANELS[name]
+    values: list[float] = []
     for (label, cases), looks in zip(series.items(), cycle(MARKS), strict=False):
         x = [case[axis].item() for case in cases]
         points(axes, x, cases, name, label=label, **looks)
-        values += [
-            float(case[f"{name}{part}"])
-            for case in cases
-            for part in PARTS
-            if part != "_standard_error"
-        ]
+        for suffix in ("", "_low", "_high"):
+            values += [float(case[f"{name}{suffix}"]) for case in cases]
         expected = [float(case.get(theory, np.nan)) for case in cases]
         if np.isfinite(expected).any():
-            named = "_" * ("Enskog" in axes.get_legend_handles_labels()[1])
-            axes.plot(
-                x,
-                expected,
-                color=looks["color"],
-                linestyle=DASHED,
-                linewidth=1,
-                label=f"{named}Enskog",
-            )
-    varied = [case[axis].item() for cases in series.values() for case in cases]
+            _, labels = axes.get_legend_handles_labels()
+            label = "_Enskog" if "Enskog" in labels else "Enskog"
+            colour = looks["color"]
+            axes.plot(x, expected, color=colour, linestyle=DASHED, linewidth=1, label=label)
+    varied = [case[axis].item() for case in chain.from_iterable(series.values())]
     for direction, on_axis in (("x", varied), ("y", values)):
         low, high = np.nanmin(on_axis), np.nanmax(on_axis)
         if 0 < LOGARITHMIC * low < high:
@@ -121,7 +115,8 @@ def table(cases: list[Dataset]) -> DataFrame:
     alike if they have as many disks; its standard error and interval are those of the mean over
     these pairs of runs. The difference of D is for the first window.
     """
-    axis, ends = axis_of(cases), []
+    axis = axis_of(cases)
+    ends = []
     for series in series_of(cases, axis).values():
         for before, case in pairwise([None, *series]):
             ends.append(case.isel(time=-1).assign(_differences(before, case)))
