@@ -12,6 +12,7 @@ import time
 from fractions import Fraction
 from functools import partial
 from importlib.metadata import version
+from inspect import signature
 from pathlib import Path
 
 import h5py
@@ -25,7 +26,7 @@ from PIL import Image
 
 import brownpipe as bp
 import forked
-from brownpipe import progress
+from brownpipe import interface, progress
 from brownpipe.analysis import diffusive
 from brownpipe.cli import main
 from brownpipe.engines import Engine
@@ -627,6 +628,13 @@ def test_a_scene_is_saved_as_the_file_that_it_is_read_from(scene, tmp_path):
         other.save(tmp_path / "absent" / "mine.yml")
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["mine.yaml"]
+
+
+def test_options_of_a_scan_have_the_defaults_of_simulate():
+    simulated = signature(bp.simulate).parameters
+    requested = signature(interface._request).parameters
+    for name in requested.keys() - {"scene", "seeds", "settings"}:
+        assert requested[name].default == simulated[name].default
 
 
 @pytest.mark.parametrize(

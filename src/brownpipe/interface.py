@@ -12,9 +12,8 @@ import sys
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from xarray import DataArray, Dataset, DataTree
@@ -54,7 +53,9 @@ if TYPE_CHECKING:
 
 # of seeds for each core: cores then finish together even if run times differ, and progress is shown
 BATCHES = 16
-SETTINGS = [key for one in DEFINITIONS.values() for key in one.settings._fields]  # of engines
+SETTINGS: list[str] = []  # of all engines
+for _definition in DEFINITIONS.values():
+    SETTINGS += _definition.settings._fields
 
 
 def Scene(  # noqa: N802  # makes what its name says, like a class
@@ -146,22 +147,26 @@ def simulate(
     langevin engine cannot be measured. Warns of runs that failed their health check or could not go
     on (`stopped` says why, their numbers are NaN), and of an engine that is rough in this scene.
     """
-    asked = dict(locals())
-    asked |= asked.pop("settings")
-    scene, chosen, numbers, recorded, names, cores = _requested(asked)
-    for caution in chosen.cautions(scene, names):
+    request = _request(
+        scene,
+        seeds,
+        particles=particles,
+        engine=engine,
+        record=record,
+        observables=observables,
+        average=average,
+        cores=cores,
+        **settings,
+    )
+    for caution in request.engine.cautions(request.scene, request.observables):
         warnings.warn(caution, stacklevel=2)
-    make = partial(chosen.simulate, scene, record=recorded, observables=names, average=average)
     with progress.shown("simulate", silent=quiet):
-        parts = stored_runs(
-            scene, chosen, runs_digest(scene, chosen, recorded, names, average), np.asarray(numbers)
-        )
-        missing = without(np.asarray(numbers), [(part.seeds[0], part.seeds[-1]) for part in parts])
-        found = joined([*parts, *_made(make, missing, cores)])
-        ensemble = select(found, np.isin(found.seeds, numbers))
-    if failed := failures(ensemble):
-        warnings.warn(f"{scene.name}: {failed}; analyse leaves them out", stacklevel=2)
-    return to_tree(Trajectories(scene, chosen, ensemble, source_digest("simulate", chosen.name)))
+        ensemble = _ensemble(request)
+    failed = failures(ensemble)
+    if failed:
+        warnings.warn(f"{request.scene.name}: {failed}; analyse leaves them out", stacklevel=2)
+    source = source_digest("simulate", request.engine.name)
+    return to_tree(Trajectories(request.scene, request.engine, ensemble, source))
 
 
 def analyse(
@@ -188,18 +193,19 @@ def analyse(
     `result.msd.attrs` says what a variable means. Raises AnalysisError for runs that do not belong
     together, or for times outside them.
     """
-    several = (
-        list(runs)
-        if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord)
-        else [runs]
-    )
+    sources: list[Any] = [runs]
+    if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord):
+        sources = [*runs]
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
-    given = validated(Rings | None, plain(rings), key="rings")
-    width, count = (given.dr, given.count) if given else (None, None)
+    ring_keys = validated(Rings | None, plain(rings), key="rings")
+    width = ring_keys.dr if ring_keys else None
+    count = ring_keys.count if ring_keys else None
     times = validated(tuple[Positive, ...], plain(displacement_times), key="displacement_times")
     with progress.shown("analyse", silent=quiet):
-        sources = [each if isinstance(each, str | Path) else from_tree(each) for each in several]
-        return aggregate(sources, windows, width, count, times)
+        inputs = [
+            source if isinstance(source, str | Path) else from_tree(source) for source in sources
+        ]
+        return aggregate(inputs, windows, width, count, times)
 
 
 def scan(
@@ -225,30 +231,34 @@ def scan(
     `simulate` does.
     """
     if isinstance(scene, SceneRecord):
-        name, mapping, where = scene.name, _scene(scene, particles).given, "scene"
+        name = scene.name
+        mapping = _scene(scene, particles).given
+        where = "scene"
     else:  # the file's own box may be too small for its disks, if a packing fraction is varied
-        name, mapping, where = None, read_yaml(validated(Path, scene, key="scene")), str(scene)
+        name = None
+        mapping = read_yaml(validated(Path, scene, key="scene"))
+        where = str(scene)
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
-    scenes = [
-        scene_with(mapping, where, one, plain(particles), name)
-        for one in combinations(values, together)
+    cases = [
+        scene_with(mapping, where, combination, plain(particles), name)
+        for combination in combinations(values, together)
     ]
-    options = {key: [*one] if isinstance(one, Iterator) else one for key, one in options.items()}
-    for one in scenes:
-        *_, record, names, _ = _requested(
-            {**simulate.__kwdefaults__, **options, "scene": one, "seeds": seeds}
-        )
-        if windows and "tracer" not in record and "square_displacement" not in names:
+    for option, value in options.items():
+        if isinstance(value, Iterator):  # read once for each case
+            options[option] = [*value]
+    for case in cases:
+        request = _request(case, seeds, **options)
+        has_squares = "square_displacement" in request.observables
+        if windows and "tracer" not in request.record and not has_squares:
             raise RequestError(
                 "fit_windows: must go with record='tracer', or the observable square_displacement"
             )
-    refuse_windows(windows or (), [one.times for one in scenes])  # not when all runs are made
+    refuse_windows(windows or (), [case.times for case in cases])  # not when all runs are made
     with progress.shown("scan", silent=quiet):
-        runs = [
-            from_tree(simulate(one, seeds, quiet=quiet, **options))
-            for one in progress.tracked(scenes, "scenes")
-        ]
+        runs = []
+        for case in progress.tracked(cases, "scenes"):
+            runs.append(from_tree(simulate(case, seeds, quiet=quiet, **options)))
         return aggregate(runs, windows, vary=[*values], vary_together=together)
 
 
@@ -264,27 +274,25 @@ def run(
     What is there is not made again. Raises RequestError for a mistake in the study, RunError if a
     job fails.
     """
-    path, values = (
-        validated(Path, study, key="study"),
-        validated(dict, plain(config or {}), key="config"),
-    )
-    for key in (
-        key for key, value in values.items() if repr(from_command_line(value)) != repr(value)
-    ):
-        raise RequestError(
-            f"config: {key}: must not have a text for a number, true, false or null: "
-            f"{values[key]!r}"
-        )
+    path = validated(Path, study, key="study")
+    values = validated(dict, plain(config or {}), key="config")
+    for key, value in values.items():
+        if repr(from_command_line(value)) != repr(value):
+            raise RequestError(
+                f"config: {key}: must not have a text for a number, true, false or null: {value!r}"
+            )
     name = read_study(path, values).name
     command = [sys.executable, "-P", "-m", "brownpipe", "run", str(path)]
-    command += (
-        ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))] if cores is not None else []
-    )
-    words = [f"{key}={json.dumps(value, default=str)}" for key, value in values.items()]
-    command += ["--config", *words] if words else []
-    status, said = progress.relayed(command)
+    if cores is not None:
+        command += ["-j", str(validated(AtLeastOne, plain(cores), key="cores"))]
+    if values:
+        command.append("--config")
+    for key, value in values.items():
+        command.append(f"{key}={json.dumps(value, default=str)}")
+    status, messages = progress.relayed(command)
     if status:
-        raise RunError(" ".join(said.rpartition("brownpipe: ")[2].split()))
+        _, _, reason = messages.rpartition("brownpipe: ")
+        raise RunError(" ".join(reason.split()))
     return read_dataset(f"results/{name}/aggregate/{name}.nc")
 
 
@@ -306,18 +314,20 @@ def mean(array: DataArray) -> Dataset:
     if not isinstance(array, DataArray) or "seed" not in array.dims or not array.size:
         raise RequestError("array: must be an array with the dimension seed")
     ordered = array.transpose("seed", ...).sortby("seed")
-    if (seeds := ordered.seed.values).dtype.kind not in "iu" or (np.diff(seeds) == 0).any():
+    seeds = ordered.seed.values
+    if seeds.dtype.kind not in "iu" or (np.diff(seeds) == 0).any():
         raise RequestError(
             "array: must have every seed once; take the mean of each scene and engine by itself"
         )
     values = ordered.values.astype(float)
-    is_kept = np.broadcast_to(np.equal(ordered.coords.get("failed", 0), 0), len(seeds))
-    parts = zip(
-        ("value", "standard_error", "low", "high"),
-        resample(values[is_kept], seeds[is_kept]),
-        strict=True,
-    )
-    return Dataset({name: ordered.isel(seed=0, drop=True).copy(data=part) for name, part in parts})
+    is_sound = np.equal(ordered.coords.get("failed", 0), 0)
+    is_kept = np.broadcast_to(is_sound, len(seeds))
+    estimates = resample(values[is_kept], seeds[is_kept])
+    template = ordered.isel(seed=0, drop=True)
+    variables = {}
+    for name, estimate in zip(("value", "standard_error", "low", "high"), estimates, strict=True):
+        variables[name] = template.copy(data=estimate)
+    return Dataset(variables)
 
 
 def table(result: Dataset) -> "DataFrame":
@@ -334,19 +344,13 @@ def table(result: Dataset) -> "DataFrame":
     empty = frame.columns[frame.isna().all()]
     frame = frame[[name for name in frame if name.removesuffix("_standard_error") not in empty]]
     left_out = (*SHAPE, "failed_runs", "time", "slope", "slope_standard_error")
-    shown = frame[
-        [
-            name
-            for name in frame
-            if name in ("drifts", "mark", *result.variables) and name not in left_out
-        ]
-    ]
-    of_result = result.variables.items()
-    shown.attrs = {
-        name: one.attrs["units"]
-        for name, one in of_result
-        if name in shown and "units" in one.attrs
-    }
+    wanted = {"drifts", "mark", *result.variables} - {*left_out}
+    shown = frame[[name for name in frame if name in wanted]]
+    units = {}
+    for name, variable in result.variables.items():
+        if name in shown and "units" in variable.attrs:
+            units[name] = variable.attrs["units"]
+    shown.attrs = units
     return shown
 
 
@@ -382,15 +386,17 @@ def plot(
     try:
         if ax is not None:
             return draw_into(ax, result, figure, plain(particles), **looks)
-        drawn = draw(
-            result, figure, plain(particles), _words("panel", panel).split(",") if panel else ()
-        )
+        panels = _joined("panel", panel).split(",") if panel else ()
+        drawn = draw(result, figure, plain(particles), panels)
     except (AttributeError, FigureError, KeyError, StopIteration) as error:
-        if lacking := ", ".join(sorted(ALWAYS - result.variables.keys())):
+        lacking = sorted(ALWAYS - result.variables.keys())
+        if lacking:
             why = f"{error}; " if isinstance(error, FigureError) else ""
-            raise FigureError(f"{why}result: lacks {lacking}; plot what analyse returns") from error
+            names = ", ".join(lacking)
+            raise FigureError(f"{why}result: lacks {names}; plot what analyse returns") from error
         raise
-    drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]  # by which notebooks show an object
+    # by which notebooks show an object
+    drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]
     return drawn
 
 
@@ -426,47 +432,92 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
         return
     try:
         write_dataset(path, data)
-    except (
-        NotImplementedError,
-        TypeError,
-        ValueError,
-    ) as error:  # of xarray, for contents that no file can have
-        raise RequestError(f"data: cannot be written: {' '.join(str(error).split())}") from error
+    # of xarray, for contents that no file can have
+    except (NotImplementedError, TypeError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise RequestError(f"data: cannot be written: {reason}") from error
 
 
 # -- runs ------------------------------------------------------------------------------------------
 
 
-def _requested(
-    asked: Mapping[str, Any],
-) -> tuple[SceneRecord, Engine, Sequence[int], frozenset[str], Any, int]:
-    """Return scene, engine, seeds, record, observables and cores of the arguments of `simulate`;
-    refuse wrong ones.
+class Request(NamedTuple):
+    """The runs that `simulate` is asked for, its arguments read and checked."""
+
+    scene: SceneRecord
+    seeds: Sequence[int]
+    engine: Engine
+    record: frozenset[str]
+    observables: tuple[str, ...]
+    average: str
+    cores: int
+
+    @property
+    def digest(self) -> str:
+        """The digest under which studies store runs like these."""
+        return runs_digest(self.scene, self.engine, self.record, self.observables, self.average)
+
+    def make(self, seeds: Sequence[int]) -> Ensemble:
+        """Return runs of some of the seeds, made on one core."""
+        return self.engine.simulate(
+            self.scene,
+            seeds,
+            record=self.record,
+            observables=self.observables,
+            average=self.average,
+        )
+
+
+def _request(
+    scene: SceneRecord | str | Path,
+    seeds: Any,
+    *,
+    particles: Any = None,
+    engine: str = "exact",
+    record: str | Iterable[str] = "tracer",
+    observables: Collection[str | Callable] = (),
+    average: str = "runs",
+    cores: Any = 1,
+    **settings: object,
+) -> Request:
+    """Return the request in arguments of `simulate`; refuse wrong ones. Defaults are those of
+    `simulate`.
     """
-    parameters, seeds = signature(simulate).parameters.keys() - {"settings"}, asked["seeds"]
-    scene = _scene(asked["scene"], asked["particles"])
-    settings = {key: plain(value) for key, value in asked.items() if key not in parameters}
+    arguments = [*Request._fields, "particles", "quiet", *SETTINGS]
+    scene_record = _scene(scene, particles)
     for name in settings.keys() - {*SETTINGS}:
-        hint = did_you_mean(name, [*parameters, *SETTINGS])
-        raise RequestError(f"{name}: unknown; {hint.strip() or 'see help(brownpipe.simulate)'}")
-    engine = requested(asked["engine"], settings, str)
-    record = read_record(_words("record", asked["record"]), "record")
-    names = tuple(filter(None, _words("observables", asked["observables"]).split(",")))
+        hint = did_you_mean(name, arguments).strip()
+        raise RequestError(f"{name}: unknown; {hint or 'see help(brownpipe.simulate)'}")
+    values = {key: plain(value) for key, value in settings.items()}
+    chosen = requested(engine, values, str)
+    recorded = read_record(_joined("record", record), "record")
+    names = tuple(filter(None, _joined("observables", observables).split(",")))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
         seeds = f"{seeds[0]}-{seeds[-1]}"  # never expanded, as it may be long
     numbers = validated(Seeds, plain(seeds), key="seeds")
-    cores = validated(AtLeastOne, plain(asked["cores"]), key="cores")
-    forecast_of_runs(engine, scene, numbers, record, names, asked["average"])
-    return scene, engine, numbers, record, names, cores
+    processes = validated(AtLeastOne, plain(cores), key="cores")
+    forecast_of_runs(chosen, scene_record, numbers, recorded, names, average)
+    return Request(scene_record, numbers, chosen, recorded, names, average, processes)
 
 
-def _made(make: Callable[[list[int]], Ensemble], seeds: np.ndarray, cores: int) -> list[Ensemble]:
-    """Return runs of these seeds, made on several cores in batches."""
-    if min(cores, len(seeds)) < 2:
-        return [make(seeds.tolist())] if len(seeds) else []
-    make([])  # compiles, once for all processes
-    batches = np.array_split(seeds, min(len(seeds), BATCHES * cores))
-    return calculated(lambda batch: make(batch.tolist()), batches, "batches", cores)
+def _ensemble(request: Request) -> Ensemble:
+    """Return the runs of a request: those that studies have stored are read, others made."""
+    seeds = np.asarray(request.seeds)
+    stored = stored_runs(request.scene, request.engine, request.digest, seeds)
+    missing = without(seeds, [(batch.seeds[0], batch.seeds[-1]) for batch in stored])
+    ensemble = joined([*stored, *_batches(request, missing)])
+    return select(ensemble, np.isin(ensemble.seeds, seeds))
+
+
+def _batches(request: Request, seeds: np.ndarray) -> list[Ensemble]:
+    """Return runs of some seeds of a request, made on its cores in batches."""
+    if not len(seeds):
+        return []
+    if min(request.cores, len(seeds)) < 2:
+        return [request.make(seeds.tolist())]
+    request.make([])  # compiles, once for all processes
+    batches = np.array_split(seeds, min(len(seeds), BATCHES * request.cores))
+    return calculated(lambda batch: request.make(batch.tolist()), batches, "batches", request.cores)
 
 
 # -- arguments -------------------------------------------------------------------------------------
@@ -483,11 +534,12 @@ def _scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
     return scene
 
 
-def _words(name: str, value: Any) -> str:
-    """Return names as one text with commas."""
+def _joined(key: str, value: Any) -> str:
+    """Return names as one text with commas: ["tracer", "events"] as "tracer,events"."""
     if not isinstance(value, Iterable):
-        raise RequestError(f"{name}: must be a name or a list of names, not {value!r}")
-    return ",".join(map(named, value.split(",") if isinstance(value, str) else value))
+        raise RequestError(f"{key}: must be a name or a list of names, not {value!r}")
+    names = value.split(",") if isinstance(value, str) else value
+    return ",".join(map(named, names))
 
 
 def _refuse_part(result: Any, kind: type[BrownpipeError]) -> None:
@@ -496,7 +548,10 @@ def _refuse_part(result: Any, kind: type[BrownpipeError]) -> None:
     """
     if not _is_analysis(result):
         raise kind("result: must be a dataset of brownpipe.analyse; analyse(runs) makes one")
-    for dim in ("scene", "particles", "engine", *({"window"} & {*result.coords})):
+    dimensions = ["scene", "particles", "engine"]
+    if "window" in result.coords:
+        dimensions.append("window")
+    for dim in dimensions:
         if not result.sizes.get(dim):
             raise kind(
                 f"result: has no dimension {dim}, or nothing along it; take it before squeeze or "
