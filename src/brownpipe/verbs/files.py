@@ -101,9 +101,9 @@ def _reproduce(arguments: Namespace) -> int:
     original = reproduction.read_original(arguments.file, arguments.seed)
     show(*reproduction.announcement(original), flush=True)
     with progress.shown("inspect"):
-        found = reproduction.differences(original)
-    show(*reproduction.verdict(original, found).split("\n"))
-    return FAILED if found else DONE
+        differences = reproduction.differences(original)
+    show(*reproduction.verdict(original, differences).split("\n"))
+    return FAILED if differences else DONE
 
 
 def add_verify(add: Callable) -> None:
@@ -134,11 +134,9 @@ def verify(arguments: Namespace) -> int:
                     intact, damaged, missing = verify_results(path)
                     wrong = [f"{file}: {_harm(file)}" for file in damaged]
                     wrong += [f"{file}: is missing; run the study again" for file in missing]
-                    show(
-                        *wrong,
-                        f"{path}: {len(intact)} intact, {len(damaged)} damaged, {len(missing)} "
-                        "missing",
-                    )
+                    intact_files = f"{len(intact)} intact"
+                    wrong_files = f"{len(damaged)} damaged, {len(missing)} missing"
+                    show(*wrong, f"{path}: {intact_files}, {wrong_files}")
                     statuses.add(FAILED if damaged or missing else DONE)
                 else:
                     read_contents(path)
@@ -177,10 +175,14 @@ def movie(arguments: Namespace) -> None:
 
     output = arguments.output or absent(f"{Path(arguments.file).stem}.gif")
     output = writable(output, arguments.file, suffixes=(*SUFFIXES, *PAGE))
-    made = _page if suffix(output) in PAGE else _frames
-    contents, shown = made(read_trajectories(arguments.file), arguments, suffix(output))
+    trajectories = read_trajectories(arguments.file)
+    kind = suffix(output)
+    if kind in PAGE:
+        contents, summary = _page(trajectories, arguments)
+    else:
+        contents, summary = _frames(trajectories, arguments, kind)
     write_file(output, contents)
-    show(f"{output}: {shown}, {in_bytes(len(contents))}")
+    show(f"{output}: {summary}, {in_bytes(len(contents))}")
 
 
 def _frames(trajectories: Trajectories, arguments: Namespace, kind: str) -> tuple[bytes, str]:
@@ -188,18 +190,20 @@ def _frames(trajectories: Trajectories, arguments: Namespace, kind: str) -> tupl
     from brownpipe.figures.movie import movie, samples_shown
     from brownpipe.figures.origin import movie_record
 
-    frames, fps = arguments.frames, arguments.fps or FPS
+    frames = arguments.frames
+    fps = arguments.fps or FPS
+    whole = trajectories.ensemble.whole
     with progress.shown("movie"):
-        seed = chosen_seed(
-            trajectories, arguments.file, arguments.seed, trajectories.ensemble.whole
-        )
+        seed = chosen_seed(trajectories, arguments.file, arguments.seed, whole)
         record = movie_record(trajectories, "all", seed, frames=frames, fps=fps)
         contents = movie(trajectories, seed, kind, record, frames, fps)
-    samples = len(trajectories.scene.times)
-    return contents, counted(len(samples_shown(samples, frames)) if kind != ".png" else 1, "frame")
+    if kind == ".png":
+        return contents, counted(1, "frame")
+    samples = samples_shown(len(trajectories.scene.times), frames)
+    return contents, counted(len(samples), "frame")
 
 
-def _page(trajectories: Trajectories, arguments: Namespace, _: str) -> tuple[bytes, str]:
+def _page(trajectories: Trajectories, arguments: Namespace) -> tuple[bytes, str]:
     """Return the page that replays a run, and what it shows."""
     from brownpipe.report.replay import replay_page
 
@@ -252,4 +256,5 @@ def export(arguments: Namespace) -> None:
     )
     for remark in remarks:
         say(f"{output}: {remark}", DONE)
-    show(f"{output}: {counted(len(tracks), 'run')}, {in_bytes(Path(output).stat().st_size)}")
+    size = Path(output).stat().st_size
+    show(f"{output}: {counted(len(tracks), 'run')}, {in_bytes(size)}")

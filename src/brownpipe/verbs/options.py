@@ -39,7 +39,7 @@ def typed(kind: Any, form: str = "") -> Callable[[str], Any]:
 
 def several(read: Callable[[str], Value]) -> Callable[[str], list[Value]]:
     """Return the reader of values separated by commas, made from the reader of one value."""
-    return lambda text: [read(part.strip()) for part in text.split(",")]
+    return lambda text: [read(word.strip()) for word in text.split(",")]
 
 
 def key_value(text: str) -> tuple[str, object]:
@@ -61,13 +61,14 @@ def refuse_together(arguments: Namespace, *options: str, but: Sequence[str] = ()
     """Raise RequestError if several of these options are given, unless they are just those in
     `but`.
     """
-    given = [
-        name
-        for name in options
-        if (value := getattr(arguments, name)) is not None and value is not False
-    ]
-    if len(given) > 1 and given != but:
-        raise RequestError(f"--{given[0]}: must not be given with --{given[1]}".replace("_", "-"))
+    chosen = []
+    for name in options:
+        value = getattr(arguments, name)
+        if value is not None and value is not False:
+            chosen.append(name)
+    if len(chosen) > 1 and chosen != but:
+        first, second, *_ = chosen
+        raise RequestError(f"--{first}: must not be given with --{second}".replace("_", "-"))
 
 
 def add_particles(add: Callable, help: str = "number of disks instead of the scene's") -> None:

@@ -16,19 +16,8 @@ YAML = (".yaml", ".yml")
 NETCDF = (".nc", "")  # of datasets
 PAGE = (".html",)
 PICTURES = (".png", ".gif", *PAGE)  # that have a record of what they were made from
-FILES = (
-    ".png",
-    ".svg",
-    ".pdf",
-    ".jpg",
-    ".jpeg",
-    ".gif",
-    ".csv",
-    ".txt",
-    ".nc",
-    ".h5",
-    *PAGE,
-)  # no suffixes of folders
+IMAGES = (".png", ".svg", ".pdf", ".jpg", ".jpeg", ".gif")
+FILES = (*IMAGES, ".csv", ".txt", ".nc", ".h5", *PAGE)  # no suffixes of folders
 
 
 def show(*lines: str, flush: bool = False) -> None:
@@ -51,13 +40,13 @@ def writable(path: str, *inputs: str, suffixes: Sequence[str], size: float = 0.0
     StorageError if the file could not be written afterwards, or is an input.
     """
     path = os.path.realpath(path) if os.path.islink(path) else path
-    if any(
-        os.path.exists(file) and os.path.exists(path) and os.path.samefile(path, file)
-        for file in inputs
-    ):
-        raise RequestError(f"{path}: is an input; choose another name for the output")
+    for file in inputs:
+        both_exist = os.path.exists(file) and os.path.exists(path)
+        if both_exist and os.path.samefile(path, file):
+            raise RequestError(f"{path}: is an input; choose another name for the output")
     if suffix(path) not in suffixes:
-        allowed = " or ".join(", ".join(filter(None, suffixes)).rsplit(", ", 1))
+        listed = ", ".join(filter(None, suffixes))
+        allowed = " or ".join(listed.rsplit(", ", 1))
         raise RequestError(f"{path}: the output must end in {allowed}, not {Path(path).suffix!r}")
     if os.path.exists(path) and not os.path.isfile(path):
         raise RequestError(f"{path}: is not a file; choose another name for the output")

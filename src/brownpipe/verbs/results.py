@@ -1,9 +1,9 @@
 """The verbs of results: from trajectory files to a dataset, figures and a trade-off."""
 
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from brownpipe import analysis, progress
 from brownpipe import tradeoff as comparison
@@ -13,6 +13,7 @@ from brownpipe.figures.catalogue import FIGURES
 from brownpipe.scene.reading import AtLeastOne, Positive
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import seal_of, write_file
+from brownpipe.storage.store import StoredFile
 from brownpipe.study import Study, read_study
 from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import digests, files_of, listed_runs
@@ -54,37 +55,50 @@ def aggregate(arguments: Namespace) -> None:
     example: brownpipe aggregate results/runs/dilute/N200/exact-*/*.h5 --output dilute.nc
     """
     _refuse_together(arguments)
-    files, windows, times = arguments.files, arguments.fit_windows, arguments.displacement_times
-    width, count, study = arguments.ring_width, arguments.rings, None
-    if arguments.study is not None:
-        study = _study(arguments, "aggregate")
-        files, times = files_of(study), study.displacement_times
-        windows = study.fit_windows if "fit_windows" in study.model_fields_set else None
-        width, count = (study.rings.dr, study.rings.count) if study.rings else (None, None)
-    inputs = [getattr(file, "path", file) for file in files]
+    study = None if arguments.study is None else _study(arguments, "aggregate")
+    files = arguments.files if study is None else files_of(study)
+    inputs: list[Any] = [getattr(file, "path", file) for file in files]
     output = writable(arguments.output, *inputs, suffixes=NETCDF)
     with progress.shown("aggregate"):
-        dataset = analysis.aggregate(
-            files,
-            windows,
-            width,
-            count,
-            times or (),
-            *(([*study.vary], study.vary_together) if study else ()),
-        )
+        if study is None:
+            dataset = analysis.aggregate(
+                files,
+                windows=arguments.fit_windows,
+                dr=arguments.ring_width,
+                rings=arguments.rings,
+                displacement_times=arguments.displacement_times or (),
+            )
+        else:
+            dataset = _aggregate_study(study, files)
     _write(output, dataset, study, arguments)
-    show(f"{output}: {counted(len(inputs), 'file')}, {counted(int(dataset.runs.sum()), 'run')}")
+    runs = counted(int(dataset.runs.sum()), "run")
+    show(f"{output}: {counted(len(inputs), 'file')}, {runs}")
+
+
+def _aggregate_study(study: Study, files: Sequence[StoredFile]) -> "Dataset":
+    """Return the dataset of a study with its windows, rings, times and varied keys."""
+    has_windows = "fit_windows" in study.model_fields_set
+    return analysis.aggregate(
+        files,
+        windows=study.fit_windows if has_windows else None,
+        dr=study.rings.dr if study.rings else None,
+        rings=study.rings.count if study.rings else None,
+        displacement_times=study.displacement_times,
+        vary=[*study.vary],
+        vary_together=study.vary_together,
+    )
 
 
 def _refuse_together(arguments: Namespace) -> None:
     """Raise RequestError unless either files and options, or a study are given."""
-    own = ("files", "fit_windows", "displacement_times", "ring_width", "rings")
-    of_study = ("config", "list_runs", "plan")
-    for name in own if arguments.study else of_study:
+    refused = ["config", "list_runs", "plan"]
+    where = "without"
+    if arguments.study:
+        refused = ["files", "fit_windows", "displacement_times", "ring_width", "rings"]
+        where = "with"
+    for name in refused:
         if getattr(arguments, name):
-            raise RequestError(
-                f"{name}: must not be given {'with' if arguments.study else 'without'} --study"
-            )
+            raise RequestError(f"{name}: must not be given {where} --study")
     if not arguments.study and not arguments.files:
         raise RequestError("FILE.h5: missing; give trajectory files, or a study with --study")
 
@@ -133,13 +147,14 @@ def figures(arguments: Namespace) -> None:
     from brownpipe.report.products import write  # takes 0.5 s
 
     output = arguments.output
-    if not Path(output).is_dir() and (Path(output).exists() or suffix(output) in FILES):
+    folder = Path(output)
+    if not folder.is_dir() and (folder.exists() or suffix(output) in FILES):
         raise RequestError(f"{output}: the output must be a folder, not a file")
-    options = {
-        name: getattr(arguments, name)
-        for name in ("figures", "particles", "panel", "title", "note")
-    }
-    given = {name: value for name, value in options.items() if value is not None}
+    options = {}
+    for name in ("figures", "particles", "panel", "title", "note"):
+        value = getattr(arguments, name)
+        if value is not None:
+            options[name] = value
     dataset = read_dataset(arguments.dataset)
     if arguments.planned not in (None, dataset.attrs.get("planned")):
         raise RequestError(
@@ -152,12 +167,12 @@ def figures(arguments: Namespace) -> None:
         )
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
-        record = record_of(dataset, seal_of(arguments.dataset), given)
+        record = record_of(dataset, seal_of(arguments.dataset), options)
         written = write(dataset, output, record, page=page, cores=arguments.cores)
-    show(
-        f"{output}: {counted(len(written), 'file')}"
-        + (f", all on one page: {page}" if page else "")
-    )
+    line = f"{output}: {counted(len(written), 'file')}"
+    if page:
+        line += f", all on one page: {page}"
+    show(line)
 
 
 def add_tradeoff(add: Callable) -> None:
@@ -184,12 +199,12 @@ def tradeoff(arguments: Namespace) -> None:
     """
     study = _study(arguments, "tradeoff")
     study.refuse_tradeoff()
-    refuse_windows(
-        [arguments.fit_window] if arguments.fit_window else (), [case.times for case in study.cases]
-    )
+    windows = [arguments.fit_window] if arguments.fit_window else []
+    refuse_windows(windows, [case.times for case in study.cases])
     expected = files_of(study)
     inputs = [str(file.path) for file in expected]
-    if missing := [path for path in inputs if not Path(path).exists()]:
+    missing = [path for path in inputs if not Path(path).exists()]
+    if missing:
         first = f"brownpipe run {shell_path(arguments.study)} ({missing[0]} is missing)"
         raise RequestError(f"{arguments.study}: has no results yet; run it first: {first}")
     default = f"results/{study.name}/tradeoff/{study.name}.nc"
@@ -230,8 +245,8 @@ def _study(arguments: Namespace, step: str) -> Study:
 
 def _write(output: str, dataset: "Dataset", study: Study | None, arguments: Namespace) -> None:
     """Write a dataset and, if that is asked for, the list of the runs of its study."""
-    write_dataset(
-        output, dataset.assign_attrs({"planned": arguments.planned} if arguments.planned else {})
-    )
+    if arguments.planned:
+        dataset = dataset.assign_attrs(planned=arguments.planned)
+    write_dataset(output, dataset)
     if study is not None and arguments.list_runs is not None:
         write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())

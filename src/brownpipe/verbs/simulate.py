@@ -49,17 +49,14 @@ def add_simulate(add: Callable) -> None:
         default="0",
         help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)",
     )
-    names = "; ".join(
-        f"{definition.name}: {definition.summary}" for definition in DEFINITIONS.values()
-    )
-    add("--engine", default="exact", metavar="NAME", help=f"{names} (default: exact)")
+    summaries = [f"{definition.name}: {definition.summary}" for definition in DEFINITIONS.values()]
+    engines = f"{'; '.join(summaries)} (default: exact)"
+    add("--engine", default="exact", metavar="NAME", help=engines)
     for definition in DEFINITIONS.values():
+        fields = settings_of(definition.name).model_fields
         for key, kind in get_type_hints(definition.settings, include_extras=True).items():
-            what = (
-                f"of {definition.name}: "
-                f"{settings_of(definition.name).model_fields[key].description}"
-            )
-            add(option(key), type=typed(kind), help=what)
+            meaning = f"of {definition.name}: {fields[key].description}"
+            add(option(key), type=typed(kind), help=meaning)
     what = (
         "tracer (default: its positions), velocity (of the tracer, too), all, events, none; "
         "all,events"
@@ -75,10 +72,8 @@ def add_simulate(add: Callable) -> None:
         metavar="FILE.h5",
         help="trajectory file (default: name of the scene, in this folder)",
     )
-    accepted, count = (
-        "exit status 1 if more than N runs fail, or `all`: never (default: all but one)",
-        typed(Count),
-    )
+    accepted = "exit status 1 if more than N runs fail, or `all`: never (default: all but one)"
+    count = typed(Count)
     add(
         "--allow-failed",
         type=lambda text: math.inf if text == "all" else count(text),
@@ -128,7 +123,8 @@ def simulate(arguments: Namespace) -> int:
         raise RequestError(
             f"{arguments.scene}: has changed since the study was planned; run the study again"
         )
-    output, size = arguments.output or absent(f"{scene.name}.h5"), len(seeds) * cost.recorded
+    output = arguments.output or absent(f"{scene.name}.h5")
+    size = len(seeds) * cost.recorded
     output = writable(output, arguments.scene, suffixes=HDF5, size=size)
 
     for caution in engine.cautions(scene, arguments.observables):
@@ -142,14 +138,16 @@ def simulate(arguments: Namespace) -> int:
     write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
-    if failed := failures(ensemble):
+    failed = failures(ensemble)
+    if failed:
         say(f"{output}: {failed}", FAILED)
-    show(_made(output, ensemble, time.process_time() - began) + _other_seeds(arguments.seeds))
+    summary = _summary(output, ensemble, time.process_time() - began)
+    show(f"{summary}{_other_seeds(arguments.seeds)}")
     allowed = len(seeds) - 1 if arguments.allow_failed is None else arguments.allow_failed
     return FAILED if len(ensemble.failed_seeds) > allowed else DONE
 
 
-def _made(output: str, ensemble: Ensemble, seconds: float) -> str:
+def _summary(output: str, ensemble: Ensemble, seconds: float) -> str:
     """Return one line: the file, its runs, their worst overlap (round-off for the exact engine) and
     the CPU time.
     """
@@ -175,16 +173,20 @@ def engine_of(arguments: Namespace) -> Engine:
     """Return the requested engine with its settings. Raises RequestError for checkpoints of an
     engine without them.
     """
-    settings = {
-        key: getattr(arguments, key) for one in DEFINITIONS.values() for key in one.settings._fields
-    }
-    engine = requested(
-        arguments.engine, {key: value for key, value in settings.items() if value is not None}
-    )
+    settings = {}
+    for definition in DEFINITIONS.values():
+        for key in definition.settings._fields:
+            value = getattr(arguments, key)
+            if value is not None:
+                settings[key] = value
+    engine = requested(arguments.engine, settings)
     if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
-        keepers = " or ".join(one.name for one in DEFINITIONS.values() if one.keeps_checkpoints)
+        keepers = [
+            definition.name for definition in DEFINITIONS.values() if definition.keeps_checkpoints
+        ]
         raise RequestError(
-            f"--checkpoint-every: must go with {keepers}; {engine.name} keeps no checkpoints"
+            f"--checkpoint-every: must go with {' or '.join(keepers)}; {engine.name} keeps no "
+            "checkpoints"
         )
     return engine
 
@@ -201,17 +203,18 @@ def _checkpoints(
         return ()
     from brownpipe.engines.exact.simulation import Checkpoints  # imports Numba
 
-    options = {
+    names = ",".join(map(identity, arguments.observables))
+    made_by = {
         "particles": scene.particles,
         "seeds": seed_text(seeds),
         "record": ",".join(sorted(record)),
-    }
-    options |= {
-        "observables": ",".join(map(identity, arguments.observables)) or "none",
+        "observables": names or "none",
         "average": arguments.average,
+        "engine": arguments.engine,
+        "scene": scene.digest,
     }
-    made = {name.partition("_")[0]: value for name, value in made_with("simulate", "exact").items()}
-    made_by = options | {"engine": arguments.engine, "scene": scene.digest} | made
+    for name, value in made_with("simulate", "exact").items():
+        made_by[name.partition("_")[0]] = value
     last_written = time.monotonic()
 
     def due() -> bool:

@@ -51,19 +51,15 @@ def new(arguments: Namespace) -> None:
     """
     name = arguments.name.removesuffix(".yaml")
     validated(Name, f"{name}_scene", key="name of the scene")
-    scene, study = (
-        Path(arguments.folder) / f"{name}_scene.yaml",
-        Path(arguments.folder) / f"{name}.yaml",
-    )
+    folder = Path(arguments.folder)
+    scene = folder / f"{name}_scene.yaml"
+    study = folder / f"{name}.yaml"
     for path in (scene, study):
         absent(path, "choose another name or folder")
+    templates = PACKAGE / "study" / "templates"
     for path, template in ((scene, "scene.yaml"), (study, "study.yaml")):
-        write_file(
-            path,
-            (PACKAGE / "study" / "templates" / template)
-            .read_bytes()
-            .replace(b"NAME", name.encode()),
-        )
+        contents = (templates / template).read_bytes()
+        write_file(path, contents.replace(b"NAME", name.encode()))
     show(f"{scene}: the physics of one run", f"{study}: the runs and their analysis", "")
     show(f"brownpipe check {shell_path(study)}    # what will be simulated, at what cost")
     show(f"brownpipe run {shell_path(study)}      # results and figures in results/{study.stem}")
@@ -145,29 +141,29 @@ def plan(arguments: Namespace) -> int:
     study = read_study(arguments.study, config)
     if arguments.count is not None:
         with progress.shown("plan"):
-            runs, pilots = write_plan(
-                study, writable(arguments.count, arguments.study, suffixes=YAML)
-            )
-        show(
-            f"{arguments.count}: {runs:,} runs for a tolerance of {100 * study.tolerance:g} % of "
-            f"{study.target}"
-        )
+            path = writable(arguments.count, arguments.study, suffixes=YAML)
+            runs, pilots = write_plan(study, path)
+        goal = f"a tolerance of {100 * study.tolerance:g} % of {study.target}"
+        show(f"{arguments.count}: {runs:,} runs for {goal}")
         show(spent_on(pilots))
         return DONE
-    target, tolerance = arguments.target or study.target, arguments.tolerance or study.tolerance
+    target = arguments.target or study.target
+    tolerance = arguments.tolerance or study.tolerance
     if tolerance is None:
         raise RequestError("--tolerance: missing; must be given, as the study has none")
-    if reason := why_no_relative_error(study.cases):
+    reason = why_no_relative_error(study.cases)
+    if reason:
         raise RequestError(
             f"{arguments.study}: {reason}, and one run is enough; must be left out of the plan"
         )
-    if output := arguments.write:
+    output = arguments.write
+    if output:
         validated(Name, Path(output).stem, key="--write")  # of the new study
         output = writable(absent(output, "choose another name"), suffixes=YAML)
     with progress.shown("plan"):
-        found, pilots = performance_of(study, target, tolerance)
-    show(*recommendation(found, pilots, target, tolerance).split("\n"))
-    best = next(iter(offers(found)), None)
+        performances, pilots = performance_of(study, target, tolerance)
+    show(*recommendation(performances, pilots, target, tolerance).split("\n"))
+    best = next(iter(offers(performances)), None)
     if output and best is not None:
         comment = f"brownpipe plan {shlex.join(arguments.argv[1:])}"
         write_study(study, read_keys(arguments.study, config), output, best, comment)
@@ -190,5 +186,6 @@ def schema(arguments: Namespace) -> None:
 
     example: brownpipe schema study
     """
-    made = (Scene if arguments.kind == "scene" else Study).model_json_schema()
-    show(*json.dumps(made, indent=1).split("\n"))
+    record = Scene if arguments.kind == "scene" else Study
+    text = json.dumps(record.model_json_schema(), indent=1)
+    show(*text.split("\n"))
