@@ -150,8 +150,9 @@ def recorded(mapping: dict, where: str = "") -> Engine:
     Raises RequestError.
     """
     name = validated(Literal[tuple(DEFINITIONS)], mapping.get("name"), where, "name")
-    _, *values = validated(settings_of(name), mapping, where)
-    return Engine(name, tuple(values))
+    record = validated(settings_of(name), mapping, where)
+    settings = [(key, value) for key, value in record if key != "name"]
+    return Engine(name, tuple(settings))
 
 
 def requested(

@@ -180,15 +180,14 @@ def write(
 def select(runs: Ensemble, rows: np.ndarray | slice) -> Ensemble:
     """Return the runs at `rows`: indices, a mask (S,), or a slice."""
     seeds = runs.seeds[rows]
-    observables_at_rows = {name: values[rows] for name, values in runs.observables.items()}
-    return runs._replace(
-        seeds=seeds,
-        tracer=runs.tracer and runs.tracer.of(rows),
-        observables=observables_at_rows,
+    arrays = {name: values[rows] for name, values in runs.observables.items()}
+    selected = runs._replace(
         whole=_of_seeds(runs.whole, seeds),
         events=_of_seeds(runs.events, seeds),
         stopped=_of_seeds(runs.stopped, seeds),
     )
+    tracer = runs.tracer and runs.tracer.of(rows)
+    return selected._replace(seeds=seeds, tracer=tracer, observables=arrays)
 
 
 def _of_seeds(values: Mapping[int, Value], seeds: np.ndarray) -> dict[int, Value]:

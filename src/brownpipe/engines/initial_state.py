@@ -174,18 +174,13 @@ def _places(
     """Return disks in the box of a scene with empty cells, at most `most` along each side."""
     common = common_radius(radius)
     size = np.array((scene.box.width, scene.box.height))
+    big = np.flatnonzero(radius > common)
     cells = np.clip((size / (2 * common)).astype(np.int64), 1, most)
-    return Places(
-        position=position,
-        radius=radius,
-        common=common,
-        big=np.flatnonzero(radius > common),
-        size=size,
-        periodic=scene.box.periodic,
-        grid=np.full(cells, -1, np.int64),
-        following=np.full(len(radius), -1, np.int64),
-        is_open=np.ones(FIELDS_PER_CELL * cells, np.bool_),
-    )
+    grid = np.full(cells, -1, np.int64)
+    following = np.full(len(radius), -1, np.int64)
+    is_open = np.ones(FIELDS_PER_CELL * cells, np.bool_)
+    periodic = scene.box.periodic
+    return Places(position, radius, common, big, size, periodic, grid, following, is_open)
 
 
 def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np.ndarray:
@@ -213,10 +208,10 @@ def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np
     if outcome == STUCK:
         stream.bit_generator.state = start
         _skip(stream, 2 * batch * math.ceil(progress[ROWS] / batch))
+        tries = f"{TRIES} tries (packing fraction {scene.packing_fraction:.3g})"
         raise PlacementError(
             f"disks: only {progress[NEXT]} of {n} disks found a place by random insertion in "
-            f"{TRIES} tries (packing fraction {scene.packing_fraction:.3g}); must be fewer or "
-            f"smaller disks{other_placements(scene)}"
+            f"{tries}; must be fewer or smaller disks{other_placements(scene)}"
         )
     return (p.position + scene.box.origin).take(back, axis=0)
 
