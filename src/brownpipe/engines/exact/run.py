@@ -74,9 +74,8 @@ class RunState(NamedTuple):
     slots: int
     first: np.ndarray  # (N, 4) float64, positions and velocities at the beginning
     motion: np.ndarray  # (N, 4) float64, positions and velocities now
-    arrays: dict[
-        str, np.ndarray
-    ]  # those of `_arrays_of`, with the samples taken so far; empty at the beginning
+    # those of `_arrays_of`, with the samples taken so far; empty at the beginning
+    arrays: dict[str, np.ndarray]
     events: Events | None = None  # the log so far, in the scene's units and order
 
 
@@ -94,9 +93,8 @@ class Checkpoints(NamedTuple):
     """
 
     due: Callable[[], bool]  # whether to store at the next end of a block
-    store: Callable[
-        [Any], None
-    ]  # takes arrays of `simulation.pack`, or a RunState: views of arrays that change later
+    # takes arrays of `simulation.pack`, or a RunState: views of arrays that change later
+    store: Callable[[Any], None]
     stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
 
 
@@ -115,11 +113,8 @@ def prepare_scene(
     frame = frame_of(scene)
     w = prepare(scene, frame, pinned)
     recorder = new_recorder(scene, frame, w.calendar.block, times, record)
-    compile_all(
-        insert_nothing,
-        report_nothing,
-        partial(advance, w, recorder._replace(block=recorder.block[:0]), 0),
-    )
+    no_samples = recorder._replace(block=recorder.block[:0])
+    compile_all(insert_nothing, report_nothing, partial(advance, w, no_samples, 0))
     return PreparedScene(scene, frame, pinned, w, recorder)
 
 
@@ -137,10 +132,11 @@ def to_end(prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CH
     run starts with the default capacity, as it must not depend on earlier runs. Raises RunError if
     the run makes no progress.
     """
-    scene, frame, pinned, w, recorder = prepared
+    recorder = prepared.recorder
+    w = prepared.workspace
     while True:
         if start.slots != w.grid.slots:
-            w = prepare(scene, frame, pinned, start.slots)
+            w = prepare(prepared.scene, prepared.frame, prepared.pinned, start.slots)
         begin(w, start.motion)  # cells, event queue and neighbour lists are built by the next block
         if start.arrays:
             w.progress[:] = start.arrays["progress"]  # with the number of samples taken
@@ -150,7 +146,7 @@ def to_end(prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CH
         if _to_last_sample(prepared, w, start, logs, saving):
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first, {})
-    tracer, whole, finite = tracks_of(scene, frame, recorder)
+    tracer, whole, finite = tracks_of(prepared.scene, prepared.frame, recorder)
     return Run(tracer, whole, _joined(logs), report_of(prepared, w, start.first, finite))
 
 
@@ -164,27 +160,31 @@ def _to_last_sample(
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list
     overflowed.
     """
-    scene, frame, _, _, recorder = prepared
-    before, events, estimated = _progress_of(w), 0, w.calendar.width
-    few = most = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
-    settled = 0.0 if start.equilibrating else scene.equilibrate.time
+    scene = prepared.scene
+    frame = prepared.frame
+    recorder = prepared.recorder
+    estimated = w.calendar.width
+    few = min(FEW_EVENTS + 2 * scene.particles, EVENTS_PER_CALL)
+    most = few
+    # each block begins with an event of every disk
+    between_looks = max(EVENTS_PER_CALL, 2 * scene.particles)
+    before = _progress_of(w)
+    events = 0
     while w.progress[ws.SAMPLE] < len(recorder.block):
         w.progress[ws.STOP] = saving.due()
-        done, began = events_so_far(w), time_since_start(w)
+        events_before = events_so_far(w)
+        began = time_since_start(w)
         outcome = advance(w, quarter_of(recorder, w), most)
         if outcome in (ws.PAUSED, ws.LOG_FULL):
             now = time_since_start(w)
             events += most if outcome == ws.PAUSED else len(recorder.log_time)
-            w = with_fitting_buckets(w, events_so_far(w) - done, now - began, estimated)
+            w = with_fitting_buckets(w, events_so_far(w) - events_before, now - began, estimated)
             most = few if w.calendar.width < estimated else min(2 * most, EVENTS_PER_CALL)
-            if events >= max(
-                EVENTS_PER_CALL, 2 * scene.particles
-            ):  # each block begins with an event of every disk
+            if events >= between_looks:
                 _refuse_standstill(scene.box, frame, w, before, events)
-                before, events = _progress_of(w), 0
-            progress.within(
-                (settled + now * frame.time) / (scene.equilibrate.time + scene.duration)
-            )
+                before = _progress_of(w)
+                events = 0
+            _report_progress(scene, now * frame.time, start.equilibrating)
         if len(recorder.log_time):
             logs.append(_logged(recorder, w, frame))
             w.progress[ws.LOGGED] = 0
@@ -193,12 +193,15 @@ def _to_last_sample(
         if outcome == ws.DONE and len(recorder.quarter):
             _take_totals(recorder, w)
         if outcome == ws.BLOCK_OVER:
-            saving.store(
-                start._replace(
-                    motion=_motion(w), arrays=_arrays_of(w, recorder), events=_joined(logs)
-                )
-            )
+            arrays = _arrays_of(w, recorder)
+            saving.store(start._replace(motion=_motion(w), arrays=arrays, events=_joined(logs)))
     return True
+
+
+def _report_progress(scene: Scene, time: float, equilibrating: bool) -> None:
+    """Show how far a run has come, `time` after its beginning, or that of its equilibration."""
+    before = 0.0 if equilibrating else scene.equilibrate.time
+    progress.within((before + time) / (scene.equilibrate.time + scene.duration))
 
 
 def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
@@ -206,12 +209,13 @@ def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
     and the log.
     """
     arrays = {"progress": w.progress, "count": w.count, "tally": w.tally, "totals": recorder.totals}
-    arrays |= {} if w.image is None else {"images_now": w.image}
-    for of, track in (("track", recorder.track), ("whole", recorder.whole)):
-        arrays |= {
-            f"{of}_{name}": values[: w.progress[ws.SAMPLE]]
-            for name, values in track._asdict().items()
-        }
+    if w.image is not None:
+        arrays["images_now"] = w.image
+    samples = w.progress[ws.SAMPLE]
+    for name, values in recorder.track._asdict().items():
+        arrays[f"track_{name}"] = values[:samples]
+    for name, values in recorder.whole._asdict().items():
+        arrays[f"whole_{name}"] = values[:samples]
     return arrays
 
 
@@ -274,8 +278,9 @@ def new_recorder(
     """Return an empty recorder for `prepare_scene`; `duration` is that of a block, whatever the
     size of cells.
     """
-    n, table, quarters = scene.particles, species_table(scene), ends_of_quarters(times)
-    quarters = quarters if claims_equilibrium(scene) else quarters[:0]
+    n = scene.particles
+    species = species_table(scene)
+    quarters = ends_of_quarters(times) if claims_equilibrium(scene) else np.zeros(0, np.int64)
     log_length = EVENTS_PER_LOG if "events" in record else 0
     engine_times = times / frame.time
     block = np.floor(engine_times / duration)
@@ -285,15 +290,17 @@ def new_recorder(
             f"{scene.name}: duration: must be at most {longest:.3g} for disks so fast, not "
             f"{times[-1]:g}"
         )
+    whole_disks = n if "all" in record else 0
+    totals = np.zeros((len(quarters), 2 + len(species.name)))
     return ws.Recorder(
         tracer=int(frame.back[0]) if n else 0,
         block=block.astype(np.int64),
         time=engine_times - block * duration,  # exact, as the length of a block is a power of two
         track=blank_samples(len(times), 1),
-        whole=blank_samples(len(times), n if "all" in record else 0),
+        whole=blank_samples(len(times), whole_disks),
         quarter=quarters,
-        species=table.label[frame.order],
-        totals=np.zeros((len(quarters), 2 + len(table.name))),
+        species=species.label[frame.order],
+        totals=totals,
         log_block=np.empty(log_length, np.int64),
         log_time=np.empty(log_length),
         log_pair=np.empty((log_length, 2), np.int32),
@@ -308,17 +315,17 @@ def _logged(recorder: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
     n = w.progress[ws.LOGGED]
     time = (recorder.log_block[:n] * w.calendar.block + recorder.log_time[:n]) * frame.time
     pair = recorder.log_pair[:n]
-    disks = np.where(pair >= 0, frame.order[np.maximum(pair, 0)], pair).astype(
-        np.int32
-    )  # < 0: a wall
-    return Events(
-        time, disks[:, 0], disks[:, 1], recorder.log_impulse[:n] * frame.mass * frame.speed
-    )
+    is_disk = pair >= 0  # otherwise a wall
+    disks = np.where(is_disk, frame.order[np.maximum(pair, 0)], pair).astype(np.int32)
+    impulse = recorder.log_impulse[:n] * frame.mass * frame.speed
+    return Events(time, disks[:, 0], disks[:, 1], impulse)
 
 
 def _joined(logs: list[Events]) -> Events | None:
     """Return the parts of a log as one; None if there are none."""
-    return Events(*(np.concatenate(column) for column in zip(*logs, strict=True))) if logs else None
+    if not logs:
+        return None
+    return Events(*(np.concatenate(column) for column in zip(*logs, strict=True)))
 
 
 # -- quarters of the run ---------------------------------------------------------------------------
@@ -340,10 +347,12 @@ def _take_totals(recorder: ws.Recorder, w: ws.Workspace) -> None:
     """
     for row in np.flatnonzero(recorder.quarter == w.progress[ws.SAMPLE] - 1):
         totals = recorder.totals[row]
-        totals[:2] = w.count[ws.PAIRS], w.tally[ws.VIRIAL]
+        totals[0] = w.count[ws.PAIRS]
+        totals[1] = w.tally[ws.VIRIAL]
         vx, vy = w.disk.reshape(-1, ws.ROW)[:, [ws.VX, ws.VY]].T
         half_mass = 0.5 if w.mass is None else 0.5 * w.mass
-        totals[2:] = np.bincount(recorder.species, half_mass * (vx * vx + vy * vy), len(totals) - 2)
+        energy = half_mass * (vx * vx + vy * vy)
+        totals[2:] = np.bincount(recorder.species, energy, len(totals) - 2)
 
 
 def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
@@ -379,26 +388,29 @@ def report_of(
     if it has numbers that are not `finite`. A pinned tracer has infinite mass: it takes up any
     momentum, and is left out of the energy.
     """
-    scene, frame, pinned, _, recorder = prepared
+    scene = prepared.scene
+    frame = prepared.frame
     mass = np.ones(len(first)) if w.mass is None else w.mass
-    count, impulses = w.count.tolist(), w.tally[ws.VIRIAL :]
+    count = w.count.tolist()
+    impulses = w.tally[ws.VIRIAL :]
     conserved = conservation(mass, first, _motion(w).copy(), impulses[1:])
-    # A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen:
-    # its distance from the cell then counts as an overlap.
-    overlap, stray = (
-        1.0 - math.sqrt(max(0.0, 1.0 + min(w.tally[ws.NEAREST], 0.0))),
-        float(w.tally[ws.STRAY]),
-    )
-    overlap = max(overlap, stray) if stray > HEALTH_BOUND else overlap
-    sound = (
-        finite
-        and overlap <= HEALTH_BOUND
-        and (pinned or conserved.momentum_residual <= HEALTH_BOUND)
-    )
-    sound = sound and images_fit(
-        scene, frame, count[ws.CROSSINGS], conserved.fastest * time_since_start(w)
-    )
+    overlap = _worst_overlap(w)
+    keeps_momentum = prepared.pinned or conserved.momentum_residual <= HEALTH_BOUND
+    longest_path = conserved.fastest * time_since_start(w)
+    sound = finite and overlap <= HEALTH_BOUND and keeps_momentum
+    sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], longest_path)
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
-    return report(scene, frame, conserved, collisions, impulses, overlap, sound) | _quarters(
-        frame, recorder
-    )
+    values = report(scene, frame, conserved, collisions, impulses, overlap, sound)
+    return values | _quarters(frame, prepared.recorder)
+
+
+def _worst_overlap(w: ws.Workspace) -> float:
+    """Return the deepest overlap of a pair in the run, in contact distances.
+
+    A disk further outside its cell than HEALTH_BOUND may have had overlaps that were not seen: its
+    distance from the cell [cells] then counts as an overlap.
+    """
+    square = 1.0 + min(w.tally[ws.NEAREST], 0.0)
+    overlap = 1.0 - math.sqrt(max(0.0, square))
+    stray = float(w.tally[ws.STRAY])
+    return max(overlap, stray) if stray > HEALTH_BOUND else overlap
