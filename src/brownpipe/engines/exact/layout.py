@@ -52,10 +52,11 @@ def prepare(
     mass = scene.mass[frame.order] / frame.mass
     if pinned:
         mass[frame.back[0]] = np.inf
-    are_equal = n < 2 or (np.all(radius == radius[0]) and np.all(mass == mass[0]))
+    are_equal = n < 2 or bool(np.all((radius == radius[0]) & (mass == mass[0])))
     is_periodic = scene.box.periodic
     common = common_radius(radius) if n else 0.5
-    big = _big_disks(_grid(scene, frame, common, 0.0), radius, common, is_periodic)
+    without_lists = _grid(scene, frame, common, half=0.0)
+    big = _big_disks(without_lists, radius, common, is_periodic)
     half = 0.0
     wide = None
     if big is None:
@@ -64,7 +65,8 @@ def prepare(
             half, wide = _squares(scene, radius)
     grid = _grid(scene, frame, common, half)
     grid = grid._replace(slots=slots or _slots(scene, radius, common, grid))
-    calendar = _calendar(scene, rms_speed(scene) * frame.time / frame.length, common, grid, half)
+    speed = rms_speed(scene) * frame.time / frame.length
+    calendar = _calendar(scene, speed, common, grid, half)
     cells = (grid.columns + 2) * (grid.rows + 2)
     # one event of every disk, and some outdated ones before they must be removed
     current = n + n // 8 + 16
@@ -118,12 +120,10 @@ def _deferred(n: int, half: float) -> ws.Deferred | None:
     """Return memory for deferred insertions; None for so few disks that they fit the cache."""
     if n < FITS_CACHE:
         return None
-    return ws.Deferred(
-        np.zeros(2, np.int64),
-        np.zeros(2 * MOST_DEFERRED, np.int64),
-        np.zeros(2 * MOST_DEFERRED, np.uint32),
-        _prefetches_candidates(n, half),
-    )
+    number = np.zeros(2, np.int64)
+    bucket = np.zeros(2 * MOST_DEFERRED, np.int64)
+    disk = np.zeros(2 * MOST_DEFERRED, np.uint32)
+    return ws.Deferred(number, bucket, disk, _prefetches_candidates(n, half))
 
 
 def _most_candidates(grid: ws.Grid, big: ws.BigDisks | None) -> int:
@@ -228,15 +228,17 @@ def _grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
     side = max(narrowest, math.sqrt(width * height / (4 * scene.particles + 4)))
     columns = max(int(width / side), 1)
     rows = max(int(height / side), 1)
+    x = (box.x[0] - frame.origin[0]) / frame.length
+    y = (box.y[0] - frame.origin[1]) / frame.length
     return ws.Grid(
-        columns=columns,
-        rows=rows,
-        x=(box.x[0] - frame.origin[0]) / frame.length,
-        y=(box.y[0] - frame.origin[1]) / frame.length,
-        width=width,
-        height=height,
-        cell_width=width / columns,
-        cell_height=height / rows,
+        columns,
+        rows,
+        x,
+        y,
+        width,
+        height,
+        width / columns,
+        height / rows,
         slots=0,
         sigma=2 * common,
     )
