@@ -37,12 +37,13 @@ class Settings(NamedTuple):
 
 def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str]) -> None:
     """Raise RequestError for a time step that does not fit the scene, or a record of events."""
-    time_step, most, least = settings.time_step, largest_step(scene), smallest_step(scene)
+    time_step = settings.time_step
+    most = largest_step(scene)
+    least = smallest_step(scene)
     if not time_step <= most:  # NaN, too
         raise RequestError(
             f"{scene.name}: time_step: must be at most {most:.4g}, in which a disk at rms speed "
-            "covers its radius, "
-            f"found {time_step!r}"
+            f"covers its radius, found {time_step!r}"
         )
     if math.isinf(time_step):
         raise RequestError(
@@ -70,7 +71,8 @@ def largest_step(scene: Scene) -> float:
     speed = rms_speed(scene)
     if speed == 0.0 or scene.particles == 0:
         return math.inf
-    return float(np.min(scene.radius * np.sqrt(scene.mass / scene.mass.min()))) / speed
+    slowness = np.sqrt(scene.mass / scene.mass.min())  # `speed` is that of the lightest disks
+    return float(np.min(scene.radius * slowness)) / speed
 
 
 def smallest_step(scene: Scene) -> float:
@@ -80,9 +82,12 @@ def smallest_step(scene: Scene) -> float:
     The latter: a disk at the rms speed moves in a step by less than FINEST times the round-off of a
     coordinate.
     """
-    speed, size = rms_speed(scene), max(scene.box.width, scene.box.height)
-    moving = FINEST * float(np.finfo(float).eps) * size / speed if speed > 0 else 0.0
-    return max(scene.duration / MOST_STEPS, moving)
+    shortest = scene.duration / MOST_STEPS
+    speed = rms_speed(scene)
+    if not speed > 0:
+        return shortest
+    size = max(scene.box.width, scene.box.height)
+    return max(shortest, FINEST * float(np.finfo(float).eps) * size / speed)
 
 
 def _forecast(scene: Scene, settings: Settings, *recorded: Any) -> forecast.Cost:

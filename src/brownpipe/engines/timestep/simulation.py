@@ -83,9 +83,11 @@ def simulate(
     Raises RequestError for a time step or record that the engine refuses, and if the scene leaves
     no place for its disks in any run.
     """
-    refuse_unfit(scene, Settings(**settings), record)
+    own_settings = Settings(**settings)
+    refuse_unfit(scene, own_settings, record)
     batch = new_batch(scene, seeds, record, observables, average)
-    equilibrator, setup = prepare_equilibration(scene), prepared(scene, Settings(**settings))
+    equilibrator = prepare_equilibration(scene)
+    setup = prepared(scene, own_settings)
 
     def run_of(column: int) -> Run:
         drawn = draw(scene, int(batch.ensemble.seeds[column]))
@@ -109,16 +111,17 @@ def run(
     """Run from a state and sample at the given times (T,). Full lists are replaced by lists of
     twice the capacity.
     """
-    scene, frame, w = setup.scene, setup.frame, setup.workspace
-    samples = recorder(scene, frame, setup.settings.time_step, times, record)
+    scene = setup.scene
+    frame = setup.frame
+    w = setup.workspace
+    time_step = setup.settings.time_step
+    samples = recorder(scene, frame, time_step, times, record)
     first = motion_of(state, frame)
     begin(w, first)
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
     while (outcome := advance(w, samples, steps)) != ws.DONE:
-        elapsed = int(w.counters[ws.STEP]) * setup.settings.time_step
-        progress.within(
-            (scene.equilibrate.time + elapsed) / (scene.equilibrate.time + scene.duration)
-        )
+        elapsed = scene.equilibrate.time + int(w.counters[ws.STEP]) * time_step
+        progress.within(elapsed / (scene.equilibrate.time + scene.duration))
         if outcome == ws.LISTS_FULL:
             w = _with_twice_the_capacity(setup, w)
     tracer, whole, finite = tracks_of(scene, frame, samples)
@@ -127,9 +130,16 @@ def run(
 
 def _with_twice_the_capacity(setup: SteppingSetup, w: Workspace) -> Workspace:
     """Return the workspace in its present state with lists of twice the capacity."""
-    larger = prepare(*setup[:-1], capacity=2 * len(w.within.a))
-    names = ("within", "across", "candidate", "contact_time", "contact_key", "contact_pair")
-    return w._replace(**{name: getattr(larger, name) for name in names})
+    capacity = 2 * len(w.within.a)
+    larger = prepare(setup.scene, setup.frame, setup.settings, capacity)
+    return w._replace(
+        within=larger.within,
+        across=larger.across,
+        candidate=larger.candidate,
+        contact_time=larger.contact_time,
+        contact_key=larger.contact_key,
+        contact_pair=larger.contact_pair,
+    )
 
 
 # -- the workspace of a scene ----------------------------------------------------------------------
@@ -139,18 +149,16 @@ def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -
     """Return a workspace for the runs of a scene; `capacity` of the lists of pairs where the
     default was too small.
     """
-    n, box = scene.particles, scene.box
+    n = scene.particles
+    box = scene.box
     radius = scene.radius[frame.order] / frame.length
     common = common_radius(radius) if n else 0.5
     x, y = ((np.array((box.x[0], box.y[0])) - frame.origin) / frame.length).tolist()
-    width, height = box.width / frame.length, box.height / frame.length
+    width = box.width / frame.length
+    height = box.height / frame.length
     capacity = max(capacity, 16 * n + 64)
-
-    def pairs(capacity: int) -> PairList:
-        return PairList(
-            *(np.zeros(capacity, kind) for kind in (np.uint32, np.uint32, float, float, float))
-        )
-
+    real_arrays = {name: np.zeros(n) for name in REAL_ARRAYS}
+    int_arrays = {name: np.zeros(n, np.int32) for name in INT_ARRAYS}
     return Workspace(
         box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
         step=settings.time_step / frame.time,
@@ -159,14 +167,14 @@ def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -
         common_radius=float(common),
         big=int(np.count_nonzero(radius > common)),
         tracer=int(frame.back[0]) if n else 0,
-        **{name: np.zeros(n) for name in REAL_ARRAYS},
+        **real_arrays,
         radius=radius,
-        **{name: np.zeros(n, np.int32) for name in INT_ARRAYS},
+        **int_arrays,
         mass=scene.mass[frame.order] / frame.mass,
         straight_since=np.zeros(n),
         cell_start=np.zeros(4 * n + 9, np.int32),
-        within=pairs(capacity),
-        across=pairs(capacity if box.periodic else 0),
+        within=_empty_pairs(capacity),
+        across=_empty_pairs(capacity if box.periodic else 0),
         candidate=np.zeros(2 * capacity, np.uint32),
         contact_time=np.zeros(2 * capacity),
         contact_key=np.zeros(2 * capacity, np.int64),
@@ -174,6 +182,17 @@ def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -
         counters=np.zeros(ws.COUNTERS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
         tally=np.zeros(ws.TALLY),
+    )
+
+
+def _empty_pairs(capacity: int) -> PairList:
+    """Return a list of pairs with room for so many."""
+    return PairList(
+        a=np.zeros(capacity, np.uint32),
+        b=np.zeros(capacity, np.uint32),
+        contact=np.zeros(capacity),
+        shift_x=np.zeros(capacity),
+        shift_y=np.zeros(capacity),
     )
 
 
@@ -186,7 +205,8 @@ def skin_of(scene: Scene, time_step: float) -> float:
     sigma = 2 * common_radius(scene.radius) if scene.particles else 1.0
     path = rms_speed(scene) * time_step / sigma
     most = 0.5 * min(scene.box.width, scene.box.height) / sigma
-    return min(SKIN_FACTOR * math.sqrt(path / max(scene.packing_fraction, 1e-6)), most)
+    cheapest = SKIN_FACTOR * math.sqrt(path / max(scene.packing_fraction, 1e-6))
+    return min(cheapest, most)
 
 
 def begin(w: Workspace, motion: np.ndarray) -> None:
@@ -196,13 +216,19 @@ def begin(w: Workspace, motion: np.ndarray) -> None:
     BUDGET is negative, so that the first step builds the lists.
     """
     w.x[:], w.y[:], w.vx[:], w.vy[:] = motion.T
-    w.x_at_build[:], w.y_at_build[:] = w.x, w.y
+    w.x_at_build[:] = w.x
+    w.y_at_build[:] = w.y
     w.radius[:] = w.radius[np.argsort(w.disk, kind="stable")]
     w.disk[:] = np.arange(len(w.disk))
-    w.image_x[:], w.image_y[:], w.straight_since[:] = 0, 0, 0.0
-    w.counters[:], w.count[:], w.tally[:] = 0, 0, 0.0
+    w.image_x[:] = 0
+    w.image_y[:] = 0
+    w.straight_since[:] = 0.0
+    w.counters[:] = 0
     w.counters[ws.TRACER] = w.tracer
-    w.tally[ws.BUDGET], w.tally[ws.NEAREST] = -1.0, 1.0
+    w.count[:] = 0
+    w.tally[:] = 0.0
+    w.tally[ws.BUDGET] = -1.0
+    w.tally[ws.NEAREST] = 1.0
 
 
 # -- samples and reports ---------------------------------------------------------------------------
@@ -215,14 +241,13 @@ def recorder(
     sample times.
     """
     steps = times / time_step
-    last = np.rint(steps)
-    last = np.where(np.abs(steps - last) <= 1e-9 + 1e-12 * steps, last, np.floor(steps))
-    return ws.Recorder(
-        step=last.astype(np.int64),
-        rest=(times - last * time_step) / frame.time,
-        track=blank_samples(len(times), 1),
-        whole=blank_samples(len(times), scene.particles if "all" in record else 0),
-    )
+    nearest = np.rint(steps)
+    is_whole = np.abs(steps - nearest) <= 1e-9 + 1e-12 * steps
+    last = np.where(is_whole, nearest, np.floor(steps))
+    rest = (times - last * time_step) / frame.time
+    track = blank_samples(len(times), 1)
+    whole = blank_samples(len(times), scene.particles if "all" in record else 0)
+    return ws.Recorder(last.astype(np.int64), rest, track, whole)
 
 
 def report_of(
@@ -235,24 +260,28 @@ def report_of(
     """
     last = np.empty((len(w.disk), 4))
     last[w.disk] = np.stack([w.x, w.y, w.vx, w.vy], axis=1)
-    count, impulses, elapsed = (
-        w.count.tolist(),
-        w.tally[ws.VIRIAL :],
-        float(w.counters[ws.STEP] * w.step),
-    )
+    count = w.count.tolist()
+    impulses = w.tally[ws.VIRIAL :]
+    elapsed = float(w.counters[ws.STEP] * w.step)
     conserved = conservation(w.mass, first, last, impulses[1:])
     sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(w)
     sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
     overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
-    missed = {"missed_collisions": count[ws.MISSED]} if w.late else {}
-    return report(scene, frame, conserved, collisions, impulses, overlap, sound) | missed
+    values = report(scene, frame, conserved, collisions, impulses, overlap, sound)
+    if w.late:
+        values["missed_collisions"] = count[ws.MISSED]
+    return values
 
 
 def _are_inside(w: Workspace) -> bool:
     """Whether, between walls, no disk has escaped: REACHES."""
-    box, far = w.box, REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(w.box.width, w.box.height)
-    beyond = reaches_beyond(
-        w.x, w.y, w.radius, box.x - far, box.right + far, box.y - far, box.top + far
-    )
-    return box.periodic or bool(np.all(np.isfinite(w.x + w.y + far) & ~beyond))
+    box = w.box
+    far = REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(box.width, box.height)
+    left = box.x - far
+    right = box.right + far
+    bottom = box.y - far
+    top = box.top + far
+    has_escaped = reaches_beyond(w.x, w.y, w.radius, left, right, bottom, top)
+    finite = np.isfinite(w.x + w.y + far)
+    return box.periodic or bool(np.all(finite & ~has_escaped))
