@@ -25,10 +25,8 @@ import numba
 from llvmlite.binding import ModuleRef
 from numba.core import compiler
 
-TESTED = (
-    (0, 63),
-    (0, 68),
-)  # first and last version of Numba whose private parts are those used here
+# first and last version of Numba whose private parts are those used here
+TESTED = ((0, 63), (0, 68))
 IS_TESTED = TESTED[0] <= numba.version_info[:2] <= TESTED[1]  # the installed version is one of them
 # prefix of this package's functions in LLVM; their wrappers for Python and C have other names
 OURS = "_ZN9brownpipe"
@@ -49,9 +47,8 @@ def simplify_inlined() -> None:
     """Let Numba only simplify modules that `is_inlined`, and compile all others as usual."""
     from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 
-    environments: dict[
-        str, object
-    ] = {}  # Numba's data of functions without machine code yet, for print() etc.
+    # Numba's data of functions without machine code yet, for print() etc.
+    environments: dict[str, object] = {}
 
     class Library(JITCodeLibrary):
         """Numba's library of a function: its code and that of the functions it calls."""

@@ -29,9 +29,8 @@ from brownpipe.engines import compiler
 from brownpipe.processes import held
 from brownpipe.provenance import PACKAGE
 
-config: Any = (
-    numba.config
-)  # Numba sets its attributes from the environment, unseen by type checkers
+# Numba sets its attributes from the environment, unseen by type checkers
+config: Any = numba.config
 
 # error_model="numpy": x / 0 is inf, as for arrays, and no division needs a branch.
 # forceinline: of all kernels an entry point becomes one function, with the workspace in registers
@@ -191,13 +190,16 @@ if not config.DISABLE_JIT:
             context: CPUContext, builder: ir.IRBuilder, signature: Any, arguments: list[ir.Value]
         ) -> Any:
             start = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-            pointer, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+            pointer = ir.IntType(8).as_pointer()
+            word = ir.IntType(32)
             address = builder.bitcast(builder.gep(start, [arguments[1]]), pointer)
             instruction_type = ir.FunctionType(ir.VoidType(), [pointer, word, word, word])
             instruction = builder.module.declare_intrinsic(
                 "llvm.prefetch", [pointer], instruction_type
             )
-            for_reading, into_all_caches, of_data = word(0), word(3), word(1)
+            for_reading = word(0)
+            into_all_caches = word(3)
+            of_data = word(1)
             builder.call(instruction, [address, for_reading, into_all_caches, of_data])
             return context.get_dummy_value()
 

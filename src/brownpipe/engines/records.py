@@ -48,9 +48,8 @@ class Reference(types.Type):
         )
         # Numba makes the name part of every function's name, and hashes and compares types by it
         # thousands of times: it is short, and different for different fields.
-        super().__init__(
-            f"{record.__name__}.{hashlib.sha256(str(self.struct).encode()).hexdigest()[:16]}"
-        )
+        digest = hashlib.sha256(str(self.struct).encode()).hexdigest()
+        super().__init__(f"{record.__name__}.{digest[:16]}")
 
 
 def by_reference(record: type[Record]) -> type[Record]:
