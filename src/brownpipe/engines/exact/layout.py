@@ -68,6 +68,8 @@ def prepare(
     speed = rms_speed(scene) * frame.time / frame.length
     calendar = _calendar(scene, speed, common, grid, half)
     cells = (grid.columns + 2) * (grid.rows + 2)
+    cell_words = cells * grid.slots + fours.SIZE
+    bucket_words = BUCKET_WORDS * (calendar.ring + 1)
     # one event of every disk, and some outdated ones before they must be removed
     current = n + n // 8 + 16
     list_words = 0
@@ -76,14 +78,17 @@ def prepare(
     disk, link, cell, bucket, current_time, current_disk, centre, neighbour = zeros_together(
         (ws.ROW * n, np.float64),
         (ws.ROW * n, np.uint32),
-        (cells * grid.slots + fours.SIZE, np.uint32),
-        (BUCKET_WORDS * (calendar.ring + 1), np.uint32),
+        (cell_words, np.uint32),
+        (bucket_words, np.uint32),
         (current, np.float64),
         (current, np.uint32),
         (2 * n, np.float64),
         (list_words * n + fours.SIZE, np.uint32),
     )
     disk[ws.RADIUS :: ws.ROW] = radius
+    image = np.zeros(2 * n, np.int32) if is_periodic else None
+    lists = ws.NeighbourLists(half, wide, centre, neighbour) if half else None
+    candidate = np.zeros(_most_candidates(grid, big), np.uint32)
     return ws.Workspace(
         grid=grid,
         calendar=calendar,
@@ -92,15 +97,15 @@ def prepare(
         event_time=link.view(np.float64),
         mass=None if are_equal else mass,
         cell=cell,
-        image=np.zeros(2 * n, np.int32) if is_periodic else None,
+        image=image,
         shift=_shifts(grid) if is_periodic else None,
         big=big,
-        lists=ws.NeighbourLists(half, wide, centre, neighbour) if half else None,
+        lists=lists,
         bucket=bucket,
         current_time=current_time,
         current_disk=current_disk,
         deferred=_deferred(n, half),
-        candidate=np.zeros(_most_candidates(grid, big), np.uint32),
+        candidate=candidate,
         progress=np.zeros(ws.PROGRESS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
         tally=np.zeros(ws.TALLY),

@@ -301,11 +301,18 @@ def new_recorder(
         quarter=quarters,
         species=species.label[frame.order],
         totals=totals,
-        log_block=np.empty(log_length, np.int64),
-        log_time=np.empty(log_length),
-        log_pair=np.empty((log_length, 2), np.int32),
-        log_impulse=np.empty((log_length, 2)),
+        **_empty_log(log_length),
     )
+
+
+def _empty_log(collisions: int) -> dict[str, Any]:
+    """Return the fields of a recorder that log so many collisions."""
+    log: dict[str, Any] = {}
+    log["log_block"] = np.empty(collisions, np.int64)
+    log["log_time"] = np.empty(collisions)
+    log["log_pair"] = np.empty((collisions, 2), np.int32)
+    log["log_impulse"] = np.empty((collisions, 2))
+    return log
 
 
 def _logged(recorder: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:

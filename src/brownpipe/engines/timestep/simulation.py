@@ -123,32 +123,21 @@ def run(
         elapsed = scene.equilibrate.time + int(w.counters[ws.STEP]) * time_step
         progress.within(elapsed / (scene.equilibrate.time + scene.duration))
         if outcome == ws.LISTS_FULL:
-            w = _with_twice_the_capacity(setup, w)
+            w = _with_twice_the_capacity(w)
     tracer, whole, finite = tracks_of(scene, frame, samples)
     return Run(tracer, whole, None, report_of(scene, frame, w, first, finite))
 
 
-def _with_twice_the_capacity(setup: SteppingSetup, w: Workspace) -> Workspace:
+def _with_twice_the_capacity(w: Workspace) -> Workspace:
     """Return the workspace in its present state with lists of twice the capacity."""
-    capacity = 2 * len(w.within.a)
-    larger = prepare(setup.scene, setup.frame, setup.settings, capacity)
-    return w._replace(
-        within=larger.within,
-        across=larger.across,
-        candidate=larger.candidate,
-        contact_time=larger.contact_time,
-        contact_key=larger.contact_key,
-        contact_pair=larger.contact_pair,
-    )
+    return w._replace(**_empty_lists(2 * len(w.within.a), w.box.periodic))
 
 
 # -- the workspace of a scene ----------------------------------------------------------------------
 
 
-def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -> Workspace:
-    """Return a workspace for the runs of a scene; `capacity` of the lists of pairs where the
-    default was too small.
-    """
+def prepare(scene: Scene, frame: Frame, settings: Settings) -> Workspace:
+    """Return a workspace for the runs of a scene."""
     n = scene.particles
     box = scene.box
     radius = scene.radius[frame.order] / frame.length
@@ -156,9 +145,8 @@ def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -
     x, y = ((np.array((box.x[0], box.y[0])) - frame.origin) / frame.length).tolist()
     width = box.width / frame.length
     height = box.height / frame.length
-    capacity = max(capacity, 16 * n + 64)
-    real_arrays = {name: np.zeros(n) for name in REAL_ARRAYS}
-    int_arrays = {name: np.zeros(n, np.int32) for name in INT_ARRAYS}
+    real_arrays: dict[str, Any] = {name: np.zeros(n) for name in REAL_ARRAYS}
+    int_arrays: dict[str, Any] = {name: np.zeros(n, np.int32) for name in INT_ARRAYS}
     return Workspace(
         box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
         step=settings.time_step / frame.time,
@@ -173,27 +161,35 @@ def prepare(scene: Scene, frame: Frame, settings: Settings, capacity: int = 0) -
         mass=scene.mass[frame.order] / frame.mass,
         straight_since=np.zeros(n),
         cell_start=np.zeros(4 * n + 9, np.int32),
-        within=_empty_pairs(capacity),
-        across=_empty_pairs(capacity if box.periodic else 0),
-        candidate=np.zeros(2 * capacity, np.uint32),
-        contact_time=np.zeros(2 * capacity),
-        contact_key=np.zeros(2 * capacity, np.int64),
-        contact_pair=np.zeros(2 * capacity, np.uint32),
+        **_empty_lists(16 * n + 64, box.periodic),
         counters=np.zeros(ws.COUNTERS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
         tally=np.zeros(ws.TALLY),
     )
 
 
+def _empty_lists(capacity: int, periodic: bool) -> dict[str, Any]:
+    """Return the fields of a workspace that depend on the capacity of its lists of pairs: lists of
+    so many pairs within the box and across its edges, and of twice as many candidates.
+    """
+    lists: dict[str, Any] = {
+        "within": _empty_pairs(capacity),
+        "across": _empty_pairs(capacity if periodic else 0),
+    }
+    candidates = 2 * capacity
+    lists["candidate"] = np.zeros(candidates, np.uint32)
+    lists["contact_time"] = np.zeros(candidates)
+    lists["contact_key"] = np.zeros(candidates, np.int64)
+    lists["contact_pair"] = np.zeros(candidates, np.uint32)
+    return lists
+
+
 def _empty_pairs(capacity: int) -> PairList:
     """Return a list of pairs with room for so many."""
-    return PairList(
-        a=np.zeros(capacity, np.uint32),
-        b=np.zeros(capacity, np.uint32),
-        contact=np.zeros(capacity),
-        shift_x=np.zeros(capacity),
-        shift_y=np.zeros(capacity),
-    )
+    a = np.zeros(capacity, np.uint32)
+    b = np.zeros(capacity, np.uint32)
+    contact = np.zeros(capacity)
+    return PairList(a, b, contact, shift_x=np.zeros(capacity), shift_y=np.zeros(capacity))
 
 
 def skin_of(scene: Scene, time_step: float) -> float:
