@@ -40,8 +40,8 @@ def confinement(scene: Scene) -> Confinement:
     crowding = 2 * phi * room * excluded_share(sigma, sides)
     narrow = sides.min() < sigma
     contact = _contact_value(crowding, narrow)
-    of_bulk = float(theory.contact_value(phi))
-    pairs = room * np.prod(open_arc(sigma / sides)) * contact / of_bulk
+    bulk_contact = float(theory.contact_value(phi))
+    pairs = room * np.prod(open_arc(sigma / sides)) * contact / bulk_contact
 
     others = crowding * (1 - 1 / scene.particles)
     excess = others * _contact_value(others, narrow)

@@ -99,15 +99,15 @@ def of_run(
     record: Collection[str] = frozenset({"tracer"}),
     observables: Collection[str] = (),
     average: str = "runs",
-    alone: bool = False,
+    tracer_only: bool = False,
 ) -> Cost:
     """Return the forecast for one run of the exact engine that records `record` and measures
     `observables`.
 
-    `record` and `average` as in `engines.ensemble.new_batch`. `alone`: only the tracer moves,
+    `record` and `average` as in `engines.ensemble.new_batch`. `tracer_only`: it alone moves,
     without collisions.
     """
-    time = 0.0 if alone else scene.duration + scene.equilibrate.time
+    time = 0.0 if tracer_only else scene.duration + scene.equilibrate.time
     pair_collisions = time * pair_rate(scene)
     wall_collisions = time * wall_rate(scene)
     collisions = pair_collisions + wall_collisions
@@ -116,14 +116,14 @@ def of_run(
     disk_samples = len(scene.times) * sampled_disks
     measuring = [measures.record_of(name).working_memory(scene) for name in observables]
     working = max(measuring, default=0.0) + BYTES_PER_SAMPLE * disk_samples
-    working += BYTES_PER_DISK * (1 if alone else scene.particles)
+    working += BYTES_PER_DISK * (1 if tracer_only else scene.particles)
     recorded, kept = _bytes_of_record(scene, record, observables, collisions)
-    seconds = EACH_RUN * (0.5 if alone else 1 + (scene.equilibrate.time > 0))
+    seconds = EACH_RUN * (0.5 if tracer_only else 1 + (scene.equilibrate.time > 0))
     seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
     seconds += seconds_to_measure(scene, observables, average)
-    if alone and motion.starts_with_zero_momentum(scene):
+    if tracer_only and motion.starts_with_zero_momentum(scene):
         seconds += SECONDS_PER_VELOCITY * scene.particles
-    if not alone:
+    if not tracer_only:
         seconds += seconds_of_events(scene, time, pair_collisions, wall_collisions)
         from_memory = 1 + TRY_FROM_MEMORY * share_in_memory(scene)
         seconds += SECONDS_PER_TRY * from_memory * tries_to_place(scene)

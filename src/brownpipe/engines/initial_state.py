@@ -113,8 +113,8 @@ def without_total_momentum(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray
     exponent = math.frexp(mass.max(initial=0.0))[1]
     share = np.ldexp(mass, -exponent)  # exact, and the sum of the masses cannot overflow
     total = math.fsum(share)
-    of_centre = [math.fsum(share * component) / total for component in velocity.T]
-    return velocity - of_centre
+    centre_velocity = [math.fsum(share * component) / total for component in velocity.T]
+    return velocity - centre_velocity
 
 
 # -- positions -------------------------------------------------------------------------------------

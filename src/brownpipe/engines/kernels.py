@@ -114,8 +114,8 @@ def _folder() -> tuple[Path | None, str]:
     places = [Path(config.CACHE_DIR)] if config.CACHE_DIR else [PACKAGE / "__pycache__"]
     with suppress(RuntimeError):  # the user has no home
         if not config.CACHE_DIR:
-            of_user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-            places.append(Path(of_user, "brownpipe"))
+            user_cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+            places.append(Path(user_cache, "brownpipe"))
     problem = ""
     for place in places:
         try:

@@ -89,9 +89,10 @@ def tries_to_place(scene: Scene) -> float:
     tries = 0.0
     for count, places in _insertions(scene):
         filled = SATURATION * min(count / places, 1.0)
-        of_radius = places / SATURATION * TRIES_NEAR_LIMIT * ((LIMIT - filled) ** -2 - LIMIT**-2)
-        compared = min(of_radius, TRIES_COMPARED * scene.particles)
-        tries += compared + (of_radius - compared) / ANSWERS_PER_TRY
+        near_limit = (LIMIT - filled) ** -2 - LIMIT**-2
+        tries_of_radius = places / SATURATION * TRIES_NEAR_LIMIT * near_limit
+        compared = min(tries_of_radius, TRIES_COMPARED * scene.particles)
+        tries += compared + (tries_of_radius - compared) / ANSWERS_PER_TRY
     return tries
 
 

@@ -129,11 +129,11 @@ def report(
     virial, *walls = impulses.tolist()  # Python's floats: NumPy's warn of an overflow
     sound = sound and conserved.finite and abs(conserved.energy_drift) <= HEALTH_BOUND
     sound = sound and math.isfinite(conserved.energy) and math.isfinite(virial + sum(walls))
-    of_pairs, with_walls, of_tracer = collisions
+    pair_collisions, wall_collisions, tracer_collisions = collisions
     values: dict[str, Any] = {
-        "pair_collisions": of_pairs,
-        "wall_collisions": with_walls,
-        "tracer_collisions": of_tracer,
+        "pair_collisions": pair_collisions,
+        "wall_collisions": wall_collisions,
+        "tracer_collisions": tracer_collisions,
     }
     values["energy_drift"] = conserved.energy_drift
     values["worst_overlap"] = worst_overlap

@@ -129,7 +129,7 @@ def _forecast(
     """Return the cost of a run; measuring the friction by runs of the exact engine costs once per
     process.
     """
-    cost = forecast.of_run(scene, record, *of_tracer(observables, average), alone=True)
+    cost = forecast.of_run(scene, record, *of_tracer(observables, average), tracer_only=True)
     if rate_scene := scene_of_rate(scene, settings.friction):
         rate = forecast.of_run(rate_scene)
         return cost._replace(working=max(rate.working, cost.working), once=RATE_RUNS * rate.seconds)
