@@ -217,7 +217,7 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
     """
     needed = memory(cost, runs)
     available = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed <= available:
+    if not needed > available:
         return
     cure = (
         f"this machine has {in_bytes(available)}: take fewer seeds a call, fewer samples, "
