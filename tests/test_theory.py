@@ -358,10 +358,18 @@ def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
 # --- examples in docstrings
 
 
-@pytest.mark.parametrize(
-    "module",
-    ["theory", *(f"analysis.{name}" for _, name, _ in iter_modules(analysis.__path__))],
-)
+ANALYSIS = [f"analysis.{name}" for _, name, _ in iter_modules(analysis.__path__)]
+ENGINES = [
+    "engines.confinement",
+    "engines.ensemble",
+    "engines.exact.layout",
+    "engines.exact.simulation",
+    "engines.friction",
+    "engines.units",
+]
+
+
+@pytest.mark.parametrize("module", ["theory", *ANALYSIS, *ENGINES])
 def test_examples_in_docstrings_give_what_they_say(module):
-    """Of the closed forms and of all modules of the analysis."""
+    """Of the closed forms, of all modules of the analysis, and of the engines that have some."""
     assert not doctest.testmod(import_module(f"brownpipe.{module}")).failed
