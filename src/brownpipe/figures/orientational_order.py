@@ -22,7 +22,10 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """
     densities = {float(case.packing_fraction) for case in cases}
     axis = axis_of(cases, "packing_fraction" if len(densities) > 1 else "particles")
-    series = series_of(cases, axis, *(["particles"] if axis == "packing_fraction" else []))
+    if axis == "packing_fraction":
+        series = series_of(cases, axis, "particles")
+    else:
+        series = series_of(cases, axis)
     for (label, of_series), mark in zip(series.items(), cycle(MARKS), strict=False):
         points(
             axes,

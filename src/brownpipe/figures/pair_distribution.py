@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from xarray import Dataset
+from xarray import DataArray, Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.pairs import NORMAL
@@ -109,15 +109,20 @@ def _bins_pooled(pair: Dataset) -> int:
     return min(int(np.ceil((relative / LARGEST_ERROR) ** 2)), MOST_POOLED)
 
 
+def _sums(values: DataArray, number: int) -> DataArray:
+    """Return the sums of values over `number` neighbouring bins each."""
+    return values.coarsen(distance=number, boundary="trim").sum()
+
+
 def _pooled(pair: Dataset, number: int) -> Dataset:
     """Return g(r) with `number` neighbouring bins in one, weighted by the area of their rings."""
     if number == 1:
         return pair
     area = pair.distance.rename("area")
-    total, variance, areas = (
-        values.coarsen(distance=number, boundary="trim").sum()
-        for values in (area * pair[NAME], (area * pair[f"{NAME}_standard_error"]) ** 2, area)
-    )
+    error = area * pair[f"{NAME}_standard_error"]
+    total = _sums(area * pair[NAME], number)
+    variance = _sums(error**2, number)
+    areas = _sums(area, number)
     mean = total / areas
     reach = NORMAL * np.sqrt(variance) / areas
     return Dataset({NAME: mean, f"{NAME}_low": mean - reach, f"{NAME}_high": mean + reach})
