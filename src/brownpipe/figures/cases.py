@@ -392,7 +392,8 @@ def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:
 
     Without an error beyond round-off return the value alone, and `-` if it is not finite.
     """
-    value, error = float(value), float(error)
+    value = float(value)
+    error = float(error)
     if not np.isfinite(error) or error <= 1e-12 * abs(value):
         return f"{value:.4g}" if np.isfinite(value) else "-"
     decimals = max(0, 1 - int(np.floor(np.log10(error))))

@@ -114,7 +114,8 @@ def _are_on_front(times: np.ndarray, label: str, front: Sequence[Interval]) -> n
 
 def _unresolved_bound(setting: Dataset, name: str) -> float:
     """The 95 % upper bound of the size of a bias if that is not resolved from 0; 0 if it is."""
-    low, high = float(setting[f"{name}_low"]), float(setting[f"{name}_high"])
+    low = float(setting[f"{name}_low"])
+    high = float(setting[f"{name}_high"])
     return max(-low, high) if low <= 0.0 <= high else 0.0
 
 
@@ -244,7 +245,8 @@ def _bias(setting: Dataset, name: str) -> str:
 
 def _interval(setting: Dataset) -> str:
     """The CPU times at which a setting is on the Pareto front; `-` if it never is."""
-    start, end = float(setting.pays_from), float(setting.pays_to)
+    start = float(setting.pays_from)
+    end = float(setting.pays_to)
     if np.isnan(start):
         return "-" if np.isnan(setting.may_pay_from) else "perhaps"
     return f"{start:.2g} on" if end == np.inf else f"{start:.2g} to {end:.2g}"
