@@ -63,13 +63,11 @@ class LogHandler(LogHandlerBase):
         self.runs: dict[str, int] = {}  # to be simulated, by file
         self.seconds: dict[str, float] = {}  # CPU time that they are expected to take
         self.shares: dict[str, float] = {}  # how much of them is done
-        self.running: dict[
-            int, Any
-        ] = {}  # Snakemake's messages on running jobs, by its number of the job
+        # Snakemake's messages on running jobs, by its number of the job
+        self.running: dict[int, Any] = {}
         self.remarks: set[str] = set()  # that were shown
-        self.failures: dict[
-            int, str
-        ] = {}  # an explanation of each failed job, by its number, shown at the end
+        # an explanation of each failed job, by its number, shown at the end
+        self.failures: dict[int, str] = {}
         self.exceptions: dict[int, str] = {}  # Snakemake's latest one, by its thread
         self.closed = threading.Event()
         threading.Thread(target=self.watch, daemon=True).start()
@@ -94,7 +92,8 @@ class LogHandler(LogHandlerBase):
                 self.failures[record.jobid] = explanation(record, exception)
         elif record.levelno > logging.INFO or event is None:
             if hasattr(record, "seconds"):  # said by the Snakefile
-                self.runs, self.seconds = record.runs, record.seconds
+                self.runs = record.runs
+                self.seconds = record.seconds
             text = self.format(record)
             if text.startswith("RuleException"):  # told just before the job is said to have failed
                 self.exceptions[record.thread] = text
@@ -125,22 +124,19 @@ class LogHandler(LogHandlerBase):
                 if remark not in self.remarks:
                     self.remarks.add(remark)
                     self.display.say(remark)
-            for done, total in RUNS_DONE.findall(log)[-1:]:
-                self.shares[job.output[0]] = int(done.replace(",", "")) / int(
-                    total.replace(",", "")
-                )
+            for counts in RUNS_DONE.findall(log)[-1:]:
+                done, total = (int(count.replace(",", "")) for count in counts)
+                self.shares[job.output[0]] = done / total
         rules = sorted({job.rule_name for job in self.running.values()})
         if not all(job.log for job in self.running.values()):  # it prints results
             self.display.erase()
         elif rules:
-            runs = (
-                f": {self.done_of(self.runs):,.0f} of {sum(self.runs.values()):,} runs"
-                if self.runs
-                else ""
-            )
-            self.display.update(
-                ", ".join(rules) + runs, self.done_of(self.seconds), sum(self.seconds.values())
-            )
+            text = ", ".join(rules)
+            if self.runs:
+                runs = sum(self.runs.values())
+                text += f": {self.done_of(self.runs):,.0f} of {runs:,} runs"
+            seconds = sum(self.seconds.values())
+            self.display.update(text, self.done_of(self.seconds), seconds)
 
     def done_of(self, totals: Mapping[str, float]) -> float:
         """Return how much is done of totals by file."""
@@ -150,9 +146,9 @@ class LogHandler(LogHandlerBase):
         """Stop, and explain at the end, below Snakemake's own messages, why jobs failed."""
         self.closed.set()
         self.display.erase()
-        failures = (
-            [INTERRUPTED] if INTERRUPTED in self.failures.values() else [*self.failures.values()]
-        )
+        failures = [*self.failures.values()]
+        if INTERRUPTED in failures:
+            failures = [INTERRUPTED]
         if len(failures) > MOST_FAILURES:
             self.display.say(f"brownpipe: {len(failures)} jobs failed, among them:")
         for text in failures[:MOST_FAILURES]:
