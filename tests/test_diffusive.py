@@ -14,7 +14,7 @@ import brownpipe as bp
 from brownpipe import theory
 from brownpipe.analysis import diffusive, displacement
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.analysis.windows import candidate_windows, earlier_ends, longest_end
+from brownpipe.engines.windows import candidate_windows, earlier_ends, longest_end
 from brownpipe.figures.summary import summary
 
 TRACER = {"radius": 0.4, "mass": 3.0}

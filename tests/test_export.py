@@ -85,6 +85,7 @@ def written(path, scene, seeds, speed=1.0):
 def exported(path, form, *options):
     """The file that the verb writes."""
     target = path.with_suffix(f".{form}")
+    target.unlink(missing_ok=True)  # an export replaces no file
     assert main(["export", str(path), "--to", form, "--output", str(target), *options]) == DONE
     return target
 

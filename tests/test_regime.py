@@ -5,8 +5,8 @@ import pytest
 
 import brownpipe as bp
 from brownpipe import theory
-from brownpipe.analysis.windows import default_windows
 from brownpipe.engines import friction
+from brownpipe.engines.windows import default_windows
 from brownpipe.figures.summary import summary
 from brownpipe.scene import motion
 from brownpipe.scene.reading import yaml_text

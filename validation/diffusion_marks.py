@@ -15,8 +15,8 @@ import numpy as np
 
 import brownpipe as bp
 from brownpipe.analysis import diffusive
-from brownpipe.analysis.windows import default_windows
 from brownpipe.engines.friction import DECAY_TIMES, not_diffusive_before
+from brownpipe.engines.windows import default_windows
 
 FIRST_SEED = 7000
 SAMPLES = 100

@@ -30,8 +30,8 @@ from brownpipe.analysis.runs import (
     without_failed,
 )
 from brownpipe.analysis.variables import EACH, SAME_TIME, VARIED, Mean, Variable, with_uncertainties
-from brownpipe.analysis.windows import Window, candidate_windows, labels
 from brownpipe.engines.ensemble import HEALTH
+from brownpipe.engines.windows import Window, candidate_windows, labels
 from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES
 from brownpipe.observables.observable import RunArray

@@ -14,7 +14,7 @@ import numpy as np
 
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.variables import EACH, Variable
-from brownpipe.analysis.windows import ROUNDED, Window, labels
+from brownpipe.engines.windows import ROUNDED, Window, labels
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset

@@ -27,9 +27,9 @@ from brownpipe.analysis.variables import (
     Mean,
     Variable,
 )
-from brownpipe.analysis.windows import Window, are_inside, earlier_ends, labels
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DECAY_TIMES, drift_diffusion, not_diffusive_before
+from brownpipe.engines.windows import Window, are_inside, earlier_ends, labels
 from brownpipe.observables.displacement import displacement, squared
 from brownpipe.scene import Scene, motion
 

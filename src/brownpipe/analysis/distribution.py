@@ -27,8 +27,8 @@ from brownpipe.analysis.variables import (
     Variable,
     with_intervals,
 )
-from brownpipe.analysis.windows import labels
 from brownpipe.engines.ensemble import Ensemble
+from brownpipe.engines.windows import labels
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
 # default rings: at most MOST_RINGS, out to REACH rms displacements

@@ -148,7 +148,7 @@ def first_good_runs(group: Group) -> list[Ensemble]:
     All runs of a smaller group. Default rings and windows are chosen from them.
     """
     blocks: list[Ensemble] = []
-    for runs in blocks_of(group):
+    for runs in _blocks(group, block_numbers(group)):
         good_runs = without_failed(runs)
         if len(good_runs.seeds):
             blocks.append(good_runs)
@@ -168,10 +168,20 @@ def blocks_of(group: Group) -> Iterator[Ensemble]:
     The blocks do not depend on how the runs are distributed over files; blocks read from files have
     no whole runs and no collisions. Raises AnalysisError as `_refuse_gaps`.
     """
+    yield from _blocks(group, tracked(block_numbers(group), "blocks of runs"))
+
+
+def block_numbers(group: Group) -> np.ndarray:
+    """Return the numbers of the blocks that the seeds of a group lie in, ascending."""
+    return np.unique(group.seeds // SEEDS_PER_BLOCK)
+
+
+def _blocks(group: Group, numbers: Iterable[int]) -> Iterator[Ensemble]:
+    """Yield the runs of some blocks of a group, as `blocks_of` does."""
     # Enough to open each batch of consecutive seeds only once.
     opened = lru_cache(maxsize=2)(open_runs)
     files = sorted(group.files, key=lambda file: file.seeds.min())
-    for block in tracked(np.unique(group.seeds // SEEDS_PER_BLOCK), "blocks of runs"):
+    for block in numbers:
         parts = []
         for file in files:
             seeds = file.seeds[file.seeds // SEEDS_PER_BLOCK == block]

@@ -10,7 +10,7 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe import theory
-from brownpipe.analysis.windows import are_inside
+from brownpipe.engines.windows import are_inside
 from brownpipe.figures import style
 from brownpipe.figures.cases import (
     diffusion_ring,

@@ -1,9 +1,10 @@
 """What is simulated, in plain words: box, disks, start, times, seeds and engines."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Sequence
-
-from xarray import Dataset
+from typing import TYPE_CHECKING
 
 from brownpipe.analysis.variables import VARIED
 from brownpipe.engines.placement import is_grown
@@ -12,6 +13,9 @@ from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.scene.variation import is_number
 from brownpipe.text import counted
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 # What sentences are about, in this order
 SUBJECTS = ("disks", "start", "velocities", "run")

@@ -5,9 +5,9 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 but one run for observables of the user's own.
 """
 
-from brownpipe.analysis.windows import default_windows, window_caution
 from brownpipe.engines import forecast, friction
 from brownpipe.engines.friction import DECAY_TIMES, not_diffusive_before
+from brownpipe.engines.windows import default_windows, window_caution
 from brownpipe.figures.cases import aligned
 from brownpipe.report.description import (
     disks_in_words,

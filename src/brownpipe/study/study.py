@@ -23,10 +23,10 @@ from pydantic import (
 )
 
 from brownpipe import observables as measures
-from brownpipe.analysis.windows import are_inside, default_windows
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.units import rms_speed
+from brownpipe.engines.windows import are_inside, default_windows
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import (
     COLLISIONS,
