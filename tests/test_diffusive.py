@@ -351,3 +351,32 @@ def test_the_green_kubo_integral_stands_at_the_end_of_the_window_that_was_asked_
     case = result.isel(scene=0, particles=0, engine=0)
     integral = bp.table(result).green_kubo.item()
     assert integral == case.green_kubo.sel(time=30.0, method="nearest").item()
+
+
+def coarse_walls(**keys):
+    """A crowd between walls that are felt after 13, sampled at few times before."""
+    crowd = {"tracer": TRACER | {"position": [3.0, 3.0]}, "species": [BATH | {"count": 150}]}
+    pinned = {"time": 2.0, "tracer": "pinned"}
+    return scene(boundary="reflecting", disks=crowd, equilibrate=pinned, **keys)
+
+
+@pytest.mark.parametrize("interval", [3.0, 9.0])
+def test_default_windows_have_samples_and_walls_are_named_where_none_before_them_has(interval):
+    walls = coarse_walls(duration=90.0, sample_interval=interval)
+    result = analysis(walls, 40)
+    assert np.isfinite(result.diffusion_coefficient[..., 0].item())
+    assert reasons(result) == ("walls" if interval == 9.0 else "")
+
+
+def test_a_lone_disk_never_diffuses():
+    alone = scene(
+        boundary="reflecting", disks={"tracer": TRACER}, duration=2.0, sample_interval=0.1
+    )
+    assert "early" in reasons(analysis(alone, 60, [(0.3, 1.9)]))
+
+
+def test_a_slope_that_is_not_told_from_zero_is_untested():
+    noise = made_up([0.0] * 5, [0.3] * 5, slope=0.2)
+    noise["slope_standard_error"] = noise.slope_standard_error + 0.5
+    chosen = diffusive.best_windows(noise, PAIRS)
+    assert diffusive.in_words(chosen.diffusion_mark.values[0, 0]) == "untested"

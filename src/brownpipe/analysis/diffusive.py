@@ -29,7 +29,7 @@ SMALL_GROWTH = 0.25
 WALLS_FELT = 0.1
 # Exponent of the MSD at the end of a window, d ln MSD/d ln t, below which the tracer is held in its
 # place; 1 in diffusion.
-HELD = 0.5
+HELD = 0.65
 
 # Bits of a mark.
 CHANGES = 1
@@ -92,6 +92,7 @@ def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
     slope_changes = dataset.slope_change_p_value < LEVEL
     is_held = dataset.growth_exponent + uncertainty < HELD
     walls = dataset.wall_reduction > WALLS_FELT
+    unknown = dataset.slope_standard_error  # a slope below it is not told from zero
     earliest_start = ROUNDED * dataset.not_diffusive_before
     return {
         CHANGES: slope_changes & ~walls,
@@ -99,7 +100,7 @@ def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
         WALLS: walls,
         EARLY: dataset.window_start < earliest_start,
         DRIFT: dataset.window_drift_diffusion > negligible,
-        UNTESTED: dataset.slope_change_p_value.isnull(),
+        UNTESTED: dataset.slope_change_p_value.isnull() | (dataset.slope < unknown),
     }
 
 

@@ -29,7 +29,13 @@ from brownpipe.analysis.variables import (
 )
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DECAY_TIMES, drift_diffusion, not_diffusive_before
-from brownpipe.engines.windows import Window, are_inside, earlier_ends, labels
+from brownpipe.engines.windows import (
+    Window,
+    are_inside,
+    candidate_windows,
+    earlier_ends,
+    labels,
+)
 from brownpipe.observables.displacement import displacement, squared
 from brownpipe.scene import Scene, motion
 
@@ -193,21 +199,29 @@ def best_end(cases: Sequence[Case], groups: Sequence[Group]) -> float:
     """Return when default windows end [time]: the latest time before walls are felt in most cases.
 
     Judged by the MSD of the first runs of each case, so that walls count from half of WALLS_FELT
-    on.
+    on, or where they do so at all times from WALLS_FELT on. A time at which the first window has
+    no line counts as one at which walls are felt.
     """
     average = cases[0].average
     ends = earlier_ends([case.scene for case in cases], average)
     if all(case.scene.box.periodic for case in cases):
         return ends[0]
-    is_felt = np.zeros((len(cases), len(ends)), bool)
+    scenes = [case.scene for case in cases]
+    first_windows = [candidate_windows(scenes, end)[0][0] for end in ends]
+    reduction = np.zeros((len(cases), len(ends)))
     for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
         squares = [squared_of(case, runs) for runs in first_good_runs(group)]
         if squares and squares[0] is not None:
             msd = np.concatenate(squares).mean(axis=0)
             at_ends = np.interp(ends, case.times, msd)
-            reductions = [wall_reduction(case.scene, average, value) for value in at_ends]
-            is_felt[k] = np.array(reductions) > WALLS_FELT / 2
-    return ends[int(np.argmin(is_felt.sum(axis=0)))]
+            reduction[k] = [wall_reduction(case.scene, average, value) for value in at_ends]
+            weights = [line_weights(case.times, window) for window in first_windows]
+            reduction[k, np.isnan(weights).any(axis=(1, 2))] = 1.0
+    for bound in (WALLS_FELT / 2, WALLS_FELT):
+        cases_felt = (reduction > bound).sum(axis=0)
+        if cases_felt.min() < len(cases):
+            return ends[int(np.argmin(cases_felt))]
+    return ends[0]
 
 
 def squared_of(case: Case, runs: Ensemble) -> np.ndarray | None:

@@ -67,12 +67,14 @@ def not_diffusive_before(scene: Scene) -> float:
     """Return the time [time] before which the MSD depends on the initial velocity of the tracer:
     3/gamma.
 
-    The velocity decays at Enskog's rate gamma, divided by the bath's share of the mass. NaN without
-    a bath, and for disks listed one by one. Motion may become diffusive later, or never: cages,
-    walls and light tracers need the test of `analysis.diffusive`.
+    The velocity decays at Enskog's rate gamma, divided by the bath's share of the mass. Infinite
+    for a disk without a bath; NaN without disks, and for disks listed one by one. Motion may become
+    diffusive later, or never: cages, walls and light tracers need the test of `analysis.diffusive`.
     """
-    if scene.listed or scene.particles < 2:
+    if scene.listed or not scene.particles:
         return math.nan
+    if scene.particles == 1:
+        return math.inf
     gamma = float(partners_of(scene).friction.sum())
     if not gamma > SMALLEST_NORMAL:
         return math.nan

@@ -62,8 +62,8 @@ def earlier_ends(scenes: Sequence[Scene], average: str) -> list[float]:
 
 def slowest_start(scenes: Sequence[Scene]) -> float:
     """Return when the slowest tracer has forgotten its initial velocity [time], to two digits."""
-    starts = [not_diffusive_before(scene) for scene in scenes]
-    return float(f"{np.nanmax([0.0, *starts]):.2g}")
+    starts = np.array([not_diffusive_before(scene) for scene in scenes])
+    return float(f"{starts[np.isfinite(starts)].max(initial=0.0):.2g}")
 
 
 def candidate_windows(scenes: Sequence[Scene], end: float) -> list[tuple[Window, Window]]:

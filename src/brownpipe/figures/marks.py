@@ -77,10 +77,10 @@ WORDS = {
         "velocities without total momentum, `zero_momentum: true`",
     ),
     diffusive.UNTESTED: Reason(
-        "too few runs tell whether the slope is constant",
+        "too few runs tell whether there is a constant slope",
         lambda fit: f"{int(fit.runs)}",
         lambda fit: -float(fit.runs),
-        f"{diffusive.FEWEST_RUNS} runs or more, and three samples in the window",
+        f"more runs ({diffusive.FEWEST_RUNS} at least), and three samples in the window",
     ),
 }
 
@@ -130,6 +130,9 @@ def power_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
         f"{diffusive.SMALL_GROWTH:.0%}, from the first half of the window to the second"
     )
     level_in_words = f"a level of {diffusive.LEVEL:.0%} for {counted(tests, 'test')} (Holm)"
+    unseen = sum(fall > 1 for fall in falls)
     power = f"{POWER:.0%} of falls by {100 * max(falls):.0f} % are found"
+    if unseen:
+        power = f"too few runs to find even a fall to zero in {unseen} of {len(falls)}"
     text = f"D without °: the slope is not found to {limits}, at {level_in_words}; {power}."
     yield from textwrap.wrap(text, LINE)

@@ -192,7 +192,7 @@ def digests(study: Study) -> dict[str, str]:
     analysed = {"fit_windows", "displacement_times", "rings", "vary", "vary_together"}
     keys = study.model_dump(include=analysed)
     # The dataset says if windows were asked for.
-    analysis = (keys, "fit_windows" in study.model_fields_set)
+    analysis = (keys, study.asked_windows is not None)
     tradeoff_source = source_digest("tradeoff")
     figures_source = source_digest("figures")
     aggregate = digest_of(runs, analysis, source_digest("aggregate"))

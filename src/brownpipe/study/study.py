@@ -390,6 +390,15 @@ class Study(Record):
                     refuse(message, "instead_of", scene)
 
     @property
+    def asked_windows(self) -> Windows | None:
+        """The fit windows of the analysis; None for those that it chooses from the runs.
+
+        A tolerance of D is planned, and then stated, in the first window known before any run.
+        """
+        is_planned = self.tolerance is not None and self.target == "d"
+        return self.fit_windows if "fit_windows" in self.model_fields_set or is_planned else None
+
+    @property
     def recording(self) -> tuple[set[str], tuple[str, ...], str]:
         """What each run records, what it measures, and the average: the last arguments of
         `Engine.forecast`.

@@ -77,10 +77,9 @@ def aggregate(arguments: Namespace) -> None:
 
 def _aggregate_study(study: Study, files: Sequence[StoredFile]) -> "Dataset":
     """Return the dataset of a study with its windows, rings, times and varied keys."""
-    has_windows = "fit_windows" in study.model_fields_set
     return analysis.aggregate(
         files,
-        windows=study.fit_windows if has_windows else None,
+        windows=study.asked_windows,
         dr=study.rings.dr if study.rings else None,
         rings=study.rings.count if study.rings else None,
         displacement_times=study.displacement_times,
