@@ -428,7 +428,8 @@ def pair_distance_density_between(
     """
     r = np.asarray(r, float)
     d = np.where(r > 0.0, r, 1.0)[..., None]
-    (width_1, height_1), (width_2, height_2) = first, second
+    width_1, height_1 = first
+    width_2, height_2 = second
     kinks_x = np.array([abs(width_1 - width_2), width_1 + width_2]) / 2
     kinks_y = np.array([abs(height_1 - height_2), height_1 + height_2]) / 2
     angles_x = np.arccos(np.minimum(kinks_x / d, 1.0))

@@ -61,6 +61,16 @@ def has(case: Dataset, *names: str) -> bool:
     )
 
 
+def with_value(cases: Iterable[Dataset], name: str) -> list[Dataset]:
+    """Return the cases that have a value of this variable."""
+    return [case for case in cases if has(case, name)]
+
+
+def quantities_of(names: Iterable[str], cases: list[Dataset]) -> list[str]:
+    """Return those of the variables that any of the cases has a value of, in their order."""
+    return [name for name in names if with_value(cases, name)]
+
+
 def own_names(cases: list[Dataset]) -> list[str]:
     """Return the names of the averages of the user's own observables that any of the cases has."""
     names = []

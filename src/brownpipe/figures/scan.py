@@ -19,9 +19,10 @@ from brownpipe.figures.cases import (
     axis_of,
     diffusion_ring,
     frame_of,
-    has,
+    quantities_of,
     series_of,
     varied_with,
+    with_value,
 )
 from brownpipe.figures.style import DASHED, MARKS, WIDTH, grid, heads, log_axis, points
 from brownpipe.scene.variation import is_number
@@ -52,14 +53,14 @@ def draw(cases: list[Dataset]) -> Figure:
     """
     axis = axis_of(cases)
     series = series_of([case.isel(time=-1, window=0) for case in cases], axis, drift=True)
-    names = [name for name in PANELS if any(has(case, name) for case in cases)]
+    names = quantities_of(PANELS, cases)
     along = [axis_label(cases[0], axis), *also_varied(cases, axis)]
     height = 3.6 + 0.38 * (len(series) - 1) + 0.2 * (len(along) - 1)
     figure, axes = grid(-(-len(names) // 2), 2, WIDTH, height)
     for panel in axes.flat[len(names) :]:
         panel.remove()
     for panel, name in zip(axes.flat, names, strict=False):
-        shown = {label: [end for end in ends if has(end, name)] for label, ends in series.items()}
+        shown = {label: with_value(ends, name) for label, ends in series.items()}
         _panel(panel, axis, shown, name)
         panel.set_xlabel("\n".join(along))
         panel.set_ylabel(PANELS[name][1])

@@ -14,7 +14,7 @@ from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
-from brownpipe.figures.cases import has, series_of, title_of
+from brownpipe.figures.cases import has, quantities_of, series_of, title_of
 from brownpipe.figures.style import DASHED, GREY, INK, MARKS, WIDTH, grid, heads, points
 
 Z = "compressibility"
@@ -36,7 +36,7 @@ def draw(cases: list[Dataset]) -> Figure:
 
     The lower row is left out if there is no theory for any of the cases.
     """
-    names = [name for name in PANELS if any(has(case, name) for case in cases)]
+    names = quantities_of(PANELS, cases)
     with_theory = any(np.isfinite(_expected(case, name)) for case in cases for name in names)
     legend = 0.19 * max(0, len(_series(cases)) - 2)  # room for many series [inch]
     heights = (3.73, 1.87) if with_theory else (4.0,)

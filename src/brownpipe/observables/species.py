@@ -46,8 +46,9 @@ def equal_disks(scene: Scene) -> np.ndarray:
     """Return the indices (M,) of the disks with the radius and mass of the tracer, disk 0 among
     them.
     """
-    radius, mass = scene.radius, scene.mass
-    return np.flatnonzero((radius == radius[0]) & (mass == mass[0]))
+    has_radius = scene.radius == scene.radius[0]
+    has_mass = scene.mass == scene.mass[0]
+    return np.flatnonzero(has_radius & has_mass)
 
 
 def bath_disks(scene: Scene) -> np.ndarray:

@@ -188,7 +188,8 @@ def _distribution(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> d
 
 def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Estimate]:
     """g(r) near contact; {} without pair counts, or if the two sets of runs have different bins."""
-    counts, reference = runs.pair_counts, exact.pair_counts
+    counts = runs.pair_counts
+    reference = exact.pair_counts
     if counts is None or reference is None or counts.shape[1:] != reference.shape[1:]:
         return {}
     deviation = bias.contact_deviation(counts, reference, pairs)
