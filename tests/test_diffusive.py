@@ -82,7 +82,7 @@ def test_the_msd_from_the_middle_of_a_square_is_that_of_two_intervals():
 
 
 def test_walls_reduce_the_slope_by_what_the_msd_says():
-    """A tenth at 38 % of the limit from the middle of a square, at 2 % for starts anywhere; all of
+    """A tenth at 39 % of the limit from the middle of a square, at 2 % for starts anywhere; all of
     it in a full box, half of it in a long one whose width is full.
     """
     walls = scene(boundary="reflecting")
@@ -95,7 +95,7 @@ def test_walls_reduce_the_slope_by_what_the_msd_says():
     assert displacement.msd_limit(walls, "runs") == pytest.approx(2 * side**2 / 6)
     assert displacement.msd_limit(middle, "runs") == pytest.approx(2 * side**2 / 12)
     assert displacement.msd_limit(middle, "origins") == pytest.approx(2 * side**2 / 6)
-    assert displacement.wall_reduction(middle, "runs", 0.38 * side**2 / 6) == pytest.approx(
+    assert displacement.wall_reduction(middle, "runs", 0.39 * side**2 / 6) == pytest.approx(
         0.1, abs=0.01
     )
     assert displacement.wall_reduction(walls, "runs", 0.022 * side**2 / 3) == pytest.approx(
@@ -125,7 +125,9 @@ def test_a_straight_line_has_no_change_of_slope_and_a_parabola_that_of_its_halve
 
 @pytest.mark.parametrize("runs", [8, 30, 200])
 def test_the_slope_of_random_walks_is_found_to_change_as_often_as_the_level_says(runs):
-    """4,000 studies of walks at the level of 1 %: 0.4 to 1.6 % are rejected, 4 standard errors."""
+    """4,000 studies of walks at the level of 1 %: 0.4 to 1.6 % are rejected, 4 standard errors;
+    with
+    8 runs fewer, as the spread of r^2 is not normal."""
     rng = np.random.default_rng(runs)
     times = np.linspace(0, 1, 51)
     weights = displacement.change_weights(times, (0.1, 1.0))
@@ -137,7 +139,8 @@ def test_the_slope_of_random_walks_is_found_to_change_as_often_as_the_level_says
         error = change.std(axis=1, ddof=1) / np.sqrt(runs)
         p = 2 * stdtr(runs - 1, -np.abs(change.mean(axis=1) / error))
         rejected += np.count_nonzero(p < 0.01)
-    assert 0.004 * 4000 < rejected < 0.016 * 4000 or (runs < 30 and rejected < 0.016 * 4000)
+    fewest = 16 if runs >= 30 else 0
+    assert fewest < rejected < 64
 
 
 # -- marks -----------------------------------------------------------------------------------------

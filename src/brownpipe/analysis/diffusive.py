@@ -84,7 +84,8 @@ def marked(dataset: "Dataset") -> "Dataset":
 def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
     """Return for each reason where it holds; unknown numbers, NaN, do not speak against a D.
 
-    A slope that changes, or an MSD that no longer grows, is put down to walls where these are felt.
+    A slope that is not above its standard error is not told from zero, and so untested. A slope
+    that changes, or an MSD that no longer grows, is put down to walls where these are felt.
     """
     uncertainty = _quantile(dataset.runs) * dataset.growth_exponent_standard_error
     drift_error = dataset.diffusion_coefficient_standard_error.fillna(0.0)
@@ -92,7 +93,7 @@ def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
     slope_changes = dataset.slope_change_p_value < LEVEL
     is_held = dataset.growth_exponent + uncertainty < HELD
     walls = dataset.wall_reduction > WALLS_FELT
-    unknown = dataset.slope_standard_error  # a slope below it is not told from zero
+    is_noise = dataset.slope < dataset.slope_standard_error
     earliest_start = ROUNDED * dataset.not_diffusive_before
     return {
         CHANGES: slope_changes & ~walls,
@@ -100,14 +101,12 @@ def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
         WALLS: walls,
         EARLY: dataset.window_start < earliest_start,
         DRIFT: dataset.window_drift_diffusion > negligible,
-        UNTESTED: dataset.slope_change_p_value.isnull() | (dataset.slope < unknown),
+        UNTESTED: dataset.slope_change_p_value.isnull() | is_noise,
     }
 
 
 def _quantile(runs: "DataArray") -> "DataArray":
-    """Return Student's t beyond which a mean over these numbers of runs lies with probability
-    LEVEL.
-    """
+    """Return the t that Student's t exceeds with probability LEVEL, for these numbers of runs."""
     from scipy.special import stdtrit
 
     freedom = np.maximum(runs.values - 1, 1)

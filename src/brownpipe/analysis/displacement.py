@@ -146,7 +146,7 @@ def wall_reduction(scene: Scene, average: str, msd: float) -> float:
     """Return the share by which walls reduce the slope of the MSD when it has reached `msd`.
 
     For diffusion in the accessible rectangle, from where the displacements begin: 0 as long as the
-    walls are not felt, 1 when the box is filled. From the middle of a square it is 0.1 at 38 % of
+    walls are not felt, 1 when the box is filled. From the middle of a square it is 0.1 at 39 % of
     the limit of the MSD, for starts anywhere at 2 %. NaN in a periodic box, and for an MSD that is
     not positive.
     """

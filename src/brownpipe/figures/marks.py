@@ -77,7 +77,7 @@ WORDS = {
         "velocities without total momentum, `zero_momentum: true`",
     ),
     diffusive.UNTESTED: Reason(
-        "too few runs tell whether there is a constant slope",
+        "there are too few runs to tell a constant slope from none",
         lambda fit: f"{int(fit.runs)}",
         lambda fit: -float(fit.runs),
         f"more runs ({diffusive.FEWEST_RUNS} at least), and three samples in the window",
