@@ -28,7 +28,7 @@ from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, with_fitting_buckets
 from brownpipe.engines.exact.run import events_so_far, prepare_scene, time_since_start
-from brownpipe.engines.initial_state import draw
+from brownpipe.engines.start.initial_state import draw
 from brownpipe.engines.units import motion_of
 from brownpipe.errors import RequestError
 from brownpipe.figures import style

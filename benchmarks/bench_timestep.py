@@ -22,7 +22,7 @@ from bench_exact import ROOT, Case, scene_of
 
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.initial_state import draw
+from brownpipe.engines.start.initial_state import draw
 from brownpipe.engines.timestep import COLLISIONS, Settings
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.scene import parse_scene, read_scene

@@ -27,7 +27,7 @@ HELPERS = (
     "processes.py",
     "text.py",
 )  # to keep machine code and say that it is made
-ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.insertion")
+ENTRY_POINTS = ("engines.exact.events", "engines.timestep.steps", "engines.start.insertion")
 
 
 @cache

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brownpipe.engines import initial_state
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
+from brownpipe.engines.start import initial_state
 from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.scene import parse_scene

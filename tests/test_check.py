@@ -12,8 +12,8 @@ import pytest
 
 from brownpipe.engines import forecast
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.initial_state import draw
-from brownpipe.engines.placement import ALL_FAIL, SOME_FAIL, crowding
+from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.placement import ALL_FAIL, SOME_FAIL, crowding
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene, read_scene
 from brownpipe.study.check import describe_scene_or_study

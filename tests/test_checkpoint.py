@@ -23,7 +23,7 @@ from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.observables import OBSERVABLES
 from brownpipe.storage.files import read_checkpoint, write_checkpoint
 from brownpipe.storage.trajectories import write_trajectories
-from test_exact import swarm
+from scenes import swarm
 from test_timestep import make
 
 SEEDS = [8, 9, 10]  # as texts 10 is the first

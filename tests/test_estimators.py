@@ -19,7 +19,7 @@ from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.langevin import simulation as langevin
-from brownpipe.observables.observable import Track
+from brownpipe.observables.trajectory import Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_scene

@@ -3,12 +3,7 @@ equilibrium laws.
 """
 
 import math
-import os
-import pickle
-import subprocess
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,47 +12,29 @@ import naive
 from brownpipe.engines import units
 from brownpipe.engines.exact import layout, predictions
 from brownpipe.engines.exact import run as exact_run
-from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.engines.initial_state import draw
+from brownpipe.engines.start.initial_state import draw
 from brownpipe.engines.units import State
 from brownpipe.observables.displacement import displacement
 from brownpipe.scene import parse_scene
 from brownpipe.scene.scene import overlap
+from scenes import (
+    FEW,
+    TRACER,
+    P,
+    W,
+    box,
+    crowded,
+    crystal,
+    explicit,
+    in_plain_python,
+    make,
+    note_scene,
+    species,
+    swarm,
+)
 
-W, P = "reflecting", "periodic"
 EPSILON = np.finfo(float).eps
-
-
-def box(width, height, boundary, origin=(0.0, 0.0)):
-    x, y = origin
-    return {
-        "x": [x - width / 2, x + width / 2],
-        "y": [y - height / 2, y + height / 2],
-        "boundary": boundary,
-    }
-
-
-def species(*kinds):
-    """Species from (count, radius, mass) each."""
-    return [
-        {"name": f"s{j}", "count": n, "radius": r, "mass": m} for j, (n, r, m) in enumerate(kinds)
-    ]
-
-
-def make(where, kinds, duration, tracer=None, velocities=None, **more):
-    disks = {"species": species(*kinds)} | ({} if tracer is None else {"tracer": tracer})
-    mapping = {"box": where, "disks": disks, "duration": duration}
-    velocities = {"zero_momentum": False} | (velocities or {"standard_deviation": 1.0})
-    return parse_scene(mapping | {"velocities": velocities} | more, "made.yaml")
-
-
-def explicit(where, state, duration, **more):
-    """The scene that begins with this state."""
-    keys = ("position", "velocity", "radius", "mass")
-    rows = zip(*(column.tolist() for column in state), strict=True)
-    disks = [dict(zip(keys, row, strict=True)) for row in rows]
-    return parse_scene({"box": where, "disks": disks, "duration": duration} | more, "explicit.yaml")
 
 
 def one_mover(boundary):
@@ -70,52 +47,6 @@ def one_mover(boundary):
     return explicit(
         box(3, 3, boundary), State(position, velocity, np.full(70, 0.1), np.ones(70)), 30.0
     )
-
-
-def crystal(side, gap, duration, **more):
-    """A triangular lattice of side x side disks of diameter 1 in a periodic box, gaps in units of
-    the diameter.
-    """
-    a = 1.0 + gap
-    width, height = side * a, side * a * np.sqrt(0.75)
-    row, column = np.divmod(np.arange(side * side), side)
-    position = np.stack(
-        [(column + 0.5 * (row % 2) + 0.25) * a, (row + 0.5) * height / side], axis=1
-    )
-    velocity = np.random.default_rng(1).standard_normal(position.shape)
-    state = State(
-        position, velocity - velocity.mean(axis=0), np.full(side**2, 0.5), np.ones(side**2)
-    )
-    return explicit(
-        box(width, float(height), "periodic", (width / 2, float(height) / 2)),
-        state,
-        duration,
-        **more,
-    )
-
-
-def swarm(duration):
-    """Twenty disks, and 200 much smaller ones of which a cell holds more than anybody would
-    expect.
-    """
-    rng = np.random.default_rng(5)
-    large = np.stack(np.divmod(np.arange(20), 5), axis=1) * [1.2, 1.0] + [-2.0, -2.0]
-    small = np.stack(np.divmod(np.arange(200), 20), axis=1) * 0.012 + [-1.5, -1.5]
-    radius, mass = np.repeat([0.3, 0.004], [20, 200]), np.repeat([1.0, 0.5], [20, 200])
-    state = State(np.concatenate([large, small]), rng.standard_normal((220, 2)), radius, mass)
-    return explicit(box(6, 6, "reflecting"), state, duration)
-
-
-def crowded(where, kinds, duration):
-    """Disks that begin on a lattice; between walls not in contact with these, which would be many
-    events at t = 0.
-    """
-    shrink = 0.99 if where["boundary"] == W else 1.0
-    inner = {side: [shrink * end for end in where[side]] for side in "xy"}
-    disks = {"species": species(*kinds), "placement": "lattice"}
-    mapping = {"box": inner | {"boundary": where["boundary"]}, "disks": disks, "duration": duration}
-    scene = parse_scene(mapping | {"velocities": {"standard_deviation": 1.0}}, "crowded.yaml")
-    return explicit(where, draw(scene, 1), duration)
 
 
 def interstitial(side, duration):
@@ -140,17 +71,6 @@ def binary(boundary=P):
         "sample_interval": 0.25,
     }
     return parse_scene(mapping | {"velocities": {"temperature": 1.0}}, "binary.yaml")
-
-
-TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
-
-
-def note_scene(duration, particles=150, **more):
-    """The published initial condition."""
-    bath = [(particles - 1, 0.1, 0.4)]
-    return make(
-        box(6, 6, "reflecting"), bath, duration, TRACER, {"standard_deviation": 2.0}, **more
-    )
 
 
 # -- event by event --------------------------------------------------------------------------------
@@ -598,20 +518,6 @@ def test_buckets_become_longer_where_disks_have_spread_out(monkeypatch):
     assert checks[0] > 1000 and min(checks) < 0.01 and min(checks[5:]) > 0.25
 
 
-def in_plain_python(function, module):
-    """What a function of a module of tests returns in a process that compiles nothing."""
-    code = f"import pickle, {module}; print(pickle.dumps({module}.{function}()).hex())"
-    folders = Path(__file__).parent, Path(exact.__file__).parents[3]
-    plain = os.environ | {
-        "NUMBA_DISABLE_JIT": "1",
-        "PYTHONPATH": os.pathsep.join(map(str, folders)),
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=plain, capture_output=True, text=True, check=True
-    )
-    return pickle.loads(bytes.fromhex(done.stdout))
-
-
 @pytest.fixture(scope="module")
 def plain():
     return in_plain_python("plain_runs", "test_exact")
@@ -642,27 +548,6 @@ def plain_runs():
     predictions.edges_ahead = blind
     found["blind"] = [simulate(scene, [0]).observables for scene in strays()]
     return found
-
-
-def clash(side, duration):
-    """A square of disks in a periodic box, each running into one of its neighbours, all at the same
-    time.
-    """
-    row, column = np.divmod(np.arange(side * side), side)
-    position = np.stack([column + 0.5, row + 0.5], axis=1) - side / 2
-    velocity = np.stack([(-1.0) ** (row + column), np.zeros(side**2)], axis=1)
-    state = State(position, velocity, np.full(side**2, 0.2), np.ones(side**2))
-    return explicit(box(side, side, P), state, duration)
-
-
-FEW = {
-    "walls": make(box(2, 1.2, W), [(4, 0.15, 1)], 2.0),
-    "periodic": make(box(1.3, 1.3, P), [(4, 0.17, 1)], 3.0),
-    "mixture": make(box(2, 2, W), [(4, 0.1, 1), (4, 0.14, 0.3)], 2.0),
-    "big": make(box(3, 3, P), [(1, 0.5, 2), (20, 0.1, 1)], 0.6),
-    "crowded": crowded(box(1.5, 1.4, P), [(12, 0.19, 1)], 0.7),
-    "clash": clash(20, 0.7),
-}
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from brownpipe.engines import Engine
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.observables import observe
-from brownpipe.observables.observable import Run, Track
+from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene

@@ -17,13 +17,13 @@ from brownpipe.engines.exact.layout import begin
 from brownpipe.engines.exact.run import prepare_scene
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.exact.workspace import CROSSINGS, NEAREST, NOW
-from brownpipe.engines.initial_state import draw, without_total_momentum
+from brownpipe.engines.start.initial_state import draw, without_total_momentum
 from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.units import State, motion_of
 from brownpipe.errors import RequestError
 from brownpipe.scene.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS, overlap
-from test_exact import FEW, P, W, box, crystal, explicit, make, note_scene
+from scenes import FEW, P, W, box, crystal, explicit, make, note_scene
 
 BOTH = pytest.mark.parametrize("boundary", [W, P])
 

@@ -29,7 +29,7 @@ from brownpipe.figures.catalogue import COLLISIONS, ENDS, FIGURES, FOLLOWED, SPR
 from brownpipe.figures.render import draw as draw_figure
 from brownpipe.figures.render import draw_into
 from brownpipe.figures.summary import FIT, SHAPE, TESTED, answer, summary, summary_table
-from brownpipe.observables.observable import Track
+from brownpipe.observables.trajectory import Track
 from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures
 

@@ -15,7 +15,7 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import layout
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.scene import parse_scene
-from test_exact import P, W, box, crowded, make, species
+from scenes import P, W, box, crowded, make, species
 
 
 @pytest.mark.slow

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from brownpipe.engines import initial_state
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.engines.initial_state import draw
-from brownpipe.engines.insertion import COMPARED, ROWS, STUCK, TRIES, insert, push_apart
-from brownpipe.engines.placement import (
+from brownpipe.engines.start import initial_state
+from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.insertion import COMPARED, ROWS, STUCK, TRIES, insert, push_apart
+from brownpipe.engines.start.placement import (
     ALL_FAIL,
     ANSWERS_PER_TRY,
     SOME_FAIL,
@@ -29,7 +29,7 @@ from brownpipe.engines.placement import (
 from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.scene.scene import overlap
-from test_exact import P, W, box, explicit, make, note_scene, species
+from scenes import P, W, box, explicit, make, note_scene, species
 
 VELOCITY_17 = [-0.042623150097255494, 2.3328060725321036]
 POSITION_17 = [-2.5213268957650588, 0.5819693892044553]

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from brownpipe import provenance
-from brownpipe.engines import compiler, kernels
-from brownpipe.engines.kernels import entry_point, kernel
-from brownpipe.engines.records import by_reference, local_copy
+from brownpipe.engines.compiled import compiler, kernels
+from brownpipe.engines.compiled.kernels import entry_point, kernel
+from brownpipe.engines.compiled.records import by_reference, local_copy
 
 
 @by_reference
@@ -87,10 +87,10 @@ import sys
 import numpy as np
 from numba.core.codegen import JITCPUCodegen
 from brownpipe import progress
-from brownpipe.engines import compiler
+from brownpipe.engines.compiled import compiler
 if "untested" in sys.argv:
     compiler.IS_TESTED = False
-from brownpipe.engines import kernels
+from brownpipe.engines.compiled import kernels
 from brownpipe.engines.langevin.simulation import follow
 progress.remark_listeners.append(lambda line: print(line.split()[1]))
 path = np.random.default_rng(1).standard_normal((50, 2, 2))
@@ -129,7 +129,7 @@ def test_kernels_are_compiled_once_and_again_after_an_edit_of_any_source(copied,
     assert said[0] == "kernels", "the line of a version of Numba that was not tested"
     assert "compiling" in said, "there is code, but for another processor"
     assert usual == "numba.core.codegen" and same == result
-    assert changed == ("brownpipe.engines.compiler" if compiler.IS_TESTED else usual)
+    assert changed == ("brownpipe.engines.compiled.compiler" if compiler.IS_TESTED else usual)
     monkeypatch.setattr(kernels, "PACKAGE", copied)
     with open(copied / "engines" / "units.py", "a") as file:
         file.write("# edited\n")

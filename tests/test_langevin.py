@@ -12,10 +12,10 @@ import brownpipe as bp
 from brownpipe import theory
 from brownpipe.engines import friction
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.initial_state import draw, draw_tracer, noise
 from brownpipe.engines.langevin import RATE_COLLISIONS, Settings, caution, refuse_unfit
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.engines.langevin.simulation import step_weights
+from brownpipe.engines.start.initial_state import draw, draw_tracer, noise
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import brownpipe as bp
-from brownpipe.engines.initial_state import draw, draw_tracer, noise
+from brownpipe.engines.start.initial_state import draw, draw_tracer, noise
 from brownpipe.scene import motion
 from ensembles import make_scene
 

@@ -16,7 +16,7 @@ from brownpipe.engines import Engine
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import RequestError
 from brownpipe.observables import ARRAYS, AXES, OBSERVABLES, observe, orientation, pairs
-from brownpipe.observables.observable import Run, Track
+from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import brownpipe as bp
-from brownpipe.engines.initial_state import draw
+from brownpipe.engines.start.initial_state import draw
 from validation.by_pymunk import by_brownpipe, by_pymunk, distance, first_delays, note_scene
 
 pytestmark = pytest.mark.slow

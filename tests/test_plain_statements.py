@@ -15,7 +15,7 @@ PLAIN = (
     *("scene", "observables", "storage", "analysis", "tradeoff", "figures", "report", "inspection"),
     *("study", "verbs", "interface.py", "cli.py", "progress.py", "processes.py", "provenance.py"),
     *("text.py", "errors.py", "theory.py", "engines/__init__.py", "engines/confinement.py"),
-    *("engines/ensemble.py", "engines/friction.py", "engines/initial_state.py"),
+    *("engines/ensemble.py", "engines/friction.py", "engines/start/initial_state.py"),
     *("engines/units.py", "engines/windows.py", "engines/exact/run.py"),
     *("engines/exact/simulation.py", "engines/timestep/simulation.py"),
 )

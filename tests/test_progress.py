@@ -22,9 +22,9 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError, RunError
 from brownpipe.processes import calculated
 from brownpipe.storage.trajectories import write_trajectories
+from scenes import P, box, make
 from snakemake_logger_plugin_brownpipe import LogHandler
 from synthetic import render
-from test_exact import P, box, make
 
 SCENE = make(box(6, 6, P), [(1, 0.6, 9), (30, 0.25, 1)], 4.0).replace(equilibrate=4.0)
 EXACT, STEPS = requested("exact", {}), requested("timestep", {"time_step": 0.01})

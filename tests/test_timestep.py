@@ -12,14 +12,14 @@ import pytest
 from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
-from brownpipe.engines.initial_state import draw
 from brownpipe.engines.recording import Conservation, report
+from brownpipe.engines.start.initial_state import draw
 from brownpipe.engines.timestep import COLLISIONS, Settings, largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.tradeoff.compare import departure_time
-from test_exact import in_plain_python
+from scenes import in_plain_python
 
 W, P = "reflecting", "periodic"
 EPSILON = np.finfo(float).eps

@@ -18,7 +18,7 @@ import yaml
 from matplotlib.figure import Figure
 
 import brownpipe as bp
-from brownpipe.engines.initial_state import draw
+from brownpipe.engines.start.initial_state import draw
 from brownpipe.engines.units import State
 from brownpipe.figures.style import GREY, SERIES, drawing, grid, image_bytes
 from brownpipe.scene import Scene

@@ -19,7 +19,15 @@ ANALYSIS_PACKAGES = ("h5netcdf", "matplotlib", "pandas", "xarray")  # and datase
 # Source files that determine the output of a step, besides its input and options;
 # `tests/test_architecture.py` compares them with what is imported. `sources` adds those of the
 # engine that runs; all engines use parts of the exact one.
-RUNS = ("theory.py", "scene/*", "observables/*", "engines/*", "storage/*")
+RUNS = (
+    "theory.py",
+    "scene/*",
+    "observables/*",
+    "engines/*",
+    "engines/start/*",
+    "engines/compiled/*",
+    "storage/*",
+)
 STEPS = {
     "simulate": (*RUNS, "engines/exact/*"),
     "aggregate": (*RUNS, "analysis/*"),

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from brownpipe.engines.kernels import entry_point
+from brownpipe.engines.compiled.kernels import entry_point
 from validation.stability.outcome import Outcome, measured
 from validation.stability.start import Start
 

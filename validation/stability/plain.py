@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from brownpipe.engines.kernels import entry_point, kernel
+from brownpipe.engines.compiled.kernels import entry_point, kernel
 from validation.stability.outcome import Outcome, measured
 from validation.stability.start import Start
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.initial_state import draw
+from brownpipe.engines.start.initial_state import draw
 from brownpipe.engines.units import State
 from brownpipe.scene import Scene, parse_scene
 

@@ -2,8 +2,9 @@
 precision.
 
 Everything here takes and returns plain numbers, in any consistent units; `encounter`, `meets` and
-`delay` also fours of them, for four pairs at once (`engines.fours`). docs/theory.md, section 1,
-states the equations and measures the difference between their printed form and this one.
+`delay` also fours of them, for four pairs at once (`engines.compiled.fours`). docs/theory.md,
+section 1, states the equations and measures the difference between their printed form and this
+one.
 
     (1)-(3)   time of a pair collision     `encounter`, `meets`, `delay`
     (4)       time of a wall collision     `wall_time`; the gap to the wall in
@@ -17,7 +18,7 @@ import math
 
 import numpy as np
 
-from brownpipe.engines.kernels import kernel
+from brownpipe.engines.compiled.kernels import kernel
 
 # At contact x*x + y*y is sigma^2 except for its last bits. Floating-point numbers lie twice as far
 # apart just above a power of two as just below it. There, at sigma = 1 for instance, the sum is

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from brownpipe import observables, progress
-from brownpipe.engines.placement import never_placed
+from brownpipe.engines.start.placement import never_placed
 from brownpipe.errors import PlacementError, RequestError, RunError
-from brownpipe.observables.observable import Events, Run, RunArray, Track
+from brownpipe.observables.observable import RunArray
 from brownpipe.observables.own import is_own, measure
+from brownpipe.observables.trajectory import Events, Run, Track
 from brownpipe.scene.scene import Scene
 from brownpipe.scene.seeds import seed_text
 

@@ -19,7 +19,7 @@ from brownpipe import observables as measures
 from brownpipe import theory
 from brownpipe.engines.confinement import confinement
 from brownpipe.engines.friction import DENSEST, bath_of, partners_of
-from brownpipe.engines.placement import is_grown, placement_caution, tries_to_place
+from brownpipe.engines.start.placement import is_grown, placement_caution, tries_to_place
 from brownpipe.engines.units import SMALLEST_NORMAL, cell_width, common_radius
 from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary

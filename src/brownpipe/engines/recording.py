@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.kernels import entry_point
-from brownpipe.engines.records import Samples
+from brownpipe.engines.compiled.kernels import entry_point
+from brownpipe.engines.compiled.records import Samples
 from brownpipe.engines.units import Frame
-from brownpipe.observables.observable import Track
+from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
 
 # a run with a larger energy drift, overlap or momentum residual has failed; round-off is far below

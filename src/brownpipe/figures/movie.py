@@ -22,8 +22,8 @@ from PIL import Image
 from brownpipe.errors import RequestError
 from brownpipe.figures.origin import Record, metadata
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
-from brownpipe.observables.observable import Track
 from brownpipe.observables.species import species_table
+from brownpipe.observables.trajectory import Track
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import Trajectories

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from brownpipe.observables.equilibrium import lags
-from brownpipe.observables.observable import Observable, RunArray, Track
+from brownpipe.observables.observable import Observable, RunArray
+from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
 
 

@@ -1,52 +1,13 @@
-"""The records of an observable: the tracks that it is measured from, the arrays that it yields, its
-cost.
-
-T sample times, N disks, of which the tracer is the first.
-"""
+"""The records of an observable: the arrays that it yields from tracks of a run, and its cost."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
-
-
-class Track(NamedTuple):
-    """The trajectories of M disks of a run, sampled at T times, which engines return."""
-
-    position: np.ndarray  # (T, M, 2) centres, inside the box [length]
-    velocity: np.ndarray | None = None  # (T, M, 2) [length/time]
-    # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
-    image: np.ndarray | None = None
-
-    def of(self, disks: np.ndarray | slice | int) -> "Track":
-        """Return the tracks of some of the disks: indices or a mask (M,), a slice, or one index."""
-        return Track(*(None if values is None else values[:, disks] for values in self))
-
-    def at_end(self) -> "Track":
-        """Return the tracks at the last sample, T = 1."""
-        return Track(*(None if values is None else values[-1:] for values in self))
-
-
-class Events(NamedTuple):
-    """The E collisions of one run, in order of time."""
-
-    time: np.ndarray  # (E,) [time]
-    a: np.ndarray  # (E,) int32, the disk
-    b: np.ndarray  # (E,) int32, the other disk, or a wall: -1 left, -2 right, -3 bottom, -4 top
-    impulse: np.ndarray  # (E, 2) given to disk a [mass length/time]
-
-
-class Run(NamedTuple):
-    """One run. Arrays of the tracer's track may be overwritten by the next run."""
-
-    tracer: Track  # disk 0, M = 1
-    whole: Track | None  # all disks, M = N; None if not recorded, see `needs_every_disk`
-    events: Events | None = None  # if recorded
-    # what the engine itself reports, like numbers of collisions
-    observables: Mapping[str, Any] = MappingProxyType({})
 
 
 class Axis(NamedTuple):

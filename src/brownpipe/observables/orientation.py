@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters, is_stationary
-from brownpipe.observables.observable import Observable, RunArray, Track
+from brownpipe.observables.observable import Observable, RunArray
+from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
 
 if TYPE_CHECKING:

@@ -21,7 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.observables.observable import Observable, Run, RunArray, Track
+from brownpipe.observables.observable import Observable, RunArray
+from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import Scene
 
 # CPU, of a few operations of NumPy; what a function really takes is not known before

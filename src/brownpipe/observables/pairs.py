@@ -9,15 +9,9 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.observables.observable import (
-    Axis,
-    Observable,
-    RunArray,
-    Track,
-    centres,
-    counted_bins,
-)
+from brownpipe.observables.observable import Axis, Observable, RunArray, centres, counted_bins
 from brownpipe.observables.species import SpeciesTable, species_table
+from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
 
 BINS_PER_CONTACT = 40  # bins per smallest contact distance

@@ -6,15 +6,9 @@ N disks, K species, B bins of distance.
 
 import numpy as np
 
-from brownpipe.observables.observable import (
-    Axis,
-    Observable,
-    RunArray,
-    Track,
-    centres,
-    counted_bins,
-)
+from brownpipe.observables.observable import Axis, Observable, RunArray, centres, counted_bins
 from brownpipe.observables.species import species_table
+from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
 
 BINS_PER_DIAMETER = 40  # bins per smallest diameter

@@ -6,8 +6,9 @@ import numpy as np
 
 from brownpipe.observables.displacement import averaged, dot
 from brownpipe.observables.equilibrium import lags
-from brownpipe.observables.observable import Axis, Observable, RunArray, Track
+from brownpipe.observables.observable import Axis, Observable, RunArray
 from brownpipe.observables.species import bath_disks, species_table
+from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene, motion
 
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)

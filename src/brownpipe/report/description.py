@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from brownpipe.analysis.variables import VARIED
-from brownpipe.engines.placement import is_grown
+from brownpipe.engines.start.placement import is_grown
 from brownpipe.observables.equilibrium import claims_equilibrium
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import brief_seed_text

@@ -2,8 +2,8 @@
 
 The components of drawn velocities are normal: of variance kT/m at a temperature kT, or of one
 standard deviation s for all disks, whatever their mass; listed disks have the velocities listed.
-Engines draw them (`engines.initial_state`); theory, forecasts and estimators that depend on them
-ask here. docs/theory.md, section 4.
+Engines draw them (`engines.start.initial_state`); theory, forecasts and estimators that depend on
+them ask here. docs/theory.md, section 4.
 """
 
 import math

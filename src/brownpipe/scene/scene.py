@@ -113,7 +113,7 @@ class Tracer(Record):
 
 
 class Species(Record):
-    """Equal disks, which `engines.initial_state.draw` places."""
+    """Equal disks, which `engines.start.initial_state.draw` places."""
 
     name: Name = key("differs from the others and from `tracer`")
     count: Count | Literal["rest"] = key(

@@ -17,9 +17,9 @@ opened.
 
 import numpy as np
 
+from brownpipe.engines.compiled.kernels import entry_point, kernel, prefetch
+from brownpipe.engines.compiled.records import local_copy
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.kernels import entry_point, kernel, prefetch
-from brownpipe.engines.records import local_copy
 
 BUCKET_WORDS, CAPACITY = 16, 15  # uint32 words of a bucket, one cache line; disks that it can hold
 MOST_DEFERRED = 64  # insertions deferred during one bucket at most: more than its events schedule

@@ -18,10 +18,10 @@ import math
 
 import numpy as np
 
+from brownpipe.engines.compiled.fours import copy_four, replace_in_four
+from brownpipe.engines.compiled.kernels import kernel, prefetch
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.workspace import position
-from brownpipe.engines.fours import copy_four, replace_in_four
-from brownpipe.engines.kernels import kernel, prefetch
 
 # -- which cell ------------------------------------------------------------------------------------
 # A "place" is the column and row of a cell.

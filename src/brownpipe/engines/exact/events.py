@@ -14,6 +14,8 @@ import math
 import numpy as np
 
 from brownpipe.engines.collisions import exchange
+from brownpipe.engines.compiled.kernels import entry_point, kernel
+from brownpipe.engines.compiled.records import local_copy
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.predictions import predict
@@ -26,8 +28,6 @@ from brownpipe.engines.exact.workspace import (
     radius_of,
     relative_motion,
 )
-from brownpipe.engines.kernels import entry_point, kernel
-from brownpipe.engines.records import local_copy
 
 # -- what an event does ----------------------------------------------------------------------------
 

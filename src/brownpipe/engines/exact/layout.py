@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.engines import fours
+from brownpipe.engines.compiled import fours
+from brownpipe.engines.compiled.kernels import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.calendar import BUCKET_WORDS, MOST_DEFERRED, push_all
-from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.units import (
     PATH_PER_BLOCK,
     Frame,

@@ -10,11 +10,11 @@ the disks by the centres of their squares, and is read only to make lists.
 `lists` is `w.lists`, a `NeighbourLists`.
 """
 
+from brownpipe.engines.compiled.fours import replace_in_four
+from brownpipe.engines.compiled.kernels import kernel, prefetch
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.workspace import contact_distance, position, shifted
-from brownpipe.engines.fours import replace_in_four
-from brownpipe.engines.kernels import kernel, prefetch
 
 
 @kernel

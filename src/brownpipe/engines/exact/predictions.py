@@ -11,6 +11,8 @@ import math
 import numpy as np
 
 from brownpipe.engines.collisions import delay, encounter, meets, wall_time
+from brownpipe.engines.compiled.fours import any_of, four, four_entries, four_from, least, where
+from brownpipe.engines.compiled.kernels import kernel
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.workspace import (
@@ -20,8 +22,6 @@ from brownpipe.engines.exact.workspace import (
     position,
     radius_of,
 )
-from brownpipe.engines.fours import any_of, four, four_entries, four_from, least, where
-from brownpipe.engines.kernels import kernel
 
 
 @kernel

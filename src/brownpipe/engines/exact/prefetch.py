@@ -25,9 +25,9 @@ depends on it. Cells and lists are prefetched by functions next to the code that
 
 import numpy as np
 
+from brownpipe.engines.compiled.kernels import kernel, prefetch
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.kernels import kernel, prefetch
 
 
 @kernel

@@ -15,11 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import progress
+from brownpipe.engines.compiled.kernels import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
-from brownpipe.engines.insertion import insert_nothing
-from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.recording import (
     HEALTH_BOUND,
     blank_samples,
@@ -29,11 +28,12 @@ from brownpipe.engines.recording import (
     report_nothing,
     tracks_of,
 )
+from brownpipe.engines.start.insertion import insert_nothing
 from brownpipe.engines.units import Frame, State, frame_of, motion_of
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
-from brownpipe.observables.observable import Events, Run
 from brownpipe.observables.species import species_table
+from brownpipe.observables.trajectory import Events, Run
 from brownpipe.scene import Scene
 from brownpipe.scene.scene import Box
 

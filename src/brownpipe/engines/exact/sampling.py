@@ -8,6 +8,9 @@ import math
 import numpy as np
 
 from brownpipe.engines.collisions import encounter
+from brownpipe.engines.compiled.fours import four, four_entries, least, where
+from brownpipe.engines.compiled.kernels import kernel
+from brownpipe.engines.compiled.records import Samples
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.workspace import (
@@ -16,9 +19,6 @@ from brownpipe.engines.exact.workspace import (
     four_shifted,
     position,
 )
-from brownpipe.engines.fours import four, four_entries, least, where
-from brownpipe.engines.kernels import kernel
-from brownpipe.engines.records import Samples
 
 
 @kernel

@@ -20,11 +20,11 @@ from brownpipe.engines.exact.run import (
     prepare_scene,
     to_end,
 )
-from brownpipe.engines.initial_state import draw, without_total_momentum
+from brownpipe.engines.start.initial_state import draw, without_total_momentum
 from brownpipe.engines.units import State
 from brownpipe.errors import RunError
-from brownpipe.observables.observable import Events, Run, Track
 from brownpipe.observables.own import own_arrays
+from brownpipe.observables.trajectory import Events, Run, Track
 from brownpipe.scene import Scene
 
 

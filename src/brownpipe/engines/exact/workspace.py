@@ -13,14 +13,15 @@ flat, and the rows of disk i begin at `ROW * i`:
     that row, as a float64
 
 `w.disk[ROW * i + VX]` is the x velocity of disk i. (Two-dimensional arrays cost 10 to 28 % of the
-speed.) No index is negative (see `engines.compiler`). A `four` of numbers belongs to four disks
-(see `engines.fours`).
+speed.) No index is negative (see `engines.compiled.compiler`). A `four` of numbers belongs to four
+disks (see `engines.compiled.fours`).
 
 An optional field is an argument of its own beside `w`, as in `gather(w.big, w, i)`: where the
 argument is None, Numba removes the branch behind `if big is not None` when it compiles; a branch on
 `w.big` would remain. Every kind of scene thus has kernels of its own, without code for what it
-lacks. Records declared with `by_reference` are passed as one pointer (see `engines.records`).
-Without Numba's compiler every kernel is a Python function with the same results.
+lacks. Records declared with `by_reference` are passed as one pointer (see
+`engines.compiled.records`). Without Numba's compiler every kernel is a Python function with the
+same results.
 """
 
 from typing import NamedTuple
@@ -28,9 +29,9 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.engines.collisions import shares
-from brownpipe.engines.fours import all_bits, four, four_columns
-from brownpipe.engines.kernels import kernel
-from brownpipe.engines.records import Samples, by_reference
+from brownpipe.engines.compiled.fours import all_bits, four, four_columns
+from brownpipe.engines.compiled.kernels import kernel
+from brownpipe.engines.compiled.records import Samples, by_reference
 
 # A row of `disk`: position and velocity at the disk's own time TIME; the time of its next pair
 # collision; how often its velocity or its image has changed, which tells whether a prediction made
@@ -295,7 +296,7 @@ def move(w: Workspace, i: int, now: float) -> None:
     w.disk[a + TIME] = now
 
 
-# -- four disks at a time, see `engines.fours` -----------------------------------------------------
+# -- four disks at a time, see `engines.compiled.fours` --------------------------------------------
 
 
 @kernel

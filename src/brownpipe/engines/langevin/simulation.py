@@ -25,6 +25,7 @@ from functools import partial
 import numpy as np
 
 from brownpipe import progress
+from brownpipe.engines.compiled.kernels import compile_all, entry_point
 from brownpipe.engines.ensemble import Ensemble, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import (
@@ -33,12 +34,11 @@ from brownpipe.engines.friction import (
     friction_rate,
     rate_at_temperature,
 )
-from brownpipe.engines.initial_state import draw_tracer, noise
-from brownpipe.engines.kernels import compile_all, entry_point
 from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
+from brownpipe.engines.start.initial_state import draw_tracer, noise
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import of_tracer
-from brownpipe.observables.observable import Run, Track
+from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import Scene, motion
 
 FLAT = 0.1  # gamma dt below which x - 2 tanh(x/2) cancels and is summed as a power series

@@ -16,11 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe import progress
+from brownpipe.engines.compiled.kernels import compile_all
 from brownpipe.engines.ensemble import Ensemble, make_runs, new_batch
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
-from brownpipe.engines.initial_state import draw
-from brownpipe.engines.insertion import insert_nothing
-from brownpipe.engines.kernels import compile_all
 from brownpipe.engines.recording import (
     blank_samples,
     conservation,
@@ -29,12 +27,14 @@ from brownpipe.engines.recording import (
     report_nothing,
     tracks_of,
 )
+from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.insertion import insert_nothing
 from brownpipe.engines.timestep import Settings, refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.steps import advance, reaches_beyond
 from brownpipe.engines.timestep.workspace import EngineBox, PairList, Workspace
 from brownpipe.engines.units import Frame, State, common_radius, frame_of, motion_of, rms_speed
-from brownpipe.observables.observable import Run
+from brownpipe.observables.trajectory import Run
 from brownpipe.scene import Scene
 
 # paths of the fastest disk in a step: a disk further beyond a wall has escaped and the run has

@@ -16,8 +16,8 @@ import math
 import numpy as np
 
 from brownpipe.engines.collisions import encounter, exchange, shares
-from brownpipe.engines.kernels import entry_point, kernel
-from brownpipe.engines.records import Samples, local_copy
+from brownpipe.engines.compiled.kernels import entry_point, kernel
+from brownpipe.engines.compiled.records import Samples, local_copy
 from brownpipe.engines.timestep import verlet_lists
 from brownpipe.engines.timestep import workspace as ws
 

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from brownpipe.engines.insertion import cell_of
-from brownpipe.engines.kernels import kernel
+from brownpipe.engines.compiled.kernels import kernel
+from brownpipe.engines.start.insertion import cell_of
 from brownpipe.engines.timestep import workspace as ws
 
 SAFE = 0.98  # part of the skin that is used; the rest covers round-off

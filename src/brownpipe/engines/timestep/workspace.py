@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.records import Samples, by_reference
+from brownpipe.engines.compiled.records import Samples, by_reference
 
 # w.counters: steps done, samples taken, the tracer's place in memory, pairs listed within the box
 # and across its sides, disks that reach beyond a wall, whether a list is too short for its pairs,

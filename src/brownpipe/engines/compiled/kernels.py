@@ -25,7 +25,7 @@ from numba.core.cpu import CPUContext
 from numba.extending import intrinsic, register_jitable
 
 from brownpipe import progress
-from brownpipe.engines import compiler
+from brownpipe.engines.compiled import compiler
 from brownpipe.processes import held
 from brownpipe.provenance import PACKAGE
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.kernels import entry_point, kernel
-from brownpipe.engines.records import by_reference, local_copy
+from brownpipe.engines.compiled.kernels import entry_point, kernel
+from brownpipe.engines.compiled.records import by_reference, local_copy
 
 # How `insert` ends: all disks are placed; it needs more random numbers; a disk found no place in
 # TRIES tries.

@@ -11,7 +11,7 @@ from typing import cast
 
 import numpy as np
 
-from brownpipe.engines.insertion import (
+from brownpipe.engines.start.insertion import (
     FIELDS_PER_CELL,
     NEXT,
     NOTHING_PLACED,
@@ -24,7 +24,7 @@ from brownpipe.engines.insertion import (
     push_apart,
     register,
 )
-from brownpipe.engines.placement import JAMMED, is_grown, lattice_sites, other_placements
+from brownpipe.engines.start.placement import JAMMED, is_grown, lattice_sites, other_placements
 from brownpipe.engines.units import State, common_radius
 from brownpipe.errors import PlacementError
 from brownpipe.scene import Scene, motion

@@ -1,0 +1,1 @@
+"""How a run starts: positions and velocities drawn from its seed."""

@@ -1,0 +1,46 @@
+"""The trajectory of a run, as engines return it: the tracks of its disks and its collisions.
+
+T sample times, N disks, of which the tracer is the first.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Track(NamedTuple):
+    """The trajectories of M disks of a run, sampled at T times, which engines return."""
+
+    position: np.ndarray  # (T, M, 2) centres, inside the box [length]
+    velocity: np.ndarray | None = None  # (T, M, 2) [length/time]
+    # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
+    image: np.ndarray | None = None
+
+    def of(self, disks: np.ndarray | slice | int) -> "Track":
+        """Return the tracks of some of the disks: indices or a mask (M,), a slice, or one index."""
+        return Track(*(None if values is None else values[:, disks] for values in self))
+
+    def at_end(self) -> "Track":
+        """Return the tracks at the last sample, T = 1."""
+        return Track(*(None if values is None else values[-1:] for values in self))
+
+
+class Events(NamedTuple):
+    """The E collisions of one run, in order of time."""
+
+    time: np.ndarray  # (E,) [time]
+    a: np.ndarray  # (E,) int32, the disk
+    b: np.ndarray  # (E,) int32, the other disk, or a wall: -1 left, -2 right, -3 bottom, -4 top
+    impulse: np.ndarray  # (E, 2) given to disk a [mass length/time]
+
+
+class Run(NamedTuple):
+    """One run. Arrays of the tracer's track may be overwritten by the next run."""
+
+    tracer: Track  # disk 0, M = 1
+    whole: Track | None  # all disks, M = N; None if not recorded, see `needs_every_disk`
+    events: Events | None = None  # if recorded
+    # what the engine itself reports, like numbers of collisions
+    observables: Mapping[str, Any] = MappingProxyType({})
