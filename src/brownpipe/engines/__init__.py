@@ -19,7 +19,7 @@ from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
 from brownpipe.observables import of_tracer, own
-from brownpipe.scene.reading import Record, validated
+from brownpipe.scene.reading import Section, validated
 from brownpipe.scene.scene import Scene
 
 DEFINITIONS = {definition.name: definition for definition in (EXACT, TIMESTEP, LANGEVIN)}
@@ -133,14 +133,14 @@ def option(setting: str) -> str:
 
 
 @cache
-def settings_of(name: str) -> type[Record]:
+def settings_of(name: str) -> type[Section]:
     """Return the record of the settings of an engine in a file, after its name."""
     definition = DEFINITIONS[name]
     defaults = definition.settings._field_defaults
     keys: dict[str, Any] = {"name": (Literal[name], name)}
     for key, kind in get_type_hints(definition.settings, include_extras=True).items():
         keys[key] = (kind, defaults.get(key, ...))
-    return create_model(name, __base__=Record, __doc__=definition.summary, **keys)
+    return create_model(name, __base__=Section, __doc__=definition.summary, **keys)
 
 
 def recorded(mapping: dict, where: str = "") -> Engine:

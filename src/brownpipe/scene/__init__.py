@@ -1,4 +1,4 @@
-"""Scenes: what is simulated. Their records, which are the format of their files, sample times, and
+"""Scenes: what is simulated. Their sections, which are the format of their files, sample times, and
 seeds of runs.
 """
 

@@ -221,8 +221,11 @@ Count = Annotated[int, Field(strict=True, ge=0, le=10_000_000)]
 Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
 
 
-class Record(BaseModel):
-    """The keys of a mapping. A key whose value is null is taken as not given."""
+class Section(BaseModel):
+    """A section of a scene or study file: a mapping with these keys, such as `box` or `velocities`.
+
+    A key whose value is null is taken as not given.
+    """
 
     model_config = {"frozen": True, "extra": "forbid"}
 
@@ -232,7 +235,7 @@ class Record(BaseModel):
         keys = tuple(field.alias or name for name, field in cls.model_fields.items())
         if not isinstance(value, Mapping):
             raise PydanticCustomError(
-                "record_type", f"must be a mapping with the keys {', '.join(keys)}"
+                "section_type", f"must be a mapping with the keys {', '.join(keys)}"
             )
         for key in value:
             if key not in keys:
@@ -255,7 +258,7 @@ class Record(BaseModel):
 
 
 def key(meaning: str, default: Any = ..., **more: Any) -> Any:
-    """Return the field of a record: what it means, and its default unless it must be given."""
+    """Return the field of a section: what it means, and its default unless it must be given."""
     return Field(default, description=meaning, **more)
 
 
@@ -281,9 +284,9 @@ def plain(value: Any) -> Any:
     """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead
     of NumPy's.
 
-    A record becomes the mapping of its given keys.
+    A section becomes the mapping of its given keys.
     """
-    if isinstance(value, Record):
+    if isinstance(value, Section):
         value = value.model_dump(exclude_unset=True)
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

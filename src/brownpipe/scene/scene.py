@@ -25,7 +25,7 @@ from brownpipe.scene.reading import (
     NotNegative,
     Pair,
     Positive,
-    Record,
+    Section,
     alone,
     key,
     refuse,
@@ -48,7 +48,7 @@ SMALLEST_RADIUS = 1e-10
 SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,[\w-]+=[\w.-]{{1,64}})*$")]
 
 
-class Box(Record):
+class Box(Section):
     """A rectangle [length]. Reflecting walls are hard and touch a disk at its edge."""
 
     x: Pair = key("its sides, [low, high] [length]")
@@ -90,7 +90,7 @@ class Box(Record):
         return corner, size
 
 
-class Disk(Record):
+class Disk(Section):
     """A disk of an explicit list."""
 
     position: Pair = key("initial centre, [x, y] [length]")
@@ -100,7 +100,7 @@ class Disk(Record):
     count: ClassVar = 1
 
 
-class Tracer(Record):
+class Tracer(Section):
     """Disk 0, whose motion is recorded and analysed. It is a species of its own."""
 
     radius: Positive = key("[length]")
@@ -112,7 +112,7 @@ class Tracer(Record):
     count: ClassVar = 1
 
 
-class Species(Record):
+class Species(Section):
     """Equal disks, which `engines.start.initial_state.draw` places."""
 
     name: Name = key("differs from the others and from `tracer`")
@@ -124,7 +124,7 @@ class Species(Record):
     position: ClassVar = None
 
 
-class Mixture(Record):
+class Mixture(Section):
     """Disks that are placed by the program. Without a tracer, disk 0 is the first disk of the first
     species.
     """
@@ -137,7 +137,7 @@ class Mixture(Record):
     )
 
 
-class Velocities(Record):
+class Velocities(Section):
     """Normal distribution of the initial velocity components: one of the two widths is given."""
 
     # Theory that reads `scene.velocities` relies on this distribution.
@@ -154,7 +154,7 @@ class Velocities(Record):
     )
 
 
-class Samples(Record):
+class Samples(Section):
     """Logarithmic sample times: 0, first * 10^(k/per_decade) for k = 0, 1, ..., and the
     duration.
     """
@@ -167,7 +167,7 @@ class Samples(Record):
     )
 
 
-class Equilibration(Record):
+class Equilibration(Section):
     """What is simulated before t = 0."""
 
     time: NotNegative = key("[time]")
@@ -179,7 +179,7 @@ class Equilibration(Record):
 Before = Annotated[Equilibration, alone("time", NotNegative | Equilibration)]
 
 
-class Scene(Record):
+class Scene(Section):
     """The physics of one run. Disk 0 is the tracer."""
 
     box: Box = key("the rectangle, and what happens at its sides")

@@ -20,7 +20,7 @@ from brownpipe.scene.reading import (
     As,
     Number,
     Positive,
-    Record,
+    Section,
     key,
     part_of,
     refuse,
@@ -35,7 +35,7 @@ GROUPS = ("disks", "species", "velocities")  # words of a path that its short na
 DIGITS = 12
 
 
-class Span(Record):
+class Span(Section):
     """Values at equal steps, or at equal factors (log)."""
 
     first: Number = key("the first value", alias="from")
@@ -159,8 +159,8 @@ def unit_of(path: str) -> str:
     """Return the unit of a varied key, which the meaning of the key has in brackets."""
     schema = Scene.model_json_schema()
     keys = {**schema["properties"]}
-    for record in schema["$defs"].values():
-        keys |= record["properties"]
+    for section in schema["$defs"].values():
+        keys |= section["properties"]
     name = path.split(".")[-1]
     meaning = keys.get(name, {}).get("description", "")
     unit = re.search(r"\[([\w/]+)\]", meaning)

@@ -48,7 +48,7 @@ from brownpipe.scene.reading import (
     Name,
     NotNegative,
     Positive,
-    Record,
+    Section,
     key,
     refuse,
 )
@@ -112,10 +112,10 @@ SHARE = BeforeValidator(_share, json_schema_input_type=float | str)
 Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE]
 Target = Literal["msd", "d", "displacement_distribution"]
 OF_USE: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
-EngineRecords = [create_model(name, __base__=settings_of(name), **OF_USE) for name in DEFINITIONS]
-EngineRecord: Any = Annotated[Union[tuple(EngineRecords)], Field(discriminator="name")]  # noqa: UP007  # as many as there are
+EngineSections = [create_model(name, __base__=settings_of(name), **OF_USE) for name in DEFINITIONS]
+EngineSection: Any = Annotated[Union[tuple(EngineSections)], Field(discriminator="name")]  # noqa: UP007  # as many as there are
 EngineKey: Any = Annotated[
-    EngineRecord, reading.alone("name", EngineRecord | Literal[tuple(DEFINITIONS)])
+    EngineSection, reading.alone("name", EngineSection | Literal[tuple(DEFINITIONS)])
 ]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
@@ -139,14 +139,14 @@ class EngineUse(NamedTuple):
     seeds: Sequence[int] | None  # None: the seeds of the study
 
 
-class Rings(Record):
+class Rings(Section):
     """The rings of the displacement distribution; runs beyond the last one are counted too."""
 
     dr: Positive = key("their width [length]")
     count: Annotated[AtLeastOne, Field(le=100_000)] = key("their number")
 
 
-class Study(Record):
+class Study(Section):
     """What is simulated, with which seeds, and how it is analysed. Read by `read_study`."""
 
     scenes: Texts = key("scene files, relative to the folder of the study file")
