@@ -75,6 +75,14 @@ def test_simulate_writes_what_was_asked_for_and_one_seed_again_to_the_bit(runs, 
     )
 
 
+def test_every_verb_is_in_the_list():
+    """One that is not could not be called."""
+    listed = []
+    for verbs_of_module in dict.fromkeys(VERBS.values()):
+        listed += [verb.name for verb in verbs_of_module()]
+    assert listed == [*VERBS]
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_help_has_an_example_that_parses(verb, capsys):
     with pytest.raises(SystemExit) as left:

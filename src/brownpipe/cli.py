@@ -12,14 +12,13 @@ import signal
 import sys
 from argparse import Namespace
 from collections.abc import Sequence
-from importlib import import_module
 from typing import NoReturn
 
 from brownpipe import processes
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.provenance import versions
 from brownpipe.text import printable
-from brownpipe.verbs import VERBS
+from brownpipe.verbs import VERBS, Verb, load_verb
 from brownpipe.verbs.output import say
 
 # new objects between two garbage collections: many, to save CPU time of figures and analysis
@@ -57,7 +56,8 @@ def _status(argv: list[str]) -> int:
             arguments.further = [word for word in further if word != "--"]
             if further and argv[0] != "run":
                 parser.error(f"unrecognized arguments: {' '.join(further)}")
-            return arguments.verb(arguments) or DONE
+            verb: Verb = arguments.verb
+            return verb.run(arguments) or DONE
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt:
@@ -92,9 +92,8 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
     subparsers = parser.add_subparsers(metavar="VERB", required=True)
     requested = [name for name in argv[:1] if name in VERBS]
     for name in requested or VERBS:
-        module = import_module(f"brownpipe.verbs.{VERBS[name]}")
-        verb = getattr(module, name)
-        description, _, example = (verb.__doc__ or "").rpartition("\n\n")
+        verb = load_verb(name)
+        description, _, example = (verb.run.__doc__ or "").rpartition("\n\n")
         brief = description.partition("\n")[0]
         subparser = subparsers.add_parser(
             name, help=brief, description=description, epilog=example.strip()
@@ -102,7 +101,7 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
         subparser.set_defaults(verb=verb)
         if requested:
             parser.of_verb = subparser
-            getattr(module, f"add_{name}")(subparser.add_argument)
+            verb.add_options(subparser.add_argument)
     return parser
 
 

@@ -3,7 +3,6 @@ programs.
 """
 
 from argparse import Namespace
-from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe import inspection, progress
@@ -18,13 +17,14 @@ from brownpipe.storage.files import UNSEALED, has_lost_its_seal, write_file
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, read_trajectories
 from brownpipe.study.verification import verify_results
 from brownpipe.text import counted, in_bytes
+from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_seed, refuse_together, typed
 from brownpipe.verbs.output import PAGE, absent, say, show, suffix, writable
 
 FPS = 25.0  # frames a second
 
 
-def add_inspect(add: Callable) -> None:
+def _inspect_options(add: AddOption) -> None:
     add("file", metavar="FILE", help="trajectory file, dataset, figure, table, page or movie")
     add_seed(add, "all about this run of a trajectory file")
     again = (
@@ -46,7 +46,7 @@ def add_inspect(add: Callable) -> None:
     )
 
 
-def inspect(arguments: Namespace) -> int:
+def inspect_file(arguments: Namespace) -> int:
     """Describe the contents of a trajectory file or dataset, and say whether it is intact.
 
     Of a figure, table, summary, page or movie it says what they were made from. `--reproduce` takes
@@ -106,7 +106,7 @@ def _reproduce(arguments: Namespace) -> int:
     return FAILED if differences else DONE
 
 
-def add_verify(add: Callable) -> None:
+def _verify_options(add: AddOption) -> None:
     what = "folder with the results of a study, or single trajectory files and datasets"
     add("paths", nargs="+", metavar="RESULTS", help=what)
 
@@ -118,7 +118,7 @@ def _harm(path: str) -> str:
     return "is damaged; delete it and run the study again"
 
 
-def verify(arguments: Namespace) -> int:
+def verify_files(arguments: Namespace) -> int:
     """Read every trajectory file, dataset and figure of a study and verify its checksum.
 
     Names every file that is damaged, and runs and figures that are missing; then the exit status is
@@ -146,7 +146,7 @@ def verify(arguments: Namespace) -> int:
     return FAILED if FAILED in statuses else max(statuses)
 
 
-def add_movie(add: Callable) -> None:
+def _movie_options(add: AddOption) -> None:
     add("file", metavar="FILE.h5", help="trajectory file with whole runs (simulate --record all)")
     add_seed(add, "the run to show (default: the first in the file)")
     add(
@@ -162,7 +162,7 @@ def add_movie(add: Callable) -> None:
     )
 
 
-def movie(arguments: Namespace) -> None:
+def make_movie(arguments: Namespace) -> None:
     """Show one whole run of a trajectory file: a picture, an animation (GIF), or a web page.
 
     The file must have been recorded with `--record all`, for a page with `--record all,events`. The
@@ -215,7 +215,7 @@ def _page(trajectories: Trajectories, arguments: Namespace) -> tuple[bytes, str]
     return replay_page(trajectories, arguments.file, arguments.seed)
 
 
-def add_export(add: Callable) -> None:
+def _export_options(add: AddOption) -> None:
     add(
         "file",
         metavar="FILE.h5",
@@ -236,7 +236,7 @@ def add_export(add: Callable) -> None:
     )
 
 
-def export(arguments: Namespace) -> None:
+def export_run(arguments: Namespace) -> None:
     """Export a run to GSD (HOOMD-blue, freud, MDAnalysis, OVITO), extended XYZ (ASE, OVITO, VMD) or
     a table (CSV).
 
@@ -258,3 +258,9 @@ def export(arguments: Namespace) -> None:
         say(f"{output}: {remark}", DONE)
     size = Path(output).stat().st_size
     show(f"{output}: {counted(len(tracks), 'run')}, {in_bytes(size)}")
+
+
+INSPECT = Verb("inspect", inspect_file, _inspect_options)
+VERIFY = Verb("verify", verify_files, _verify_options)
+MOVIE = Verb("movie", make_movie, _movie_options)
+EXPORT = Verb("export", export_run, _export_options)

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import Count, scalar, validated, value_in
 from brownpipe.scene.seeds import Seed
+from brownpipe.verbs import AddOption
 
 Value = TypeVar("Value")
 
@@ -71,14 +72,14 @@ def refuse_together(arguments: Namespace, *options: str, but: Sequence[str] = ()
         raise RequestError(f"--{first}: must not be given with --{second}".replace("_", "-"))
 
 
-def add_particles(add: Callable, help: str = "number of disks instead of the scene's") -> None:
+def add_particles(add: AddOption, help: str = "number of disks instead of the scene's") -> None:
     add("--particles", type=typed(Count), metavar="N", help=help)
 
 
-def add_seed(add: Callable, help: str) -> None:
+def add_seed(add: AddOption, help: str) -> None:
     add("--seed", type=typed(Seed), metavar="SEED", help=help)
 
 
-def add_config(add: Callable) -> None:
+def add_config(add: AddOption) -> None:
     replaced = "other values of the study's keys, as for `snakemake --config`"
     add("--config", nargs="+", type=key_value, default=[], metavar="KEY=VALUE", help=replaced)

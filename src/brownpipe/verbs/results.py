@@ -1,15 +1,15 @@
 """The verbs of results: from trajectory files to a dataset, figures and a trade-off."""
 
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from brownpipe import analysis, progress
 from brownpipe import tradeoff as comparison
 from brownpipe.analysis.dataset import refuse_windows
 from brownpipe.errors import RequestError, RunError
-from brownpipe.figures.catalogue import FIGURES
+from brownpipe.figures import catalogue
 from brownpipe.scene.reading import AtLeastOne, Positive
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import seal_of, write_file
@@ -19,6 +19,7 @@ from brownpipe.study.plan import settled
 from brownpipe.study.run_sets import digests, files_of, listed_runs
 from brownpipe.study.study import Window
 from brownpipe.text import counted, from_ascii, shell_path
+from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_config, add_particles, several, typed
 from brownpipe.verbs.output import FILES, NETCDF, PAGE, show, suffix, writable
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
-def add_aggregate(add: Callable) -> None:
+def _aggregate_options(add: AddOption) -> None:
     add("files", nargs="*", metavar="FILE.h5", help="trajectory files of one study, in any order")
     add("--output", required=True, metavar="DATASET.nc", help="dataset to write (netCDF4)")
     instead = (
@@ -44,7 +45,7 @@ def add_aggregate(add: Callable) -> None:
     add("--rings", type=typed(AtLeastOne), metavar="COUNT", help=count)
 
 
-def aggregate(arguments: Namespace) -> None:
+def aggregate_runs(arguments: Namespace) -> None:
     """Analyse trajectory files: one dataset of displacements, fits and distributions, with their
     errors over runs.
 
@@ -56,8 +57,12 @@ def aggregate(arguments: Namespace) -> None:
     """
     _refuse_together(arguments)
     study = None if arguments.study is None else _study(arguments, "aggregate")
-    files = arguments.files if study is None else files_of(study)
-    inputs: list[Any] = [getattr(file, "path", file) for file in files]
+    if study is None:
+        files = arguments.files
+        inputs = arguments.files
+    else:
+        files = files_of(study)
+        inputs = [str(file.path) for file in files]
     output = writable(arguments.output, *inputs, suffixes=NETCDF)
     with progress.shown("aggregate"):
         if study is None:
@@ -102,7 +107,7 @@ def _refuse_together(arguments: Namespace) -> None:
         raise RequestError("FILE.h5: missing; give trajectory files, or a study with --study")
 
 
-def add_figures(add: Callable) -> None:
+def _figures_options(add: AddOption) -> None:
     add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
     add(
         "--output",
@@ -111,8 +116,13 @@ def add_figures(add: Callable) -> None:
         help="folder for the figures, tables and the summary",
     )
     add("--page", metavar="FILE.html", help="also write a page with all results, in one file")
-    names = f"names joined by commas, some of {', '.join(FIGURES)} (default: all)"
-    add("--figures", type=several(typed(Literal[tuple(FIGURES)])), metavar="NAMES", help=names)
+    names = f"names joined by commas, some of {', '.join(catalogue.FIGURES)} (default: all)"
+    add(
+        "--figures",
+        type=several(typed(Literal[tuple(catalogue.FIGURES)])),
+        metavar="NAMES",
+        help=names,
+    )
     add_particles(add, "show the runs with this many disks (default: the most)")
     add(
         "--panel",
@@ -133,7 +143,7 @@ def add_figures(add: Callable) -> None:
     add("--cores", type=typed(AtLeastOne), metavar="N", default=1, help=cores)
 
 
-def figures(arguments: Namespace) -> None:
+def draw_figures(arguments: Namespace) -> None:
     """Draw the figures of a dataset, each with a table of its numbers, and write the summary.
 
     provenance.json in the folder says what they were made from, and so do the pictures in their
@@ -174,7 +184,7 @@ def figures(arguments: Namespace) -> None:
     show(line)
 
 
-def add_tradeoff(add: Callable) -> None:
+def _tradeoff_options(add: AddOption) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
     _add_runs_of_study(add)
     add(
@@ -186,7 +196,7 @@ def add_tradeoff(add: Callable) -> None:
     add("--fit-window", type=typed(Window, "T0:T1"), metavar="T0:T1", help=fitted)
 
 
-def tradeoff(arguments: Namespace) -> None:
+def measure_tradeoff(arguments: Namespace) -> None:
     """Measure the cost-accuracy trade-off: bias and CPU time of every engine of a study, relative
     to its exact runs.
 
@@ -214,7 +224,7 @@ def tradeoff(arguments: Namespace) -> None:
     show(f"{output}: figures and tables by brownpipe figures {shell_path(output)} --output FOLDER")
 
 
-def _add_runs_of_study(add: Callable) -> None:
+def _add_runs_of_study(add: AddOption) -> None:
     """Add the options of a verb that makes a dataset of the runs of a study, besides the study
     itself.
     """
@@ -249,3 +259,8 @@ def _write(output: str, dataset: "Dataset", study: Study | None, arguments: Name
     write_dataset(output, dataset)
     if study is not None and arguments.list_runs is not None:
         write_file(arguments.list_runs, "\n".join([*listed_runs(study), ""]).encode())
+
+
+AGGREGATE = Verb("aggregate", aggregate_runs, _aggregate_options)
+FIGURES = Verb("figures", draw_figures, _figures_options)
+TRADEOFF = Verb("tradeoff", measure_tradeoff, _tradeoff_options)

@@ -3,7 +3,7 @@
 import math
 import time
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -24,11 +24,12 @@ from brownpipe.storage.store import runs_digest
 from brownpipe.storage.trajectories import write_trajectories
 from brownpipe.study import forecast_of_runs
 from brownpipe.text import counted, in_time
+from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_particles, key_value, several, typed
 from brownpipe.verbs.output import HDF5, absent, say, show, writable
 
 
-def add_simulate(add: Callable) -> None:
+def _simulate_options(add: AddOption) -> None:
     add("scene", metavar="SCENE", help="scene file (YAML)")
     add_particles(add)
     replaced = (
@@ -89,7 +90,7 @@ def add_simulate(add: Callable) -> None:
     )
 
 
-def simulate(arguments: Namespace) -> int:
+def simulate_to_file(arguments: Namespace) -> int:
     """Run a scene once for every seed and write the trajectories.
 
     The tracer is always recorded, except with `--record none`. Runs that fail their health check or
@@ -226,3 +227,6 @@ def _checkpoints(
         last_written = time.monotonic()
 
     return (Checkpoints(due, store, read_checkpoint(path, made_by)),)
+
+
+SIMULATE = Verb("simulate", simulate_to_file, _simulate_options)

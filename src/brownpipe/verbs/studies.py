@@ -5,7 +5,6 @@ tolerance needs.
 import json
 import shlex
 from argparse import Namespace
-from collections.abc import Callable
 from pathlib import Path
 
 from brownpipe import progress
@@ -27,11 +26,12 @@ from brownpipe.study.plan import (
 from brownpipe.study.study import Target, Tolerance, read_keys, why_no_relative_error
 from brownpipe.study.workflow import pipeline_folder, run_study
 from brownpipe.text import shell_path
+from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_config, add_particles, refuse_together, typed
 from brownpipe.verbs.output import YAML, absent, show, writable
 
 
-def add_new(add: Callable) -> None:
+def _new_options(add: AddOption) -> None:
     add("name", metavar="NAME", help="name of the study")
     add(
         "--folder",
@@ -41,7 +41,7 @@ def add_new(add: Callable) -> None:
     )
 
 
-def new(arguments: Namespace) -> None:
+def write_new_study(arguments: Namespace) -> None:
     """Write a commented scene and study to start from: NAME_scene.yaml and NAME.yaml.
 
     They run as they are, in half a minute: a heavy disk among 199 and among 399 light ones, 300
@@ -66,12 +66,12 @@ def new(arguments: Namespace) -> None:
     show(f"all keys: {pipeline_folder() / 'config' / 'README.md'}")
 
 
-def add_check(add: Callable) -> None:
+def _check_options(add: AddOption) -> None:
     add("file", metavar="SCENE|STUDY", help="scene or study file (YAML)")
     add_particles(add)
 
 
-def check(arguments: Namespace) -> None:
+def describe_file(arguments: Namespace) -> None:
     """Say whether a scene or study is valid, what will be simulated, and what it will cost.
 
     Observables of your own are called once, for one run of the first seed.
@@ -83,7 +83,7 @@ def check(arguments: Namespace) -> None:
     show(*description.split("\n"))
 
 
-def add_run(add: Callable) -> None:
+def _run_options(add: AddOption) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
     jobs = "jobs at the same time (default: number of cores)"
     add("-j", "--cores", type=typed(AtLeastOne), metavar="N", help=jobs)
@@ -91,7 +91,7 @@ def add_run(add: Callable) -> None:
     add("--profile", metavar="NAME", help=places)
 
 
-def run(arguments: Namespace) -> int:
+def run_workflow(arguments: Namespace) -> int:
     """Run a study: simulate, aggregate, figures, with the results in `results` of this folder.
 
     A second run has nothing to do; after a change only the steps that depend on it run again. All
@@ -104,7 +104,7 @@ def run(arguments: Namespace) -> int:
     return run_study(arguments.study, arguments.cores, arguments.profile, arguments.further)
 
 
-def add_plan(add: Callable) -> None:
+def _plan_options(add: AddOption) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
     add(
         "--tolerance",
@@ -126,7 +126,7 @@ def add_plan(add: Callable) -> None:
     add("--write", metavar="FILE.yaml", help="study file to write, with the best choice")
 
 
-def plan(arguments: Namespace) -> int:
+def plan_study(arguments: Namespace) -> int:
     """Find the engine of a study, and the number of runs, that meet a tolerance at the lowest cost.
 
     From pilot runs, up to 4 s of CPU or 400 of them for each engine, scene and number of disks.
@@ -172,11 +172,11 @@ def plan(arguments: Namespace) -> int:
     return FAILED if best is None else DONE
 
 
-def add_schema(add: Callable) -> None:
+def _schema_options(add: AddOption) -> None:
     add("kind", choices=("scene", "study"), metavar="scene|study", help="the kind of file")
 
 
-def schema(arguments: Namespace) -> None:
+def print_schema(arguments: Namespace) -> None:
     """Print the JSON Schema of scene or study files, with which editors complete and check their
     keys.
 
@@ -189,3 +189,10 @@ def schema(arguments: Namespace) -> None:
     record = Scene if arguments.kind == "scene" else Study
     text = json.dumps(record.model_json_schema(), indent=1)
     show(*text.split("\n"))
+
+
+NEW = Verb("new", write_new_study, _new_options)
+CHECK = Verb("check", describe_file, _check_options)
+RUN = Verb("run", run_workflow, _run_options)
+PLAN = Verb("plan", plan_study, _plan_options)
+SCHEMA = Verb("schema", print_schema, _schema_options)
