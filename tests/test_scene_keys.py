@@ -1,0 +1,196 @@
+"""What asks for each key of a scene: the start of a run, forecasts, theory and words.
+
+A key that theory or a forecast forgets gives wrong numbers without an error. Here each key is
+changed in a scene, and the answers that change with it are compared with the row of the key in
+CHANGES. A new key needs a row there; each of ANSWERS that ought to change with it, and does not, is
+a function that must ask for it.
+"""
+
+from copy import deepcopy
+from typing import Annotated, get_args, get_origin
+
+import numpy as np
+import pytest
+from pydantic import BaseModel
+
+from brownpipe.analysis import thermodynamics
+from brownpipe.engines import confinement, forecast, friction, windows
+from brownpipe.engines.start.initial_state import draw
+from brownpipe.observables import equilibrium
+from brownpipe.report import description
+from brownpipe.scene import motion, parse_scene
+from brownpipe.scene.scene import Scene
+
+ANSWERS = {  # functions of a scene, by what they tell of it
+    "drawn positions": lambda scene: draw(scene, 1).position,
+    "drawn velocities": lambda scene: draw(scene, 1).velocity,
+    "speed of the tracer": motion.mean_square_speed_of_tracer,
+    "speed of the centre of mass": motion.mean_square_speed_of_centre,
+    "temperature of the bath": motion.bath_temperature,
+    "share of the bath": motion.bath_share,
+    "speeds": forecast.speeds,
+    "collisions of pairs": forecast.pair_rate,
+    "collisions with walls": forecast.wall_rate,
+    "seconds": lambda scene: forecast.of_run(scene).seconds,
+    "bytes": lambda scene: forecast.of_run(scene).recorded,
+    "settling": forecast.settling_time,
+    "friction": lambda scene: friction.friction_rate(scene, "enskog"),
+    "drift": friction.drift_diffusion,
+    "walls": lambda scene: confinement.confinement(scene).pairs,
+    "Enskog theory": lambda scene: [*thermodynamics.enskog(scene).values()],
+    "windows": lambda scene: windows.default_windows([scene]),
+    "stationary": equilibrium.why_not_stationary,
+    "equilibrium": equilibrium.claims_equilibrium,
+    "words on the disks": lambda scene: description.sentences(scene)["disks"],
+    "words on the start": lambda scene: description.sentences(scene)["start"],
+    "words on velocities": lambda scene: description.sentences(scene)["velocities"],
+    "words on the run": lambda scene: description.sentences(scene)["run"],
+}
+OF_LISTED_DISKS = (  # the answers that a scene of listed disks has
+    *("drawn positions", "drawn velocities", "speed of the tracer", "speed of the centre of mass"),
+    *("speeds", "collisions of pairs", "collisions with walls", "seconds", "drift", "walls"),
+)
+SPECIES = {
+    "box": {"x": [0.0, 4.0], "y": [0.0, 5.0], "boundary": "periodic"},
+    "particles": 14,
+    "disks": {
+        "tracer": {"radius": 0.4, "mass": 3.0, "position": [2.0, 2.0]},
+        "species": [
+            {"name": "heavy", "count": 5, "radius": 0.3, "mass": 2.0},
+            {"name": "light", "count": "rest", "radius": 0.2, "mass": 0.5},
+        ],
+        "placement": "random",
+    },
+    "velocities": {"temperature": 1.6, "zero_momentum": True},
+    "equilibrate": {"time": 1.0, "tracer": "free"},
+    "duration": 8.0,
+    "sample_interval": 0.1,
+}
+WALLS = SPECIES | {
+    "box": {"x": [0.0, 4.0], "y": [0.0, 5.0]},
+    "velocities": {"temperature": 1.6, "zero_momentum": False},
+}
+HOT = WALLS | {"velocities": {"standard_deviation": 1.5}, "equilibrate": 0.0}
+LOGARITHMIC = {key: value for key, value in SPECIES.items() if key != "sample_interval"}
+LOGARITHMIC |= {"samples": {"per_decade": 5, "first": 0.01}}
+LISTED = {
+    "box": {"x": [0.0, 4.0], "y": [0.0, 5.0], "boundary": "periodic"},
+    "disks": [
+        {"position": [1.0, 1.0], "velocity": [1.0, 0.5], "radius": 0.3, "mass": 2.0},
+        {"position": [3.0, 3.0], "velocity": [-1.0, 0.0], "radius": 0.4, "mass": 1.0},
+    ],
+    "duration": 8.0,
+}
+# What depends on the rates of collisions between disks
+RATES = {"collisions of pairs", "seconds", "friction", "Enskog theory", "windows"}
+WALL = "collisions with walls"
+SIZE = RATES | {WALL, "walls", "words on the disks"}  # on the radius of a species
+SPEED = {"drawn velocities", "speed of the centre of mass", "speeds", WALL}
+MASS = RATES | SPEED | {"words on the disks"}  # on the mass of a species
+HEAT = RATES | SPEED | {"temperature of the bath", "settling", "words on velocities"}
+SAMPLES = {"seconds", "bytes", "words on the run"}
+CHANGES = [  # key, scene, path to the key, another value of it, and the answers that change with it
+    ("box.x", WALLS, ["box", "x"], [0.0, 6.0], SIZE | {"drawn positions", "settling"}),
+    ("box.y", WALLS, ["box", "y"], [0.0, 6.0], SIZE | {"drawn positions", "settling"}),
+    ("box.boundary", SPECIES, ["box", "boundary"], "reflecting",
+     {"drawn positions", "share of the bath", "collisions of pairs", WALL, "seconds",
+      "Enskog theory", "windows", "equilibrium", "words on the disks", "words on the start"}),
+    ("particles", WALLS, ["particles"], 20,
+     SIZE | {"drawn positions", "drawn velocities", "speed of the centre of mass", "settling"}),
+    ("disks.tracer.radius", WALLS, ["disks", "tracer", "radius"], 0.5, SIZE),
+    ("disks.tracer.mass", WALLS, ["disks", "tracer", "mass"], 6.0, MASS | {"speed of the tracer"}),
+    ("disks.tracer.position", WALLS, ["disks", "tracer", "position"], [1.0, 2.0],
+     {"drawn positions", "words on the disks"}),
+    ("disks.species.count", WALLS, ["disks", "species", 0, "count"], 8,
+     SIZE | {"drawn positions", "drawn velocities", "speed of the centre of mass"}),
+    ("disks.species.radius", WALLS, ["disks", "species", 0, "radius"], 0.25,
+     SIZE | {"drawn positions"}),
+    ("disks.species.mass", WALLS, ["disks", "species", 0, "mass"], 1.0, MASS | {"settling"}),
+    ("disks.placement", WALLS, ["disks", "placement"], "lattice",
+     {"drawn positions", "seconds", "settling", "words on the start"}),
+    ("velocities.temperature", WALLS, ["velocities", "temperature"], 2.6,
+     HEAT | {"speed of the tracer"}),
+    ("velocities.standard_deviation", HOT, ["velocities", "standard_deviation"], 2.0,
+     (HEAT | {"speed of the tracer"}) - {"Enskog theory"}),
+    ("velocities.zero_momentum", SPECIES, ["velocities", "zero_momentum"], False,
+     {"speed of the tracer", "speed of the centre of mass", "share of the bath", "drift",
+      "Enskog theory", "windows", "words on velocities"}),
+    ("equilibrate.time", WALLS, ["equilibrate", "time"], 2.0, {"seconds", "words on the start"}),
+    ("equilibrate.tracer", WALLS, ["equilibrate", "tracer"], "pinned",
+     {"stationary", "equilibrium", "words on the start"}),
+    ("duration", WALLS, ["duration"], 16.0, SAMPLES | {"windows"}),
+    ("sample_interval", WALLS, ["sample_interval"], 0.2, SAMPLES),
+    ("samples.per_decade", LOGARITHMIC, ["samples", "per_decade"], 10, SAMPLES),
+    ("samples.first", LOGARITHMIC, ["samples", "first"], 0.001, SAMPLES),
+    ("disks.position", LISTED, ["disks", 0, "position"], [1.5, 1.0], {"drawn positions"}),
+    ("disks.velocity", LISTED, ["disks", 0, "velocity"], [2.0, 0.0],
+     {"drawn velocities", "speed of the tracer", "speed of the centre of mass", "speeds", "drift",
+      "collisions of pairs", "seconds"}),
+    ("disks.radius", LISTED, ["disks", 0, "radius"], 0.35,
+     {"collisions of pairs", "seconds", "walls"}),
+    ("disks.mass", LISTED, ["disks", 0, "mass"], 3.0,
+     {"speed of the centre of mass", "speeds", "collisions of pairs", "seconds", "drift"}),
+]  # fmt: skip
+WITHOUT_A_ROW = {"disks.species.name"}  # no answer depends on a name
+
+
+def answers(mapping):
+    """The answers to a scene by name."""
+    scene = parse_scene(mapping, "keys.yaml")
+    names = OF_LISTED_DISKS if scene.listed else ANSWERS
+    return {name: ANSWERS[name](scene) for name in names}
+
+
+def with_value(mapping, path, value):
+    """A copy of nested mappings and lists with another value at a path of keys and indices."""
+    copy = deepcopy(mapping)
+    *outer, last = path
+    innermost = copy
+    for key in outer:
+        innermost = innermost[key]
+    innermost[last] = value
+    return copy
+
+
+def is_same(before, after):
+    """Whether two answers are equal: texts, or numbers of which some may be NaN."""
+    if isinstance(before, (str, type(None))):
+        return before == after
+    return np.array_equal(before, after, equal_nan=True)
+
+
+@pytest.mark.parametrize(("path", "mapping", "value", "expected"), [
+    pytest.param(path, mapping, value, expected, id=key)
+    for key, mapping, path, value, expected in CHANGES
+])  # fmt: skip
+def test_answers_that_depend_on_a_key_change_with_it(path, mapping, value, expected):
+    before = answers(mapping)
+    after = answers(with_value(mapping, path, value))
+    changed = {name for name in before if not is_same(before[name], after[name])}
+    assert changed == expected
+
+
+def keys_of(model, path=()):
+    """The keys of a mapping of scene files that hold values, like `disks.tracer.mass`."""
+    for name, field in model.model_fields.items():
+        inner = mappings_in(field.annotation)
+        for mapping in inner:
+            yield from keys_of(mapping, (*path, name))
+        if not inner:
+            yield ".".join((*path, name))
+
+
+def mappings_in(annotation):
+    """The mappings that the value of a key may be, or may have in it."""
+    if isinstance(annotation, type):
+        return [annotation] if issubclass(annotation, BaseModel) else []
+    kinds = get_args(annotation)
+    if get_origin(annotation) is Annotated:
+        kinds = kinds[:1]
+    return [mapping for kind in kinds for mapping in mappings_in(kind)]
+
+
+def test_every_key_has_a_row():
+    rows = {key for key, *_ in CHANGES}
+    lacking = set(keys_of(Scene)) - rows - WITHOUT_A_ROW
+    assert not lacking, f"CHANGES needs a row for each of {sorted(lacking)}"
