@@ -78,7 +78,9 @@ def dataset(tmp_path_factory):
         (gas(), gas("reflecting", tracer={"radius": 1.0, "mass": 3.0})),
     )
     for scene in scenes:
-        names = [name for name in EVERYTHING if observables.OBSERVABLES[name].unfit(scene) is None]
+        names = [
+            name for name in EVERYTHING if observables.OBSERVABLES[name].why_unfit(scene) is None
+        ]
         ensemble = exact.simulate(scene, np.arange(30), frozenset({"tracer"}), observables=names)
         write_trajectories(folder / f"{scene.name}.h5", scene, Engine("exact"), ensemble)
     return analysis.aggregate(sorted(folder.iterdir()), windows=((0.5, 2.0),))

@@ -505,7 +505,7 @@ def test_the_same_to_the_bit(boundary, average):
 def test_an_observable_alone_is_what_it_is_among_all(name):
     """Whether the tracks of all disks are kept for it or that of the tracer alone."""
     for scene in (make(), make(kinds=[{"name": "same", "count": 4, **TRACER}], tracer=None)):
-        every = [one for one in ALL if OBSERVABLES[one].unfit(scene) is None]
+        every = [one for one in ALL if OBSERVABLES[one].why_unfit(scene) is None]
         if name not in every:
             continue
         alone, among = (

@@ -29,7 +29,7 @@ from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import SHAPE, summary_table
-from brownpipe.observables.own import named
+from brownpipe.observables.own import observable_name
 from brownpipe.processes import calculated
 from brownpipe.provenance import source_digest
 from brownpipe.scene import Scene as SceneRecord
@@ -539,7 +539,7 @@ def _joined(key: str, value: Any) -> str:
     if not isinstance(value, Iterable):
         raise RequestError(f"{key}: must be a name or a list of names, not {value!r}")
     names = value.split(",") if isinstance(value, str) else value
-    return ",".join(map(named, names))
+    return ",".join(map(observable_name, names))
 
 
 def _refuse_part(result: Any, kind: type[BrownpipeError]) -> None:

@@ -23,7 +23,7 @@ from brownpipe.analysis.resampling import Estimate, Sums
 from brownpipe.analysis.variables import AVERAGED, with_intervals
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.observables.own import NO_OWN, Own
+from brownpipe.observables.own import NO_OWN_ARRAYS, OwnArrays
 from brownpipe.scene import Scene
 
 
@@ -41,7 +41,7 @@ class Case(NamedTuple):
     # (K + 1,) requested edges of its rings [length]; None: from the data
     edges: np.ndarray | None = None
     rings: tuple[np.ndarray, ...] = ()  # (K + 1,) edges of the rings at each of these times
-    own: Own = NO_OWN  # arrays of the user's own functions
+    own: OwnArrays = NO_OWN_ARRAYS  # arrays of the user's own functions
     varied: Sequence[str] = ()  # keys in which the scenes of the dataset differ
 
 

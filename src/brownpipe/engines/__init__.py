@@ -18,7 +18,7 @@ from brownpipe.engines.forecast import Cost, Definition
 from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
-from brownpipe.observables import of_tracer, own
+from brownpipe.observables import own, tracer_observables
 from brownpipe.scene.reading import Section, validated
 from brownpipe.scene.scene import Scene
 
@@ -79,8 +79,7 @@ class Engine(NamedTuple):
         caution = self.definition.caution(scene)
         if caution:
             lines.append(caution)
-        measured, _ = of_tracer(observables)
-        lacking = set(observables) - set(measured)
+        lacking = set(observables) - set(tracer_observables(observables))
         if lacking and not self.definition.moves_all_disks:
             names = ", ".join(sorted(map(own.title_of, lacking)))
             lines.append(f"{self.name} moves the tracer alone, and does not measure {names}")

@@ -78,7 +78,7 @@ def new_batch(
 
     Raises RequestError for observables that the scene does not have.
     """
-    observables.refuse_unfit(scene, tuple(names), average)
+    observables.refuse_unfit_observables(scene, tuple(names), average)
     tracer = None
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
@@ -187,7 +187,7 @@ def select(runs: Ensemble, rows: np.ndarray | slice) -> Ensemble:
         events=_of_seeds(runs.events, seeds),
         stopped=_of_seeds(runs.stopped, seeds),
     )
-    tracer = runs.tracer and runs.tracer.of(rows)
+    tracer = runs.tracer and runs.tracer.select(rows)
     return selected._replace(seeds=seeds, tracer=tracer, observables=arrays)
 
 

@@ -114,7 +114,7 @@ def of_run(
     needs_every_disk = "all" in record or measures.needs_every_disk(observables, average)
     sampled_disks = 1 + scene.particles if needs_every_disk else 1
     disk_samples = len(scene.times) * sampled_disks
-    measuring = [measures.record_of(name).working_memory(scene) for name in observables]
+    measuring = [measures.observable_named(name).working_memory(scene) for name in observables]
     working = max(measuring, default=0.0) + BYTES_PER_SAMPLE * disk_samples
     working += BYTES_PER_DISK * (1 if tracer_only else scene.particles)
     recorded, kept = _bytes_of_record(scene, record, observables, collisions)
@@ -188,16 +188,16 @@ def _seconds_of_observable(scene: Scene, name: str, average: str) -> float:
     An average over time origins has a step for each lag, over half of all samples in the mean;
     others have one step.
     """
-    observable = measures.record_of(name)
+    observable = measures.observable_named(name)
     samples = len(scene.times)
-    disks = scene.particles * observable.times_as_long(scene)
-    if observable.of == "tracer":
+    disks = scene.particles * observable.relative_cost(scene)
+    if observable.tracks_needed == "tracer":
         disks = len(equal_disks(scene)) if average == "disks" else 1
     elif observable.is_over_samples and not is_stationary(scene):
         samples = 1
     lags = 1
     samples_per_lag = float(samples)
-    if average == "origins" and observable.of != "all":
+    if average == "origins" and observable.tracks_needed != "all":
         lags = samples
         samples_per_lag = samples / 2
     step = samples_per_lag * disks * observable.seconds_per_disk_sample

@@ -87,7 +87,7 @@ def shades_of(scene: Scene) -> np.ndarray:
     """Index (N,) of each disk's colour in FACES: 0 for disk 0, then one per species, in their
     order.
     """
-    _, rank = np.unique(species_table(scene).label[1:], return_inverse=True)
+    _, rank = np.unique(species_table(scene).species_index[1:], return_inverse=True)
     return np.append(0, 1 + rank % (len(FACES) - 1))
 
 

@@ -58,9 +58,9 @@ for _observable in OBSERVABLES.values():
     AXES |= _observable.axes
 
 
-def record_of(name: str) -> Observable:
+def observable_named(name: str) -> Observable:
     """Return the record of an observable, listed here or the user's own."""
-    return own.observable_of(name) if own.is_own(name) else OBSERVABLES[name]
+    return own.own_observable(name) if own.is_own(name) else OBSERVABLES[name]
 
 
 def observe(
@@ -80,10 +80,10 @@ def observe(
 
 def _track_for(observable: Observable, scene: Scene, run: Run, average: str) -> Track:
     """Return the track that an observable is measured from."""
-    if observable.of == "tracer":
-        return run.whole.of(equal_disks(scene)) if average == "disks" else run.tracer
+    if observable.tracks_needed == "tracer":
+        return run.whole.select(equal_disks(scene)) if average == "disks" else run.tracer
     if observable.is_over_samples and not is_stationary(scene):
-        return run.whole.at_end()
+        return run.whole.last_sample()
     return run.whole
 
 
@@ -91,23 +91,21 @@ def needs_every_disk(names: Collection[str], average: str = "runs") -> bool:
     """Return whether these observables need the tracks of all disks; otherwise the tracer's is
     enough.
     """
-    measurable_by_tracer, _ = of_tracer(names)
-    return bool(names) and (average == "disks" or len(measurable_by_tracer) < len(names))
+    if average == "disks":
+        return bool(names)
+    return len(tracer_observables(names)) < len(names)
 
 
-def of_tracer(names: Iterable[str], average: str = "runs") -> tuple[tuple[str, ...], str]:
-    """Return which of these observables an engine of the tracer alone can measure, and with which
-    average.
-    """
-    names = tuple(name for name in names if record_of(name).of == "tracer")
-    return names, average if names else "runs"
+def tracer_observables(names: Iterable[str]) -> tuple[str, ...]:
+    """Return which of these observables an engine of the tracer alone can measure."""
+    return tuple(name for name in names if observable_named(name).tracks_needed == "tracer")
 
 
 def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run at most, all arrays together."""
     total = 0
     for name in names:
-        for array in record_of(name).arrays.values():
+        for array in observable_named(name).arrays.values():
             total += math.prod(len(AXES[dim].coordinates(scene)) for dim in array.dims)
     return total
 
@@ -115,7 +113,7 @@ def numbers_in(scene: Scene, names: Iterable[str]) -> int:
 # -- refusals --------------------------------------------------------------------------------------
 
 
-def refuse_unfit(scene: Scene, names: Sequence[str], average: str = "runs") -> None:
+def refuse_unfit_observables(scene: Scene, names: Sequence[str], average: str = "runs") -> None:
     """Raise RequestError if an observable is unknown, or observables or average make no sense in
     the scene.
     """
@@ -142,20 +140,18 @@ def problems(
     if names and scene.particles == 0:
         yield "observables", "there is no disk to measure"
     for name in names:
-        if why := record_of(name).unfit(scene):
+        if why := observable_named(name).why_unfit(scene):
             yield "observables", f"{name} {why}"
     if average == "runs":
         return
     if average not in AVERAGES:
         yield "average", f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
-    if not of_tracer(names)[0]:
-        yield (
-            "average",
-            f"{average} needs {' or '.join(of_tracer(OBSERVABLES)[0])} among the observables",
-        )
+    if not tracer_observables(names):
+        averaged = " or ".join(tracer_observables(OBSERVABLES))
+        yield "average", f"{average} needs {averaged} among the observables"
     if why := why_not_stationary(scene):
         yield "average", f"{average} needs runs that are stationary from t = 0, but {why}"
     if average == "disks" and len(equal_disks(scene)) < 2:
         yield "average", "disks needs disks of the tracer's radius and mass, and there is no other"
-    if average == "origins" and (why := equilibrium.no_origins(scene)):
+    if average == "origins" and (why := equilibrium.why_no_origins(scene)):
         yield "average", why

@@ -104,7 +104,7 @@ SQUARE_DISPLACEMENT = Observable(
             ("time",), "length^2/time", "v(t).(r(t) - r(0)) of the tracer"
         ),
     },
-    of="tracer",
+    tracks_needed="tracer",
     seconds_per_disk_sample=3.6e-8,
 )
 QUARTIC_DISPLACEMENT = Observable(
@@ -114,6 +114,6 @@ QUARTIC_DISPLACEMENT = Observable(
             ("time",), "length^4", "fourth power of the tracer's displacement"
         )
     },
-    of="tracer",
+    tracks_needed="tracer",
     seconds_per_disk_sample=3.6e-8,
 )

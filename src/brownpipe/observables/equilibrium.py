@@ -84,7 +84,7 @@ def ends_of_quarters(times: np.ndarray) -> np.ndarray:
 # -- time origins ----------------------------------------------------------------------------------
 
 
-def no_origins(scene: Scene) -> str | None:
+def why_no_origins(scene: Scene) -> str | None:
     """Return why a stationary scene has no average over time origins, None if it has one."""
     if scene.samples is not None:
         return "origins needs sample_interval, not samples: lags are differences of sample times"

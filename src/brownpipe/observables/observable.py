@@ -44,18 +44,18 @@ class Observable(NamedTuple):
     arrays: dict[str, RunArray]  # by name; the first is measured in every scene
     # CPU seconds for each disk in each sample, or each pair of samples of an average
     seconds_per_disk_sample: float
-    # Whose tracks it needs: the tracer's alone (all AVERAGES apply), the bath's (which may be
-    # averaged over origins) or those of all disks; for the last two the track has all disks
-    of: Literal["tracer", "bath", "all"] = "all"
+    # of the tracer alone (all AVERAGES apply), of the bath (which may be averaged over origins) or
+    # of all disks; for the last two the track has all disks
+    tracks_needed: Literal["tracer", "bath", "all"] = "all"
     axes: Mapping[str, Axis] = MappingProxyType({})  # the dimensions that are its own, by name
     # its track has all samples of a stationary scene, otherwise the last one alone
     is_over_samples: bool = False
-    # in this scene, as those CPU seconds
-    times_as_long: Callable[[Scene], float] = lambda scene: 1.0
+    # CPU seconds in this scene over those above
+    relative_cost: Callable[[Scene], float] = lambda scene: 1.0
     # bytes that it takes while it is measured, besides its tracks and arrays
     working_memory: Callable[[Scene], float] = lambda scene: 0.0
     # why the scene cannot have it, None if it can
-    unfit: Callable[[Scene], str | None] = lambda scene: None
+    why_unfit: Callable[[Scene], str | None] = lambda scene: None
 
 
 def counted_bins(end: float, width: float) -> tuple[int, float]:

@@ -27,7 +27,7 @@ MARGIN = 4.0
 SHORTEST_EDGE = 1e-9
 
 
-def order(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
+def orientational_order(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return abs(psi_6) and abs(psi_6)^2 of one run, means over the samples; if it is not
     stationary, of the last one.
 
@@ -92,7 +92,7 @@ def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     inside = (position - scene.box.origin) / unit
     margin = MARGIN
     while True:
-        points = with_images(inside, size, scene.box.periodic, margin)
+        points = disks_and_images(inside, size, scene.box.periodic, margin)
         triangulation = Delaunay(points)
         if margin > size.sum() or _reach(points, triangulation.simplices, number, size) < margin:
             break
@@ -132,7 +132,9 @@ def _pairs_at_corners(points: np.ndarray, triangulation: Delaunay, number: int) 
     return np.concatenate([pairs, pairs[:, ::-1]])
 
 
-def with_images(inside: np.ndarray, size: np.ndarray, periodic: bool, margin: float) -> np.ndarray:
+def disks_and_images(
+    inside: np.ndarray, size: np.ndarray, periodic: bool, margin: float
+) -> np.ndarray:
     """Return the disks (N, 2), relative to the corner of the box, then their images up to `margin`
     from the box.
     """
@@ -174,7 +176,7 @@ def _circles(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.
 
 
 ORDER = Observable(
-    order,
+    orientational_order,
     {
         "orientational_order": RunArray(
             (), "1", "bond-orientational order abs(psi_6), mean over samples", True
@@ -187,5 +189,5 @@ ORDER = Observable(
     seconds_per_disk_sample=6e-6,
     is_over_samples=True,
     # few disks have many images near them
-    times_as_long=lambda scene: 1 + 150 / max(scene.particles, 1),
+    relative_cost=lambda scene: 1 + 150 / max(scene.particles, 1),
 )

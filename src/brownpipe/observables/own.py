@@ -29,8 +29,8 @@ from brownpipe.scene import Scene
 SECONDS_PER_DISK_SAMPLE = 1e-7
 
 
-Own = Mapping[str, RunArray]  # by the name of the array
-NO_OWN: Own = MappingProxyType({})
+OwnArrays = Mapping[str, RunArray]  # by the name of the array
+NO_OWN_ARRAYS: OwnArrays = MappingProxyType({})
 
 
 def own_arrays(attributes: Mapping) -> dict[str, RunArray]:
@@ -79,14 +79,14 @@ def title_of(name: str) -> str:
     return re.sub(r"@\w+$", "", name.rpartition("/")[2])
 
 
-def beside(folder: Path, name: str) -> str:
+def relative_name(folder: Path, name: str) -> str:
     """Return the name in the current folder of an observable that a study in another folder
     names.
     """
     return os.path.relpath(folder / name) if is_own(name) else name
 
 
-def named(observable: str | Callable) -> str:
+def observable_name(observable: str | Callable) -> str:
     """Return the name of an observable that is given in Python, by name or as a function.
 
     A function gets an `@id`: others may have its name, and its file may have changed. Raises
@@ -107,26 +107,26 @@ def identity(name: str) -> str:
     """Return the name of an observable, of the user's own with the source's digest; RequestError if
     it is not found.
     """
-    return f"{title_of(name)} {_function_of(name).source}" if is_own(name) else name
+    return f"{title_of(name)} {_find_function(name).source}" if is_own(name) else name
 
 
-def observable_of(name: str) -> Observable:
-    """Return the record of a function in a module, which need not be there: `unfit` says why it
+def own_observable(name: str) -> Observable:
+    """Return the record of a function in a module, which need not be there: `why_unfit` says why it
     cannot be used.
     """
 
-    def unfit(_: Scene) -> str | None:
+    def why_unfit(_: Scene) -> str | None:
         try:
-            _function_of(name)
+            _find_function(name)
         except RequestError as error:
             return str(error).removeprefix(f"{name} ")
         return None
 
     # `measure` alone knows its arrays.
-    return Observable(lambda *_: {}, {}, SECONDS_PER_DISK_SAMPLE, unfit=unfit)
+    return Observable(lambda *_: {}, {}, SECONDS_PER_DISK_SAMPLE, why_unfit=why_unfit)
 
 
-def _function_of(name: str) -> Function:
+def _find_function(name: str) -> Function:
     """Return a function in a module. Raises RequestError, which begins with its name, if it is not
     there.
     """
@@ -136,16 +136,16 @@ def _function_of(name: str) -> Function:
     file = f"{module}.py"
     try:
         source = Path(file).read_bytes()
-        call = _defined_in(file, source).get(function)
+        call = _definitions(file, source).get(function)
     except Exception as error:
-        raise RequestError(f"{name} cannot be used: {_in_words(error, file)}") from error
+        raise RequestError(f"{name} cannot be used: {_describe_error(error, file)}") from error
     if not callable(call):
         raise RequestError(f"{name} cannot be used: {file} has no function {function}")
     return Function(call, file, hashlib.sha256(source).hexdigest())
 
 
 @lru_cache(maxsize=8)
-def _defined_in(file: str, source: bytes) -> dict[str, Any]:
+def _definitions(file: str, source: bytes) -> dict[str, Any]:
     """Return what a module defines. It is run from these bytes: a compiled copy of it could be of
     older ones.
     """
@@ -154,7 +154,7 @@ def _defined_in(file: str, source: bytes) -> dict[str, Any]:
     return variables
 
 
-def _in_words(error: Exception, file: str) -> str:
+def _describe_error(error: Exception, file: str) -> str:
     """Return an exception with the last line of a file that it passed."""
     words = f"{type(error).__name__}: {error}"
     frames = traceback.extract_tb(error.__traceback__)
@@ -170,14 +170,14 @@ def measure(
     `axes` are the dimensions with coordinates. Raises RequestError for whatever goes wrong in a
     function, and for arrays that are not numbers, or are unlike those of the runs before.
     """
-    function = _function_of(name)
+    function = _find_function(name)
     arrays: dict[str, np.ndarray] = {}
     try:
         returned = function.call(scene, Run(_read_only(run.tracer), _read_only(run.whole)))
         if not isinstance(returned, Mapping):
             raise TypeError(f"must return a mapping of names to arrays, not {returned!r:.40}")
         for array, value in returned.items():
-            variable = _variable_of(array, value)
+            variable = _as_variable(array, value)
             _refuse_misfit(array, variable, scene, axes)
             arrays[array] = variable.values
             description = RunArray(
@@ -195,7 +195,7 @@ def measure(
                     f"{array}: must be alike in all runs; was {before[:5]}, is {description[:5]}"
                 )
     except Exception as error:
-        raise RequestError(f"{title_of(name)}: {_in_words(error, function.file)}") from error
+        raise RequestError(f"{title_of(name)}: {_describe_error(error, function.file)}") from error
     return arrays
 
 
@@ -222,7 +222,7 @@ def _refuse_misfit(name: str, variable: Variable, scene: Scene, axes: Mapping) -
         raise ValueError(f"{name}: {min(clashes)} is a name in runs or datasets; choose another")
 
 
-def _variable_of(name: object, value: Any) -> Variable:
+def _as_variable(name: object, value: Any) -> Variable:
     """Return a variable from what xarray takes as one: `3.0`, `("time", values)`, or `(["time"],
     values, {"units": "1"})`. Raises ValueError for any other.
     """

@@ -63,7 +63,7 @@ def pair_names(scene: Scene) -> list[str]:
     return [f"{species.name[a]}:{species.name[b]}" for a, b in species_pairs(species)]
 
 
-def unfit(scene: Scene) -> str | None:
+def why_unfit(scene: Scene) -> str | None:
     """Return why the scene has no such histograms, None if it has."""
     number, _ = bins(scene)
     kinds = len(species_table(scene).name)
@@ -74,7 +74,7 @@ def unfit(scene: Scene) -> str | None:
     return None
 
 
-def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
+def pair_distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return the counts (P, R) of pairs by species and distance, and the number of samples they are
     summed over.
 
@@ -92,7 +92,7 @@ def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
         for disks, distance in blocks_of_pairs(scene, sample, number * width):
             column = (distance / width).astype(np.int64)
             inside = column < number
-            a, b = species.label.take(disks.T)
+            a, b = species.species_index.take(disks.T)
             bins_of_pairs = (row[a, b] * number + column)[inside]
             counts += np.bincount(bins_of_pairs, minlength=len(counts))
     samples = np.array(len(track.position))
@@ -122,7 +122,7 @@ def expected_pairs(scene: Scene, species: SpeciesTable, position: np.ndarray) ->
         if a == b or species.number[lone] > 1:
             continue
         _, accessible = scene.box.accessible(species.radius[other])
-        (disk,) = np.flatnonzero(species.label == lone)
+        (disk,) = np.flatnonzero(species.species_index == lone)
         area = _area_inside(position[:, disk] - middle, edges, accessible)
         expected[row] = species.number[other] * np.diff(area) / np.prod(accessible)
     return expected
@@ -204,7 +204,7 @@ def working_memory(scene: Scene) -> float:
 
 
 DISTRIBUTION = Observable(
-    distribution,
+    pair_distribution,
     {
         "pair_counts": RunArray(
             ("species_pair", "distance"), "1", "histogram of the distances of pairs of disks"
@@ -222,9 +222,9 @@ DISTRIBUTION = Observable(
     },
     seconds_per_disk_sample=6e-7,
     is_over_samples=True,
-    times_as_long=lambda scene: (
+    relative_cost=lambda scene: (
         1 + DISKS_PER_SAMPLE / max(scene.particles, 1) + pairs_in_reach(scene) / PAIRS_PER_DISK
     ),
     working_memory=working_memory,
-    unfit=unfit,
+    why_unfit=why_unfit,
 )

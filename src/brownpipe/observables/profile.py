@@ -48,7 +48,7 @@ def density_profile(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]
     profile = np.zeros((len(species.name), number))
     for k, radius in enumerate(species.radius):
         corner, size = scene.box.accessible(radius)
-        disks = np.flatnonzero(species.label == k)
+        disks = np.flatnonzero(species.species_index == k)
         counts = np.zeros(number, np.int64)
         for first in range(0, len(position), SAMPLES_AT_ONCE):
             from_low = position[first : first + SAMPLES_AT_ONCE, disks] - corner
@@ -74,7 +74,7 @@ DENSITY_PROFILE = Observable(
     },
     seconds_per_disk_sample=8e-8,
     is_over_samples=True,
-    unfit=lambda scene: (
+    why_unfit=lambda scene: (
         None
         if bins(scene)[0] > 3
         else "needs walls farther apart by a fifth of the smallest diameter"

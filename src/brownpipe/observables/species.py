@@ -16,7 +16,7 @@ class SpeciesTable(NamedTuple):
     number: np.ndarray  # (K,) int64 disks
     radius: np.ndarray  # (K,) [length]
     mass: np.ndarray  # (K,)
-    label: np.ndarray  # (N,) int64 the species of each disk
+    species_index: np.ndarray  # (N,) int64 of the species of each disk
 
 
 def species_table(scene: Scene) -> SpeciesTable:
@@ -31,15 +31,15 @@ def species_table(scene: Scene) -> SpeciesTable:
         kinds = list(dict.fromkeys(disks))
         names = tuple(f"kind-{k + 1}" for k in range(len(kinds)))
         index = {kind: k for k, kind in enumerate(kinds)}
-        label = np.array([index[disk] for disk in disks])
+        species_index = np.array([index[disk] for disk in disks])
     else:
         present = [species for species in scene.species if species.count]
         kinds = [(species.radius, species.mass) for species in present]
         names = tuple(species.name for species in present)
-        label = np.repeat(np.arange(len(present)), [species.count for species in present])
-    number = np.bincount(label, minlength=len(names))
+        species_index = np.repeat(np.arange(len(present)), [species.count for species in present])
+    number = np.bincount(species_index, minlength=len(names))
     radius, mass = np.array(kinds, float).reshape(-1, 2).T
-    return SpeciesTable(names, number, radius, mass, label)
+    return SpeciesTable(names, number, radius, mass, species_index)
 
 
 def equal_disks(scene: Scene) -> np.ndarray:
@@ -57,7 +57,7 @@ def bath_disks(scene: Scene) -> np.ndarray:
     """
     species = species_table(scene)
     number = species.number.copy()
-    number[species.label[:1]] = 0  # the tracer's species
+    number[species.species_index[:1]] = 0  # the tracer's species
     if not number.any():
         return np.array([], int)
-    return np.flatnonzero(species.label == np.argmax(number))
+    return np.flatnonzero(species.species_index == np.argmax(number))

@@ -18,11 +18,11 @@ class Track(NamedTuple):
     # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
     image: np.ndarray | None = None
 
-    def of(self, disks: np.ndarray | slice | int) -> "Track":
+    def select(self, disks: np.ndarray | slice | int) -> "Track":
         """Return the tracks of some of the disks: indices or a mask (M,), a slice, or one index."""
         return Track(*(None if values is None else values[:, disks] for values in self))
 
-    def at_end(self) -> "Track":
+    def last_sample(self) -> "Track":
         """Return the tracks at the last sample, T = 1."""
         return Track(*(None if values is None else values[-1:] for values in self))
 

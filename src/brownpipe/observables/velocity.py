@@ -70,12 +70,12 @@ def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     square = np.sum(track.velocity**2, axis=-1)
     energies = []
     for k, mass in enumerate(species.mass):
-        square_speed = square[:, species.label == k].mean(axis=1)
+        square_speed = square[:, species.species_index == k].mean(axis=1)
         energies.append(mass / 2 * square_speed)
     return {"species_energy": np.stack(energies, axis=1)}
 
 
-def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
+def velocity_distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return histograms of velocity components (K, 120) and of speeds (K, 80), in units of
     sqrt(kT/m).
 
@@ -93,8 +93,8 @@ def distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     step = max(1, VALUES_AT_ONCE // velocity[0].size)  # samples at a time
     for first in range(0, len(velocity), step):
         scaled = velocity[first : first + step] * scale
-        _count(components, species.label[:, None], scaled + LARGEST_COMPONENT)
-        _count(speeds, species.label, np.hypot(scaled[..., 0], scaled[..., 1]))
+        _count(components, species.species_index[:, None], scaled + LARGEST_COMPONENT)
+        _count(speeds, species.species_index, np.hypot(scaled[..., 0], scaled[..., 1]))
     return {"velocity_counts": components, "speed_counts": speeds}
 
 
@@ -112,11 +112,11 @@ def _temperature(scene: Scene, velocity: np.ndarray) -> float:
     return float(np.mean(means))
 
 
-def _count(counts: np.ndarray, label: np.ndarray, value: np.ndarray) -> None:
-    """Add values >= 0 to the histograms counts (K, bins), each to the row of its label."""
+def _count(counts: np.ndarray, species_index: np.ndarray, value: np.ndarray) -> None:
+    """Add values >= 0 to the histograms counts (K, bins), each to the row of its species."""
     last = counts.shape[1] - 1
     column = np.clip(np.floor(value / BIN), 0, last).astype(np.int64)
-    flat = (column + label * (last + 1)).ravel()  # places in the flattened histograms
+    flat = (column + species_index * (last + 1)).ravel()  # places in the flattened histograms
     counts += np.bincount(flat, minlength=counts.size).reshape(counts.shape)
 
 
@@ -130,7 +130,7 @@ AUTOCORRELATION = Observable(
             ("time",), "length^2/time", "v(0).(r(t) - r(0)), the integral of v(0).v(s)"
         ),
     },
-    of="tracer",
+    tracks_needed="tracer",
     seconds_per_disk_sample=4e-8,
 )
 MEANING = "v(0).v(t), mean over the disks of the most numerous species except the tracer's"
@@ -141,9 +141,9 @@ BATH_AUTOCORRELATION = Observable(
             ("time",), "length^2/time^2", MEANING, averaged=True
         )
     },
-    of="bath",
+    tracks_needed="bath",
     seconds_per_disk_sample=2e-9,
-    unfit=lambda scene: (
+    why_unfit=lambda scene: (
         None if len(bath_disks(scene)) else "needs disks of another species than the tracer's"
     ),
 )
@@ -157,7 +157,7 @@ ENERGY = Observable(
 )
 BEYOND = "centre of its bin; the last bin includes all beyond"
 DISTRIBUTION = Observable(
-    distribution,
+    velocity_distribution,
     {
         "velocity_counts": RunArray(
             ("species", "velocity_bin"), "1", "histogram of the velocity components"

@@ -76,7 +76,7 @@ def _tracers(ensemble: Ensemble) -> dict[int, Track]:
     tracks = {}
     for column, seed in enumerate(ensemble.seeds.tolist()):
         if seed not in ensemble.stopped:
-            tracks[seed] = ensemble.tracer.of(slice(column, column + 1))
+            tracks[seed] = ensemble.tracer.select(slice(column, column + 1))
     return tracks
 
 
@@ -90,7 +90,7 @@ def _rows(scene: Scene, *columns: np.ndarray) -> Iterator[list[str]]:
     species = species_table(scene)
     flat = [np.reshape(values, (len(values), -1)).tolist() for values in columns]
     for disk, vectors in enumerate(zip(*flat, strict=True)):
-        name = species.name[species.label[disk]]
+        name = species.name[species.species_index[disk]]
         yield [name, *map(repr, chain.from_iterable(vectors))]
 
 
@@ -145,7 +145,7 @@ def _gsd(
             frame.configuration.box = np.array([*edges, 0, 0, 0, 0], np.float32)
             frame.particles.N = scene.particles
             frame.particles.types = list(species.name)
-            frame.particles.typeid = species.label
+            frame.particles.typeid = species.species_index
             frame.particles.diameter = np.float32(2 * scene.radius)
             frame.particles.mass = np.float32(scene.mass)
             frame.particles.position = _in_space(position[k] - box.origin - edges / 2, np.float32)

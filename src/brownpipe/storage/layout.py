@@ -7,7 +7,7 @@ import numpy as np
 from brownpipe import observables
 from brownpipe.engines.ensemble import Ensemble, Events, Track, blank
 from brownpipe.observables.observable import Axis
-from brownpipe.observables.own import NO_OWN, Own
+from brownpipe.observables.own import NO_OWN_ARRAYS, OwnArrays
 from brownpipe.scene import Scene
 
 AXES = {
@@ -92,7 +92,7 @@ PLACES = {  # the variables of each group; in the root those of the runs' observ
 Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the root first
 
 
-def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
+def dims_of(group: str, name: str, own: OwnArrays = NO_OWN_ARRAYS) -> tuple[str, ...]:
     """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
     if name in own:
         return ("seed", *own[name].dims)
@@ -102,7 +102,7 @@ def dims_of(group: str, name: str, own: Own = NO_OWN) -> tuple[str, ...]:
     return tuple(dims) or ("seed",)
 
 
-def described(name: str, own: Own = NO_OWN) -> dict[str, str]:
+def described(name: str, own: OwnArrays = NO_OWN_ARRAYS) -> dict[str, str]:
     """Return the units and the meaning of a variable, and if it is the user's own the function that
     measured it.
     """
@@ -180,7 +180,7 @@ def _logs_side_by_side(ensemble: Ensemble) -> dict[str, np.ndarray]:
     return logs
 
 
-def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
+def ensemble_of(groups: Groups, average: str, own: OwnArrays = NO_OWN_ARRAYS) -> Ensemble:
     """Return the runs of variables as `groups_of` returns them."""
     root = groups["/"]
     seeds = root["seed"].tolist()
@@ -190,7 +190,7 @@ def ensemble_of(groups: Groups, average: str, own: Own = NO_OWN) -> Ensemble:
     whole: dict[int, Track] = {}
     if "/disks" in groups:
         disks = _track_of(groups["/disks"])
-        whole = {seed: disks.of(row) for seed, row in ended.items()}
+        whole = {seed: disks.select(row) for seed, row in ended.items()}
     events: dict[int, Events] = {}
     if "/events" in groups:
         events = {seed: _log_of(groups["/events"], row) for seed, row in ended.items()}

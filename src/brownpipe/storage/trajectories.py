@@ -16,7 +16,7 @@ from brownpipe.engines import Engine, recorded
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError
 from brownpipe.observables import OBSERVABLES
-from brownpipe.observables.own import Own, own_arrays
+from brownpipe.observables.own import OwnArrays, own_arrays
 from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
@@ -157,7 +157,7 @@ def write_trajectories(
                 _write_variable(group, name, values, ensemble.own)
 
 
-def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: Own) -> None:
+def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: OwnArrays) -> None:
     """Write a variable with units, meaning and the scales of its dimensions, which are in the group
     or in the root.
     """

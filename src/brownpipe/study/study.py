@@ -38,7 +38,7 @@ from brownpipe.figures.catalogue import (
     SPREADING,
     WALLS,
 )
-from brownpipe.observables.own import beside, is_own
+from brownpipe.observables.own import is_own, relative_name
 from brownpipe.provenance import digest_of
 from brownpipe.scene import Scene, reading
 from brownpipe.scene.reading import (
@@ -211,7 +211,7 @@ class Study(Section):
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
         name, folder = info.context
-        observables = tuple(beside(folder, observable) for observable in self.observables)
+        observables = tuple(relative_name(folder, observable) for observable in self.observables)
         self._resolve(name=name, observables=observables)
         self._read_scenes(folder)
         self._read_engines()
@@ -326,7 +326,7 @@ class Study(Section):
         catalogue of figures.
         """
         moves_all = any(engine.definition.moves_all_disks for engine in self.engines)
-        measured = self.observables if moves_all else measures.of_tracer(self.observables)[0]
+        measured = self.observables if moves_all else measures.tracer_observables(self.observables)
         records_tracer = self.record == "tracer"
         averages_runs = self.average == "runs"
         measures_squares = "square_displacement" in measured
@@ -453,7 +453,7 @@ def forecast_of_runs(
     """
     if scene.listed and len(seeds) > 1:
         raise RequestError(f"seeds: {_repetition(scene.name, len(seeds))}")
-    measures.refuse_unfit(scene, names, average)
+    measures.refuse_unfit_observables(scene, names, average)
     engine.refuse_unfit(scene, record)
     cost = engine.forecast(scene, record, names, average)
     forecast.refuse_too_large(scene, len(seeds), cost)

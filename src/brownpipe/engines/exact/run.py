@@ -299,7 +299,7 @@ def new_recorder(
         track=blank_samples(len(times), 1),
         whole=blank_samples(len(times), whole_disks),
         quarter=quarters,
-        species=species.label[frame.order],
+        species=species.species_index[frame.order],
         totals=totals,
         **_empty_log(log_length),
     )

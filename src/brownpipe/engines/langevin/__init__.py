@@ -24,7 +24,7 @@ from brownpipe.engines.friction import (
 )
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
-from brownpipe.observables import of_tracer
+from brownpipe.observables import tracer_observables
 from brownpipe.scene import motion
 from brownpipe.scene.reading import key
 from brownpipe.scene.scene import Scene
@@ -129,7 +129,8 @@ def _forecast(
     """Return the cost of a run; measuring the friction by runs of the exact engine costs once per
     process.
     """
-    cost = forecast.of_run(scene, record, *of_tracer(observables, average), tracer_only=True)
+    measured = tracer_observables(observables)
+    cost = forecast.of_run(scene, record, measured, average, tracer_only=True)
     if rate_scene := scene_of_rate(scene, settings.friction):
         rate = forecast.of_run(rate_scene)
         return cost._replace(working=max(rate.working, cost.working), once=RATE_RUNS * rate.seconds)

@@ -37,7 +37,7 @@ from brownpipe.engines.friction import (
 from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
 from brownpipe.engines.start.initial_state import draw_tracer, noise
 from brownpipe.errors import RequestError, RunError
-from brownpipe.observables import of_tracer
+from brownpipe.observables import tracer_observables
 from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import Scene, motion
 
@@ -74,7 +74,8 @@ def simulate(
         )
     square_speed = motion.bath_share(scene) * bath_of(scene).temperature / followed(scene).mass
     weights = step_weights(steps, gamma, square_speed)
-    batch = new_batch(scene, seeds, record, *of_tracer(observables, average))
+    measured = tracer_observables(observables)
+    batch = new_batch(scene, seeds, record, measured, average if measured else "runs")
     mass = scene.mass
     no_path = np.empty((0, 2, 2))
     compile_all(partial(follow, no_path, no_path, weights[:0]), partial(folded, scene, no_path))
