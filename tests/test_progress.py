@@ -300,8 +300,28 @@ def test_a_failed_job_is_explained_at_the_end(monkeypatch, tmp_path, log, except
     assert lines.removeprefix("brownpipe: ").startswith(reason)
 
 
-def test_what_a_command_says_is_passed_on(capsys):
-    assert progress.relayed(
-        [sys.executable, "-c", "import sys; print(1, file=sys.stderr); sys.exit(3)"]
-    ) == (3, "1\n")
+RELAYED = """
+import sys
+from brownpipe.progress import give_reason
+print(1, file=sys.stderr)
+give_reason("first")
+give_reason("last")
+sys.exit(3)
+"""
+
+
+def test_what_a_command_says_is_passed_on_with_its_last_reason(capsys):
+    assert progress.relayed([sys.executable, "-c", RELAYED]) == (3, "last")
+    assert progress.relayed([sys.executable, "-c", ""]) == (0, "")
     assert capsys.readouterr().err == "1\n"
+
+
+def test_a_workflow_gives_the_reason_of_a_failed_job(monkeypatch, tmp_path):
+    """`bp.run` raises an error with it."""
+    monkeypatch.setenv(progress.REASON, str(tmp_path / "reason"))
+    handler, _ = display(monkeypatch)
+    (tmp_path / "log").write_text("brownpipe: 0-5.h5: is damaged\n")
+    begin(handler, 1, log=tmp_path / "log")
+    fail(handler, 1, log=tmp_path / "log")
+    handler.close()
+    assert (tmp_path / "reason").read_text() == "0-5.h5: is damaged"

@@ -289,10 +289,10 @@ def run(
         command.append("--config")
     for key, value in values.items():
         command.append(f"{key}={json.dumps(value, default=str)}")
-    status, messages = progress.relayed(command)
+    status, reason = progress.relayed(command)
     if status:
-        _, _, reason = messages.rpartition("brownpipe: ")
-        raise RunError(" ".join(reason.split()))
+        unexplained = f"{path}: ended with exit status {status}; the messages above say more"
+        raise RunError(" ".join(reason.split()) or unexplained)
     return read_dataset(f"results/{name}/aggregate/{name}.nc")
 
 

@@ -16,6 +16,8 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 from brownpipe.text import in_lines, in_time
@@ -23,6 +25,7 @@ from brownpipe.text import in_lines, in_time
 DELAY = 2.0  # s of work before the line is shown on a terminal or in a notebook
 INTERVAL = 0.2  # s between two updates of it
 LINE_INTERVAL = 30.0  # s between two lines in a log, and before the first
+REASON = "BROWNPIPE_REASON"  # environment variable: the file of `give_reason`
 Item = TypeVar("Item")
 
 # called with unit, done and total of a stage
@@ -122,17 +125,32 @@ def shown(title: str, silent: bool = False) -> Iterator[None]:
 def relayed(command: Sequence[str]) -> tuple[int, str]:
     """Run a command of brownpipe, and show what it says on standard error, in a notebook, too.
 
-    Return its exit status and what it said. Ctrl-C ends both.
+    Return its exit status, and the reason for it if the command gave one to `give_reason`. Ctrl-C
+    ends both.
     """
-    said = ""
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace") as process:
-        try:
-            for line in process.stderr or ():
-                print(line, end="", file=sys.stderr, flush=True)
-                said += line
-            return process.wait(), said
-        finally:
-            process.terminate()
+    with TemporaryDirectory() as folder:
+        reason = Path(folder, "reason")
+        environment = {**os.environ, REASON: str(reason)}
+        with subprocess.Popen(
+            command, env=environment, stderr=subprocess.PIPE, text=True, errors="replace"
+        ) as process:
+            try:
+                for line in process.stderr or ():
+                    print(line, end="", file=sys.stderr, flush=True)
+                status = process.wait()
+            finally:
+                process.terminate()
+        return status, reason.read_text() if reason.exists() else ""
+
+
+def give_reason(text: str) -> None:
+    """Give the reason for the exit status of this process, or of a job of its workflow, to a
+    `relayed` that runs it. The last reason counts.
+    """
+    path = os.environ.get(REASON)
+    if path:
+        with suppress(OSError):  # on another machine of a cluster there is no such file
+            Path(path).write_text(text)
 
 
 class Display:

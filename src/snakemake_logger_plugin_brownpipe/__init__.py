@@ -17,7 +17,7 @@ from typing import Any
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from brownpipe.progress import Display
+from brownpipe.progress import Display, give_reason
 
 # in Snakemake's log alone: its steps, what is explained here, submitted jobs, that all is done
 UNSAID = re.compile(
@@ -104,7 +104,10 @@ class LogHandler(LogHandlerBase):
         if text.startswith("Terminating processes on user request"):
             self.failures[-1] = INTERRUPTED
         if not UNSAID.match(text) and (self.failures or not text.startswith("Complete log")):
-            self.display.say(LOCKED if text.startswith("LockException") else text)
+            if text.startswith("LockException"):
+                text = LOCKED
+                give_reason(LOCKED.removeprefix("brownpipe: "))
+            self.display.say(text)
 
     def watch(self) -> None:
         """Look at the running jobs every LOOK_INTERVAL."""
@@ -153,6 +156,8 @@ class LogHandler(LogHandlerBase):
             self.display.say(f"brownpipe: {len(failures)} jobs failed, among them:")
         for text in failures[:MOST_FAILURES]:
             self.display.say(text)
+            *_, last_line = text.splitlines()
+            give_reason(last_line.strip().removeprefix("brownpipe: "))
         self.failures = {}
         super().close()
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from brownpipe.errors import BrownpipeError, RequestError
+from brownpipe.progress import give_reason
 from brownpipe.provenance import PACKAGE
 from brownpipe.scene.reading import read_yaml, scalar
 from brownpipe.storage.store import DIGITS
@@ -48,6 +49,7 @@ def ended_by_mistakes() -> Iterator[None]:
     try:
         yield
     except BrownpipeError as error:
+        give_reason(str(error))
         print(f"brownpipe: {error}", file=sys.stderr)
         sys.exit(error.exit_status)
 

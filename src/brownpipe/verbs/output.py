@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from brownpipe.errors import RequestError, StorageError
+from brownpipe.errors import DONE, RequestError, StorageError
+from brownpipe.progress import give_reason
 from brownpipe.storage.files import refuse_foreign
 from brownpipe.text import in_bytes, in_lines, printable
 
@@ -27,6 +28,8 @@ def show(*lines: str, flush: bool = False) -> None:
 
 def say(message: str, status: int) -> int:
     """Print a message on stderr, in one line; return the exit status."""
+    if status != DONE:
+        give_reason(message)
     with suppress(OSError):  # nobody reads it
         print("brownpipe:", printable(message), file=sys.stderr)
     return status
