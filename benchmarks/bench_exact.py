@@ -26,9 +26,9 @@ import numpy as np
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
-from brownpipe.engines.exact.layout import begin, with_fitting_buckets
+from brownpipe.engines.exact.layout import begin_run, with_fitting_buckets
 from brownpipe.engines.exact.run import events_so_far, prepare_scene, time_since_start
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import motion_of
 from brownpipe.errors import RequestError
 from brownpipe.figures import style
@@ -112,13 +112,13 @@ def scene_of(case):
 
 
 def started(scene, effort, change=None, record=()):
-    """A melted run, its buckets as in `run.to_end`: workspace and recorder. `change` gives a
+    """A melted run, its buckets as in `run.run_to_end`: workspace and recorder. `change` gives a
     workspace more to do.
     """
     engine = prepare_scene(scene, FOR_EVER, record)
     w = engine.workspace if change is None else change(engine.workspace)
     room = engine.recorder
-    begin(w, motion_of(draw(scene, 0), engine.frame))
+    begin_run(w, motion_of(draw_state(scene, 0), engine.frame))
     melting = max(effort.melting, EVENTS_TO_MELT * scene.particles)
     go_on(w, room, melting // 2)
     w = with_fitting_buckets(w, events_so_far(w), time_since_start(w), w.calendar.width)
@@ -195,13 +195,16 @@ def milliseconds_per_run(effort):
     and reporting.
     """
     scene, runs = read_scene(NOTE), effort.runs
-    engine, states = prepare_scene(scene, scene.times), [draw(scene, seed) for seed in range(runs)]
+    engine, states = (
+        prepare_scene(scene, scene.times),
+        [draw_state(scene, seed) for seed in range(runs)],
+    )
     w, room = engine.workspace, engine.recorder
     alone, whole, pairs = [], [], 0
     for _ in range(effort.stretches):
         begun = time.process_time()
         for state in states:
-            begin(w, motion_of(state, engine.frame))
+            begin_run(w, motion_of(state, engine.frame))
             advance(w, room, 10**9)
         alone.append((time.process_time() - begun) / runs * 1e3)
         begun = time.process_time()
@@ -362,7 +365,7 @@ def write(name, text):
 def can_be_placed(case):
     """Whether its disks find places: the densest may not, beside a big disk or between walls."""
     try:
-        return len(draw(scene_of(case), 0).position) > 0
+        return len(draw_state(scene_of(case), 0).position) > 0
     except RequestError:
         return False
 

@@ -22,7 +22,7 @@ from bench_exact import ROOT, Case, scene_of
 
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.timestep import COLLISIONS, Settings
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.scene import parse_scene, read_scene
@@ -67,14 +67,14 @@ def exactly(engine, state, times, record=()):
     engine = engine._replace(
         recorder=exact_run.new_recorder(engine.scene, engine.frame, block, times, record)
     )
-    return exact_run.to_end(engine, exact_run.beginning(engine, state))
+    return exact_run.run_to_end(engine, exact_run.state_at_start(engine, state))
 
 
 def runs_of_the_note(effort):
     """Time per run, bias and departure against the time step, in the note's scene."""
     scene, seeds = read_scene(ROOT / "config/scenes/harrison2020.yaml"), effort.seeds
     states, there = (
-        [draw(scene, seed) for seed in range(effort.states)],
+        [draw_state(scene, seed) for seed in range(effort.states)],
         exact.simulate(scene, range(seeds)),
     )
     reference = exact_run.prepare_scene(scene, scene.times)
@@ -104,9 +104,9 @@ def runs_of_the_note(effort):
 
 def milliseconds(scene, states, dt, collisions, effort):
     """Median CPU time of a run from each of the states [ms]."""
-    engine = timestep.prepared(scene, Settings(dt, collisions))
+    engine = timestep.prepare_scene(scene, Settings(dt, collisions))
     all_runs = seconds(
-        lambda: [timestep.run(engine, state, scene.times) for state in states], effort.repeats
+        lambda: [timestep.run_steps(engine, state, scene.times) for state in states], effort.repeats
     )
     return 1e3 * all_runs / len(states)
 
@@ -129,14 +129,16 @@ def boxes(effort):
 def box(scene, effort):
     """The lines of one box, whose long run lasts as long as the scene."""
     engine, n, long = exact_run.prepare_scene(scene, scene.times), scene.particles, scene.times[-1:]
-    melted = exactly(engine, draw(scene, 0), np.array([effort.melting]), {"all"}).whole
-    state = draw(scene, 0)._replace(position=melted.position[-1], velocity=melted.velocity[-1])
+    melted = exactly(engine, draw_state(scene, 0), np.array([effort.melting]), {"all"}).whole
+    state = draw_state(scene, 0)._replace(
+        position=melted.position[-1], velocity=melted.velocity[-1]
+    )
     alone = milliseconds_of_time(lambda times: exactly(engine, state, times), long, effort)
     pairs = exactly(engine, state, long).observables["pair_collisions"]
     for dt, collisions in product(effort.box_steps, COLLISIONS):
-        stepping = timestep.prepared(scene, Settings(dt, collisions))
-        stepped = milliseconds_of_time(partial(timestep.run, stepping, state), long, effort)
-        found = timestep.run(stepping, state, long).observables["pair_collisions"]
+        stepping = timestep.prepare_scene(scene, Settings(dt, collisions))
+        stepped = milliseconds_of_time(partial(timestep.run_steps, stepping, state), long, effort)
+        found = timestep.run_steps(stepping, state, long).observables["pair_collisions"]
         bias, error = 100 * (found / pairs - 1), 100 * np.sqrt(1 / found + 1 / pairs)
         yield (
             f"| {n} | {scene.packing_fraction:.2f} | {alone:.3g} | {dt:g} | {collisions} | "

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import brownpipe
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import State
 from brownpipe.scene import parse_scene
 
@@ -90,7 +90,7 @@ def crowded(where, kinds, duration):
     disks = {"species": species(*kinds), "placement": "lattice"}
     mapping = {"box": inner | {"boundary": where["boundary"]}, "disks": disks, "duration": duration}
     scene = parse_scene(mapping | {"velocities": {"standard_deviation": 1.0}}, "crowded.yaml")
-    return explicit(where, draw(scene, 1), duration)
+    return explicit(where, draw_state(scene, 1), duration)
 
 
 TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}

@@ -11,7 +11,7 @@ import pytest
 
 from brownpipe import theory
 from brownpipe.analysis import aggregate, displacement, distribution
-from brownpipe.engines import DEFINITIONS, Engine, requested
+from brownpipe.engines import DEFINITIONS, Engine, engine_of_request
 from brownpipe.engines.ensemble import Track
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import AnalysisError
@@ -291,7 +291,8 @@ def test_runs_of_engines_with_other_settings_are_not_averaged_whatever_their_lab
     monkeypatch.setattr(Engine, "label", "timestep")
     runs = make_runs(make_scene(), range(20))
     parts = [
-        runs._replace(engine=requested("timestep", {"time_step": step})) for step in (0.01, 0.02)
+        runs._replace(engine=engine_of_request("timestep", {"time_step": step}))
+        for step in (0.01, 0.02)
     ]
     with pytest.raises(AnalysisError, match=r"^runs\[1\]: has another setting of the engine than"):
         aggregate(parts)

@@ -107,14 +107,14 @@ def scene(aspect, boundary, kinds, placement="random"):
 
 def run_exact():
     """Run every scene by the exact engine, with all that can be recorded."""
-    _check(exact_run, "prepare", "new_recorder")
+    _check(exact_run, "new_workspace", "new_recorder")
     for one in scenes():
         assert not exact.simulate(one, [1], {"all", "events"}).observables["failed"][0], one.name
 
 
 def run_timestep():
     """Run every scene in steps, some so long that the neighbour lists are made at each of them."""
-    _check(timestep, "prepare", "recorder")
+    _check(timestep, "new_workspace", "new_recorder")
     for one, steps in zip(
         scenes(), cycle([12, 60, 12, 60, 12])
     ):  # five against six COUNTS: each meets both
@@ -131,8 +131,8 @@ def _check(engine, *names):
     for name in names:
         made = getattr(engine, name)
         setattr(engine, name, lambda *given, made=made: checked(made(*given)))
-    insert = initial_state.insert
-    initial_state.insert = lambda *arrays: insert(*map(checked, arrays))
+    insert = initial_state.insert_disks
+    initial_state.insert_disks = lambda *arrays: insert(*map(checked, arrays))
 
 
 @pytest.mark.slow

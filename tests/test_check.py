@@ -12,7 +12,7 @@ import pytest
 
 from brownpipe.engines import forecast
 from brownpipe.engines.exact import simulation as exact
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.start.placement import ALL_FAIL, SOME_FAIL, crowding
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene, read_scene
@@ -116,7 +116,7 @@ def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
     scene = parse_scene(mapping, "some.yaml")
     found, expected = (
         exact.simulate(scene, range(20), frozenset({"none"})).observables,
-        forecast.of_run(scene),
+        forecast.run_cost(scene),
     )
     assert np.isclose(found["pair_collisions"].mean(), expected.pair_collisions, rtol=0.08)
     assert np.isclose(found["wall_collisions"].mean(), expected.wall_collisions, rtol=0.06)
@@ -136,7 +136,7 @@ def test_expected_collisions_in_a_channel_are_near_those_found(count, width, phi
         "channel.yaml",
     )
     found = exact.simulate(scene, range(4), frozenset({"none"})).observables
-    expected = forecast.of_run(scene)
+    expected = forecast.run_cost(scene)
     tolerance = 0.08 if width < 2 else 0.25
     assert found["pair_collisions"].mean() == pytest.approx(expected.pair_collisions, rel=tolerance)
     assert found["wall_collisions"].mean() == pytest.approx(expected.wall_collisions, rel=tolerance)
@@ -152,7 +152,7 @@ def test_expected_collisions_of_a_crystal_are_near_those_found(phi):
     crystal = crowd(144, 0.1, placement="lattice", equilibrate={"time": 0.3, "tracer": "free"})
     scene = parse_scene(crystal | {"box": box}, "crystal.yaml")
     found = exact.simulate(scene, range(8), frozenset({"none"})).observables["pair_collisions"]
-    assert found.mean() == pytest.approx(forecast.of_run(scene).pair_collisions / 1.3, rel=0.05)
+    assert found.mean() == pytest.approx(forecast.run_cost(scene).pair_collisions / 1.3, rel=0.05)
 
 
 def test_listed_disks_are_as_fast_as_in_equilibrium_and_one_or_none_cost_nothing():
@@ -165,12 +165,12 @@ def test_listed_disks_are_as_fast_as_in_equilibrium_and_one_or_none_cost_nothing
     ]
     scene = parse_scene({"box": SIZES, "disks": disks, "duration": 1}, "listed.yaml")
     assert forecast.speeds(scene) == pytest.approx(np.sqrt([14.5 / 3, 14.5 / 3 / 4]))
-    assert forecast.of_run(scene := read_scene(NOTE, 1)).pair_collisions == 0.0
+    assert forecast.run_cost(scene := read_scene(NOTE, 1)).pair_collisions == 0.0
     assert forecast.seconds_to_measure(scene, ["square_displacement"], "origins") > 1e-5 * len(
         scene.times
     )
     assert (
-        forecast.of_run(
+        forecast.run_cost(
             parse_scene({"box": SIZES, "disks": [], "duration": 1}, "none.yaml")
         ).wall_collisions
         == 0.0
@@ -215,7 +215,7 @@ def around_a_tracer(count):
 
 def fails(scene, seed):
     try:
-        draw(scene, seed)
+        draw_state(scene, seed)
     except RequestError:
         return True
     return False
@@ -371,7 +371,7 @@ def test_expected_memory_is_near_that_of_the_process(tmp_path, name, least):
     ]
     command += ["--observables", ",".join(names)] if names else []
     above = peak(tmp_path, command) - least
-    cost = forecast.of_run(read_scene(tmp_path / "scene.yaml"), set(record.split(",")), names)
+    cost = forecast.run_cost(read_scene(tmp_path / "scene.yaml"), set(record.split(",")), names)
     expected = forecast.memory(cost, runs)
     assert expected > 1.5 * forecast.PROCESS or name == "many disks"
     assert 0.7 * forecast.PROCESS < least < forecast.PROCESS + 150e6

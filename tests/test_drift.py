@@ -11,7 +11,7 @@ import pytest
 from brownpipe import observables, theory
 from brownpipe.analysis import aggregate, drift
 from brownpipe.analysis.goodness import holm
-from brownpipe.engines import requested
+from brownpipe.engines import engine_of_request
 from brownpipe.engines.forecast import settling_caution, settling_time
 from brownpipe.figures.cases import cases_of, drifts, title_of
 from brownpipe.figures.summary import answer, summary
@@ -21,7 +21,7 @@ from brownpipe.scene import parse_scene, read_scene
 from brownpipe.storage.trajectories import Trajectories
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
-EXACT = requested("exact", {})
+EXACT = engine_of_request("exact", {})
 LATTICE = {
     "box": {"x": [0, 21.44], "y": [0, 21.44], "boundary": "periodic"},
     "disks": {
@@ -159,8 +159,8 @@ def test_quarters_add_up_to_the_run():
     [
         ("harrison2020", EXACT),
         ("harrison2020_thermal", EXACT),
-        ("heavy", requested("timestep", {"time_step": 0.01})),
-        ("heavy", requested("langevin", {"friction": "enskog"})),
+        ("heavy", engine_of_request("timestep", {"time_step": 0.01})),
+        ("heavy", engine_of_request("langevin", {"friction": "enskog"})),
     ],
 )
 def test_scenes_that_do_not_equilibrate_and_approximate_engines_are_not_tested(name, engine):

@@ -13,7 +13,7 @@ from brownpipe.engines import units
 from brownpipe.engines.exact import layout, predictions
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact.simulation import simulate
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import State
 from brownpipe.observables.displacement import displacement
 from brownpipe.scene import parse_scene
@@ -201,7 +201,7 @@ def compare(scene, seed):
     """Hold a run to the twin's events; return the numbers of events compared and of those that
     there are.
     """
-    state = draw(scene, seed)
+    state = draw_state(scene, seed)
     events = naive.run(state, scene.box, scene.duration, MOST)[0]
     run = simulate(scene, [seed], {"tracer", "events"}).events[seed]
     if not events:
@@ -272,7 +272,7 @@ def test_nothing_is_lost_in_a_longer_run(name):
     assert abs(seen["energy_drift"]) <= 1e-13
     assert seen["worst_overlap"] <= 1e-12
     assert seen["momentum_residual"] <= 1e-12
-    audit(scene, draw(scene, 5), run.whole[5], run.events[5], seen)
+    audit(scene, draw_state(scene, 5), run.whole[5], run.events[5], seen)
 
 
 def audit(scene, state, whole, events, seen):
@@ -329,11 +329,11 @@ def test_the_notes_scene_runs_backwards_to_where_it_began(duration, bound):
     for seed in (1, 2, 3):
         scene = note_scene(duration)
         there = simulate(scene, [seed], {"all"}).whole[seed]
-        turned = draw(scene, seed)._replace(
+        turned = draw_state(scene, seed)._replace(
             position=there.position[-1], velocity=-there.velocity[-1]
         )
         back = simulate(explicit(where, turned, duration), [0], {"all"}).whole[0]
-        start = draw(scene, seed)
+        start = draw_state(scene, seed)
         assert np.abs(back.position[-1] - start.position).max() <= bound
         assert (
             np.abs(back.velocity[-1] + start.velocity).max() <= 30 * bound
@@ -392,13 +392,13 @@ def test_a_run_does_not_depend_on_what_else_is_asked_for(name):
 @pytest.fixture
 def starts(monkeypatch):
     """How often runs have begun, a number in a list."""
-    seen, begin = [0], exact_run.begin
+    seen, begin = [0], exact_run.begin_run
 
     def counted(*arguments):
         seen[0] += 1
         begin(*arguments)
 
-    monkeypatch.setattr(exact_run, "begin", counted)
+    monkeypatch.setattr(exact_run, "begin_run", counted)
     return seen
 
 
@@ -426,7 +426,7 @@ def test_lists_are_right_from_block_to_block():
     """
     for n, side in ((56, 8.53), (81, 10.26)):
         scene = crowded(box(side, side, P), [(n, 0.5, 1.0)], 2000.0)
-        assert layout.prepare(scene, units.frame_of(scene)).lists is not None
+        assert layout.new_workspace(scene, units.engine_frame(scene)).lists is not None
         seen = simulate(scene, [0], frozenset()).observables
         assert seen["pair_collisions"][0] > 500_000
         assert seen["worst_overlap"][0] <= 1e-12
@@ -455,7 +455,7 @@ def test_prefetching_and_other_buckets_change_no_bit(phi, fits_cache, monkeypatc
     monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 500)
     monkeypatch.setattr(layout, "FITS_CACHE", fits_cache)
     monkeypatch.setattr(layout, "CANDIDATES_FIT_CACHE", 2 * fits_cache)
-    w = layout.prepare(scene, units.frame_of(scene))
+    w = layout.new_workspace(scene, units.engine_frame(scene))
     assert (w.deferred is None) == (fits_cache > 0) and (w.lists is None) == (phi < 0.6)
     assert all(array.ctypes.data % 64 == 0 for array in (w.disk, w.link, w.bucket, w.cell))
     other = simulate(scene, [1], {"all", "events"})
@@ -582,7 +582,7 @@ def test_the_sample_at_t_0_is_taken_before_the_collisions_then():
     for seed, events in ensemble.events.items():
         start, end = ensemble.whole[seed].velocity
         assert np.count_nonzero(events.time == 0.0) > 3
-        np.testing.assert_array_equal(start, draw(scene, seed).velocity)
+        np.testing.assert_array_equal(start, draw_state(scene, seed).velocity)
         walls = events.impulse[events.b < 0].sum(axis=0)
         np.testing.assert_allclose((end - start).sum(axis=0), walls, atol=1e-11)
 
@@ -600,7 +600,7 @@ def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
         small,
         equilibrate={"time": 1.0, "tracer": "pinned"},
     )
-    begin, run = draw(scene, 3), simulate(scene, [3], {"all", "events"})
+    begin, run = draw_state(scene, 3), simulate(scene, [3], {"all", "events"})
     first = run.whole[3]
     assert np.array_equal(first.position[0, 0], begin.position[0])
     assert np.array_equal(first.velocity[0, 0], begin.velocity[0])

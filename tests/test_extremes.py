@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from brownpipe.engines.exact import run as exact_run
-from brownpipe.engines.exact.layout import begin
+from brownpipe.engines.exact.layout import begin_run
 from brownpipe.engines.exact.run import prepare_scene
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.exact.workspace import CROSSINGS, NEAREST, NOW
-from brownpipe.engines.start.initial_state import draw, without_total_momentum
+from brownpipe.engines.start.initial_state import draw_state, remove_total_momentum
 from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.units import State, motion_of
@@ -218,7 +218,7 @@ def test_disks_that_meet_in_one_point(boundary, n):
 
 def neighbours(scene):
     """The pairs of a scene's disks that are nearer than 1.3 diameters."""
-    position, size = draw(scene, 0).position, np.array((scene.box.width, scene.box.height))
+    position, size = draw_state(scene, 0).position, np.array((scene.box.width, scene.box.height))
     apart = position[:, None] - position
     apart -= size * np.round(apart / size) if scene.box.periodic else 0
     a, b = np.nonzero(np.triu(np.hypot(*np.moveaxis(apart, -1, 0)) < 1.3, 1))
@@ -328,7 +328,7 @@ def scaled(scene, seed, length=0, time=0, mass=0):
     """The scene from the state of a seed, in units smaller by these powers of two; box centred at
     0.
     """
-    state = draw(scene, seed)
+    state = draw_state(scene, seed)
     state = State(
         np.ldexp(state.position, length),
         np.ldexp(state.velocity, length - time),
@@ -392,7 +392,7 @@ def test_units_that_are_no_powers_of_two(factors):
     """
     length, time, mass = factors
     scene = scaled(FEW["periodic"], 3).replace(duration=1.0, sample_interval=1.0)
-    state = draw(scene, 0)
+    state = draw_state(scene, 0)
     moved = State(
         state.position * length,
         state.velocity * (length / time),
@@ -420,7 +420,7 @@ def test_a_disk_that_is_nowhere_fails_the_run_and_so_do_lost_energy_lost_momentu
     """
     scene = FEW["crowded"]
     prepared = prepare_scene(scene, scene.times)
-    w, first = prepared.workspace, motion_of(draw(scene, 3), prepared.frame)
+    w, first = prepared.workspace, motion_of(draw_state(scene, 3), prepared.frame)
     first[:, 2:] -= first[:, 2:].mean(axis=0)
     disks, slower = (
         w.disk.reshape(len(first), -1),
@@ -436,7 +436,7 @@ def test_a_disk_that_is_nowhere_fails_the_run_and_so_do_lost_energy_lost_momentu
         (w.tally, NOW, 2**31 * 1.45 / prepared.frame.length / math.sqrt(np.sum(first[:, 2:] ** 2)))
     ]
     for array, where, value in harms:
-        begin(w, first)
+        begin_run(w, first)
         w.count[CROSSINGS] = 2**31
         for failed in (False, True):
             assert exact_run.report_of(prepared, w, first, finite=True)["failed"] == failed
@@ -472,7 +472,7 @@ def test_no_momentum_of_the_heaviest_masses():
     """Their sum is infinite, their mean velocity is not."""
     velocity = np.random.default_rng(1).standard_normal((2000, 2))
     unit, heavy = (
-        without_total_momentum(velocity, np.full(2000, mass)) for mass in (1.0, 2.0**1020)
+        remove_total_momentum(velocity, np.full(2000, mass)) for mass in (1.0, 2.0**1020)
     )
     assert np.array_equal(unit, heavy)
 
@@ -623,7 +623,7 @@ def test_a_box_a_million_away_loses_no_digit(boundary):
     """The same events to the bit; only the positions that are handed back are rounded to their
     1e-10.
     """
-    state = draw(make(box(4, 4, boundary), [(20, 0.14, 1), (20, 0.1, 0.3)], 1.0), 1)
+    state = draw_state(make(box(4, 4, boundary), [(20, 0.14, 1), (20, 0.1, 0.3)], 1.0), 1)
     state = state._replace(
         position=np.round(state.position * 2**30) / 2**30
     )  # so that the shift is exact

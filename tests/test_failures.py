@@ -143,7 +143,7 @@ def test_runs_without_progress_and_runs_that_do_not_equilibrate_are_recorded(mon
     equilibrated = scene.replace(equilibrate=0.1)
     for engine in ENGINES:
         with monkeypatch.context() as patch:
-            patch.setattr(exact_simulation, "to_end", unhealthy(exact_simulation.to_end))
+            patch.setattr(exact_simulation, "run_to_end", unhealthy(exact_simulation.run_to_end))
             batch = engine.simulate(equilibrated, range(3), {"tracer"})
         assert dict(batch.stopped) == {1: "the time to equilibrate failed its health check"}
 

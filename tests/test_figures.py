@@ -16,7 +16,7 @@ from PIL import Image
 
 from brownpipe import provenance, theory
 from brownpipe.analysis import aggregate, diffusive, goodness
-from brownpipe.engines import requested
+from brownpipe.engines import engine_of_request
 from brownpipe.errors import FigureError
 from brownpipe.figures import (
     cases,
@@ -1074,7 +1074,7 @@ def test_summary_names_missing_seeds_and_engines(tmp_path):
         make_runs(make_scene(), [*range(5), *range(9, 20)]),
     )
     coarse = partial._replace(
-        engine=requested("timestep", {"time_step": 0.01, "collisions": "late"})
+        engine=engine_of_request("timestep", {"time_step": 0.01, "collisions": "late"})
     )
     text = summary(aggregate([write(tmp_path, full), write(tmp_path, coarse)]))
     assert "plain, N = 20, timestep-0.01-collisions=late: missing: 4 of 20 seeds (5-8)" in text

@@ -202,7 +202,7 @@ def test_a_million_disks():
     """With neighbour lists, 400,000 collisions: sound, in at most 250 bytes of workspace a disk."""
     n = 1_000_000
     scene = fluid(0.7, 0.125, "lattice", n, equilibrate=0.0)
-    w = layout.prepare(scene, units.frame_of(scene))
+    w = layout.new_workspace(scene, units.engine_frame(scene))
     arrays = [array for array in (*w, *w.lists) if isinstance(array, np.ndarray)]
     sizes = {
         array.ctypes.data: array.nbytes for array in arrays

@@ -15,8 +15,8 @@ from scipy import stats
 
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.start import initial_state
-from brownpipe.engines.start.initial_state import draw
-from brownpipe.engines.start.insertion import COMPARED, ROWS, STUCK, TRIES, insert, push_apart
+from brownpipe.engines.start.initial_state import draw_state
+from brownpipe.engines.start.insertion import COMPARED, ROWS, STUCK, TRIES, insert_disks, push_apart
 from brownpipe.engines.start.placement import (
     ALL_FAIL,
     ANSWERS_PER_TRY,
@@ -40,7 +40,10 @@ POSITION_17 = [-2.5213268957650588, 0.5819693892044553]
 
 def test_a_seed_gives_the_state_of_the_note_and_always_the_same():
     """Seeds name states, in files and papers: a guard against a new stream by accident."""
-    state, again = draw(note_scene(1.0), 17), draw(note_scene(7.0, sample_interval=0.1), 17)
+    state, again = (
+        draw_state(note_scene(1.0), 17),
+        draw_state(note_scene(7.0, sample_interval=0.1), 17),
+    )
     assert state.velocity[0].tolist() == VELOCITY_17 and state.position[1].tolist() == POSITION_17
     assert all(np.array_equal(a, b) for a, b in zip(state, again, strict=True))
     assert state.position[0].tolist() == [0.0, 0.0]
@@ -48,18 +51,18 @@ def test_a_seed_gives_the_state_of_the_note_and_always_the_same():
         state.radius.tolist() == [0.3] + [0.1] * 149 and state.mass.tolist() == [1.0] + [0.4] * 149
     )
     for other in (
-        draw(note_scene(1.0), 18),
-        draw(note_scene(1.0, particles=100), 17),
+        draw_state(note_scene(1.0), 18),
+        draw_state(note_scene(1.0, particles=100), 17),
     ):  # streams of their own
         assert not np.isin(other.velocity, state.velocity).any()
 
 
 def test_explicit_disks_are_taken_as_they_are():
-    state = draw(note_scene(1.0), 5)
-    again = draw(explicit(box(6, 6, W), state, 1.0), 99)
+    state = draw_state(note_scene(1.0), 5)
+    again = draw_state(explicit(box(6, 6, W), state, 1.0), 99)
     assert all(np.array_equal(a, b) for a, b in zip(state, again, strict=True))
     none = type(state)(*(values[:0] for values in state))
-    assert draw(explicit(box(6, 6, W), none, 1.0), 0).position.shape == (0, 2)
+    assert draw_state(explicit(box(6, 6, W), none, 1.0), 0).position.shape == (0, 2)
 
 
 # -- velocities ------------------------------------------------------------------------------------
@@ -74,7 +77,7 @@ def test_velocities_are_normal(velocities, deviations):
     each.
     """
     scene = make(box(6, 6, W), [(30, 0.1, 0.4)], 1.0, {"radius": 0.3, "mass": 1.0}, velocities)
-    velocity = np.array([draw(scene, seed).velocity for seed in range(600)])
+    velocity = np.array([draw_state(scene, seed).velocity for seed in range(600)])
     for part, deviation in ((velocity[:, 0], deviations[0]), (velocity[:, 1:], deviations[1])):
         assert stats.kstest(part.ravel(), "norm", args=(0, deviation)).pvalue > 1e-6
     # components, disks and seeds are independent: the means of products are within 5 standard
@@ -91,7 +94,7 @@ def test_velocities_are_normal(velocities, deviations):
 def test_zero_momentum():
     """To round-off of the sum of abs(m v)."""
     velocities = {"temperature": 1.0, "zero_momentum": True}
-    state = draw(
+    state = draw_state(
         make(box(6, 6, P), [(30, 0.1, 1.0), (20, 0.2, 7.0)], 1.0, velocities=velocities), 1
     )
     assert np.abs(state.mass @ state.velocity).max() < 1e-15 * np.sum(
@@ -121,7 +124,7 @@ def test_zero_momentum_at_t_zero_after_equilibration(tracer, runs):
     velocity = np.array([run.velocity[0] for run in whole])
     assert np.abs(np.einsum("i,rix->rx", scene.mass, velocity)).max() < 1e-13
     if tracer == "pinned":
-        drawn = np.array([draw(scene, seed).velocity[0] for seed in range(runs)])
+        drawn = np.array([draw_state(scene, seed).velocity[0] for seed in range(runs)])
         check_pinned(velocity[:, 0], drawn, scene.mass)
         return
     square = np.sum(
@@ -188,14 +191,14 @@ RANDOM = {
 def test_random_places_are_sound(name):
     assert crowding(RANDOM[name]) < SOME_FAIL
     for seed in range(10 if name == "big after small" else 40):
-        assert_sound(RANDOM[name], draw(RANDOM[name], seed))
+        assert_sound(RANDOM[name], draw_state(RANDOM[name], seed))
 
 
 @pytest.mark.parametrize("boundary", [W, P])
 def test_a_disk_is_uniform_over_where_it_can_be(boundary):
     """Kolmogorov-Smirnov per coordinate over 3,000 states; false alarm 1e-6 each."""
     scene = make(box(2, 3, boundary, (0.5, 1.0)), [(2, 0.3, 1)], 1.0)
-    places = np.array([draw(scene, seed).position for seed in range(3000)])
+    places = np.array([draw_state(scene, seed).position for seed in range(3000)])
     margin = 0.0 if boundary == P else 0.3
     for axis, (low, high) in enumerate((scene.box.x, scene.box.y)):
         law = stats.uniform(low + margin, high - low - 2 * margin)
@@ -232,10 +235,10 @@ LATTICES = {
 def test_lattices_are_sound(name):
     where, kinds, more = LATTICES[name]
     scene = dense(where, kinds, "lattice", **more)
-    state = draw(scene, 1)
+    state = draw_state(scene, 1)
     assert_sound(scene, state)
     assert not more or state.position[0].tolist() == more["tracer"]["position"]
-    assert scene.particles < 5 or not np.array_equal(draw(scene, 2).position, state.position)
+    assert scene.particles < 5 or not np.array_equal(draw_state(scene, 2).position, state.position)
 
 
 @pytest.mark.parametrize(
@@ -270,12 +273,12 @@ def test_only_a_placement_that_can_succeed_is_advised(sides, fits, placement):
     where = box(sides[0] * unit, sides[1] * unit, P)
     scene = dense(where, [(number, 0.5, 1)], placement)
     with pytest.raises(PlacementError) as refusal:
-        draw(scene, 3)
+        draw_state(scene, 3)
     _, _, advice = str(refusal.value).partition("; ")
     lattice = ", or `placement: lattice`" if fits else ""
     assert advice == f"must be fewer or smaller disks{lattice}"
     if fits:
-        assert_sound(scene, draw(dense(where, [(number, 0.5, 1)], "lattice"), 3))
+        assert_sound(scene, draw_state(dense(where, [(number, 0.5, 1)], "lattice"), 3))
     if placement == "random":
         assert placement_caution(scene).endswith(advice)
 
@@ -301,10 +304,10 @@ def test_mixtures_too_dense_for_insertion_grow(name):
     where, kinds, tracer = GROWN[name]
     scene = dense(where, kinds, "auto", **({"tracer": tracer} if tracer else {}))
     assert 0.6 < scene.packing_fraction < 0.76
-    states = [draw(scene, seed) for seed in (0, 1)]
+    states = [draw_state(scene, seed) for seed in (0, 1)]
     for state in states:
         assert_sound(scene, state)
-    assert np.array_equal(draw(scene, 0).position, states[0].position)
+    assert np.array_equal(draw_state(scene, 0).position, states[0].position)
     assert not np.array_equal(states[0].position[1:], states[1].position[1:])
     if tracer and "position" in tracer:
         assert states[0].position[0].tolist() == tracer["position"]
@@ -316,23 +319,25 @@ def test_where_some_runs_find_no_place_these_grow():
     scenes = [dense(box(10, 10, P), [(66, 0.5, 1)], how) for how in ("auto", "random")]
     stuck = 0
     for seed in range(50):
-        state = draw(scenes[0], seed)
+        state = draw_state(scenes[0], seed)
         assert_sound(scenes[0], state)
         try:
-            assert np.array_equal(state.position, draw(scenes[1], seed).position)
+            assert np.array_equal(state.position, draw_state(scenes[1], seed).position)
         except PlacementError:
             stuck += 1
     assert 0 < stuck < 10
 
 
 class Watched:
-    """`insert`, with what it returned and was given last, and the progress of all insertions."""
+    """`insert_disks`, with what it returned and was given last, and the progress of all
+    insertions.
+    """
 
     def __init__(self):
         self.insertions = {}  # progress of each
 
     def __call__(self, places, numbers, progress):
-        self.outcome = insert(places, numbers, progress)
+        self.outcome = insert_disks(places, numbers, progress)
         self.places = places
         self.progress = self.insertions[id(progress)] = progress
         return self.outcome
@@ -344,13 +349,13 @@ def test_a_disk_without_room_is_not_tried_a_million_times(number, phi, boundary,
     """Of a million tries that fail few are compared with other disks; where no room is left, none
     is made.
     """
-    monkeypatch.setattr(initial_state, "insert", watched := Watched())
+    monkeypatch.setattr(initial_state, "insert_disks", watched := Watched())
     side = (number * math.pi / 4 / phi) ** 0.5 + (0.34 if boundary == W else 0.0)
     scene = dense(box(side, side, boundary), [(number, 0.5, 1)], "random")
     stuck = 0
     for seed in range(6):
         try:
-            draw(scene, seed)
+            draw_state(scene, seed)
         except PlacementError:
             stuck += 1
             assert watched.outcome == STUCK and watched.progress[ROWS] > TRIES
@@ -361,11 +366,11 @@ def test_a_disk_without_room_is_not_tried_a_million_times(number, phi, boundary,
 @pytest.mark.parametrize("boundary", [W, P])
 def test_closed_fields_of_the_raster_have_no_room(boundary, monkeypatch):
     """Random points of closed fields against all disks; equal disks, and a mixture, got stuck."""
-    monkeypatch.setattr(initial_state, "insert", watched := Watched())
+    monkeypatch.setattr(initial_state, "insert_disks", watched := Watched())
     stream = np.random.default_rng(5)
     for kinds, side in (([(60, 0.5, 1)], 9.0), ([(8, 1.0, 1), (220, 0.2, 1)], 8.2)):
         with pytest.raises(PlacementError):
-            draw(dense(box(side, side, boundary), kinds, "random"), 3)
+            draw_state(dense(box(side, side, boundary), kinds, "random"), 3)
         p = watched.places
         i = watched.progress[0]
         columns, rows = p.is_open.shape
@@ -400,16 +405,16 @@ STATES_AFTER_FAILURE = {50: "732868fcab76a04e", 110: "b48427089fa4b300", 260: "7
 def test_states_that_grow_after_insertion_failed_are_those_of_a_million_tries(number):
     """As made by a million tries, one by one. Seeds name states, in files and papers."""
     side = (number * math.pi / 4 / 0.56) ** 0.5
-    positions = draw(dense(box(side, side, P), [(number, 0.5, 1)], "auto"), 2).position
+    positions = draw_state(dense(box(side, side, P), [(number, 0.5, 1)], "auto"), 2).position
     assert hashlib.sha256(positions.tobytes()).hexdigest()[:16] == STATES_AFTER_FAILURE[number]
 
 
 @pytest.mark.parametrize("phi", [0.1, 0.4, 0.53, 0.555, 0.65, 0.75])
 def test_tries_to_place_disks_are_near_those_forecast(phi, monkeypatch):
-    monkeypatch.setattr(initial_state, "insert", watched := Watched())
+    monkeypatch.setattr(initial_state, "insert_disks", watched := Watched())
     monkeypatch.setattr(initial_state, "push_apart", sweeps := Mock(wraps=push_apart))
     side = (1000 * math.pi / 4 / phi) ** 0.5
-    draw(scene := dense(box(side, side, P), [(1000, 0.5, 1)], "auto"), 0)
+    draw_state(scene := dense(box(side, side, P), [(1000, 0.5, 1)], "auto"), 0)
     compared = sum(progress[COMPARED] for progress in watched.insertions.values())
     tries = sum(progress[ROWS] for progress in watched.insertions.values())
     found = compared + (tries - compared) / ANSWERS_PER_TRY

@@ -15,7 +15,7 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.langevin import RATE_COLLISIONS, Settings, caution, refuse_unfit
 from brownpipe.engines.langevin import simulation as langevin
 from brownpipe.engines.langevin.simulation import step_weights
-from brownpipe.engines.start.initial_state import draw, draw_tracer, noise
+from brownpipe.engines.start.initial_state import draw_state, draw_tracer, noise_stream
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 
@@ -258,14 +258,14 @@ def test_bits_do_not_depend_on_the_batch():
 def test_it_begins_with_the_velocity_of_the_exact_engine(velocities):
     scene = scene_of(velocities=velocities)
     for seed in range(5):
-        position, velocity = draw_tracer(scene, scene.mass, seed, noise(scene, seed))
-        state = draw(scene, seed)
+        position, velocity = draw_tracer(scene, scene.mass, seed, noise_stream(scene, seed))
+        state = draw_state(scene, seed)
         assert velocity.tobytes() == state.velocity[0].tobytes()
         assert np.array_equal(position, state.position[0])
         assert np.array_equal(
             draw_tracer(scene.replace(equilibrate=1.0), scene.mass, seed, None)[1], velocity
         )
-        one, other = velocity / noise(scene, seed).standard_normal(2)
+        one, other = velocity / noise_stream(scene, seed).standard_normal(2)
         assert one != pytest.approx(other)  # other random numbers than those of the noise
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import brownpipe as bp
-from brownpipe.engines.start.initial_state import draw, draw_tracer, noise
+from brownpipe.engines.start.initial_state import draw_state, draw_tracer, noise_stream
 from brownpipe.scene import motion
 from ensembles import make_scene
 
@@ -22,7 +22,7 @@ SIGMAS = 4.5
 ])  # fmt: skip
 def test_the_square_speed_of_the_tracer_is_that_of_drawn_states(velocities):
     scene = make_scene(particles=4, velocities=velocities)
-    v2 = np.array([np.square(draw(scene, seed).velocity[0]).sum() for seed in range(1500)])
+    v2 = np.array([np.square(draw_state(scene, seed).velocity[0]).sum() for seed in range(1500)])
     error = v2.std() / np.sqrt(v2.size)
     assert abs(v2.mean() - motion.mean_square_speed_of_tracer(scene)) < SIGMAS * error
 
@@ -80,7 +80,9 @@ def test_around_a_pinned_tracer_the_bath_shares_its_energy_before_its_momentum_i
 @pytest.mark.parametrize(("boundary", "mass", "bath"), SCENES)
 def test_a_tracer_drawn_alone_has_the_same_square_speed(boundary, mass, bath):
     scene = around_a_pinned_tracer(boundary, mass, bath)
-    drawn = [draw_tracer(scene, scene.mass, seed, noise(scene, seed))[1] for seed in range(3000)]
+    drawn = [
+        draw_tracer(scene, scene.mass, seed, noise_stream(scene, seed))[1] for seed in range(3000)
+    ]
     v2 = np.square(drawn).sum(axis=1)
     error = v2.std() / np.sqrt(v2.size)
     assert abs(v2.mean() - motion.mean_square_speed_of_tracer(scene)) < SIGMAS * error

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import brownpipe as bp
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from validation.by_pymunk import by_brownpipe, by_pymunk, distance, first_delays, note_scene
 
 pytestmark = pytest.mark.slow
@@ -20,7 +20,7 @@ def test_pymunk_comes_nearer_with_its_time_step():
     """
     scene = note_scene(40, 0.4)
     masses = np.random.default_rng(1).uniform(0.2, 2.0, (5, 40))
-    states = [draw(scene, seed)._replace(mass=mass) for seed, mass in enumerate(masses)]
+    states = [draw_state(scene, seed)._replace(mass=mass) for seed, mass in enumerate(masses)]
     exact = [by_brownpipe(scene, state) for state in states]
     coarse, fine = ([by_pymunk(scene, state, step) for state in states] for step in (1e-3, 1e-4))
     delays = np.array(

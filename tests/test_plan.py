@@ -11,7 +11,7 @@ import yaml
 
 from brownpipe import cli, tradeoff
 from brownpipe.analysis.resampling import resample
-from brownpipe.engines import Engine, requested
+from brownpipe.engines import Engine, engine_of_request
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.forecast import START_UP, Cost
 from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError, RequestError, StorageError
@@ -375,7 +375,7 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
 def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, here):
     path, engine = (
         study_file(seeds="7-9", figures=["thermodynamics"]),
-        requested("langevin", {"friction": "enskog"}),
+        engine_of_request("langevin", {"friction": "enskog"}),
     )
     keys = read_keys(path, {"particles": 9})
     plan.write_study(

@@ -16,7 +16,7 @@ import pytest
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from brownpipe import analysis, progress
-from brownpipe.engines import requested
+from brownpipe.engines import engine_of_request
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError, RunError
@@ -27,7 +27,7 @@ from snakemake_logger_plugin_brownpipe import LogHandler
 from synthetic import render
 
 SCENE = make(box(6, 6, P), [(1, 0.6, 9), (30, 0.25, 1)], 4.0).replace(equilibrate=4.0)
-EXACT, STEPS = requested("exact", {}), requested("timestep", {"time_step": 0.01})
+EXACT, STEPS = engine_of_request("exact", {}), engine_of_request("timestep", {"time_step": 0.01})
 
 
 @pytest.fixture

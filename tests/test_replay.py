@@ -10,7 +10,7 @@ import pytest
 
 import browser
 from brownpipe.cli import main
-from brownpipe.engines import Engine, requested
+from brownpipe.engines import Engine, engine_of_request
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.figures.origin import read_record
 from brownpipe.report import replay
@@ -195,7 +195,7 @@ def test_refusals(tmp_path, capsys, runs):
 
 
 def test_runs_that_cannot_be_replayed(runs):
-    by_steps = runs["walls"]._replace(engine=requested("timestep", {"time_step": 0.001}))
+    by_steps = runs["walls"]._replace(engine=engine_of_request("timestep", {"time_step": 0.001}))
     without = by_steps._replace(ensemble=by_steps.ensemble._replace(events={}))
     with pytest.raises(RequestError, match="events"):
         replay.replay_page(without, "runs.h5")

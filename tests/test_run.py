@@ -217,7 +217,7 @@ def test_a_job_asks_for_twice_the_forecast_and_twice_as_much_at_each_retry():
     )
     asked, (runs,) = requests(study)["simulate"], run_sets(study)
     wildcards = {"digest": runs.key, "first": "0", "last": "999999"}
-    cost = forecast.of_run(study.cases[0])
+    cost = forecast.run_cost(study.cases[0])
     expected = forecast.memory(cost, 10**6) / 1e6
     assert 2 * expected < asked["mem_mb"](wildcards, attempt=1) < 2.2 * expected
     minutes = 10**6 * cost.seconds / 60

@@ -15,15 +15,15 @@ from pydantic import BaseModel
 
 from brownpipe.analysis import thermodynamics
 from brownpipe.engines import confinement, forecast, friction, windows
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.observables import equilibrium
 from brownpipe.report import description
 from brownpipe.scene import motion, parse_scene
 from brownpipe.scene.scene import Scene
 
 ANSWERS = {  # functions of a scene, by what they tell of it
-    "drawn positions": lambda scene: draw(scene, 1).position,
-    "drawn velocities": lambda scene: draw(scene, 1).velocity,
+    "drawn positions": lambda scene: draw_state(scene, 1).position,
+    "drawn velocities": lambda scene: draw_state(scene, 1).velocity,
     "speed of the tracer": motion.mean_square_speed_of_tracer,
     "speed of the centre of mass": motion.mean_square_speed_of_centre,
     "temperature of the bath": motion.bath_temperature,
@@ -31,8 +31,8 @@ ANSWERS = {  # functions of a scene, by what they tell of it
     "speeds": forecast.speeds,
     "collisions of pairs": forecast.pair_rate,
     "collisions with walls": forecast.wall_rate,
-    "seconds": lambda scene: forecast.of_run(scene).seconds,
-    "bytes": lambda scene: forecast.of_run(scene).recorded,
+    "seconds": lambda scene: forecast.run_cost(scene).seconds,
+    "bytes": lambda scene: forecast.run_cost(scene).bytes_in_file,
     "settling": forecast.settling_time,
     "friction": lambda scene: friction.friction_rate(scene, "enskog"),
     "drift": friction.drift_diffusion,

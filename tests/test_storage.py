@@ -12,7 +12,7 @@ import brownpipe
 from brownpipe import inspection, provenance
 from brownpipe.analysis import aggregate
 from brownpipe.cli import main
-from brownpipe.engines import Engine, requested
+from brownpipe.engines import Engine, engine_of_request
 from brownpipe.errors import FAILED, StorageError
 from brownpipe.storage import files
 from brownpipe.storage.datasets import read_dataset, write_dataset
@@ -25,7 +25,7 @@ EVERYTHING = {"tracer", "all", "events"}
 
 
 def make_ensemble(scene, seeds=SEEDS, record=EVERYTHING):
-    return requested("exact", {}).simulate(scene, seeds, record)
+    return engine_of_request("exact", {}).simulate(scene, seeds, record)
 
 
 def make_dataset():
@@ -99,8 +99,8 @@ def refusal(read, path):
     "engine",
     [
         Engine("exact"),
-        requested("timestep", {"time_step": 1e-3}),
-        requested("langevin", {"friction": "enskog"}),
+        engine_of_request("timestep", {"time_step": 1e-3}),
+        engine_of_request("langevin", {"friction": "enskog"}),
     ],
     ids=lambda engine: engine.label,
 )

@@ -323,10 +323,10 @@ COSTS = st.builds(
     forecast.Cost,
     *(st.just(0.0),) * 2,
     seconds=st.floats(1e-6, 1e5),
-    recorded=st.floats(0, 1e8),
-    kept=st.floats(0, 1e8),
-    working=st.floats(0, 1e10),
-    once=st.floats(0, 100),
+    bytes_in_file=st.floats(0, 1e8),
+    bytes_until_written=st.floats(0, 1e8),
+    working_bytes=st.floats(0, 1e10),
+    seconds_per_process=st.floats(0, 100),
 )
 
 

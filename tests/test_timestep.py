@@ -12,8 +12,8 @@ import pytest
 from brownpipe.engines.collisions import exchange, shares
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
-from brownpipe.engines.recording import Conservation, report
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.recording import Conservation, report_in_scene_units
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.timestep import COLLISIONS, Settings, largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError
@@ -162,7 +162,9 @@ def test_every_step_is_that_of_the_plain_twin(name, collisions):
     """
     scene = SCENES[name]
     run = timestep.simulate(scene, [5], {"all"}, time_step=DT, collisions=collisions)
-    x, v, reported = twin(draw(scene, 5), scene.box, DT, round(scene.duration / DT), collisions)
+    x, v, reported = twin(
+        draw_state(scene, 5), scene.box, DT, round(scene.duration / DT), collisions
+    )
     track, found = run.whole[5], run.observables
     assert [found.get(name, [0])[0] for name in REPORTED] == pytest.approx(reported, rel=1e-9)
     assert reported[0] + reported[2] > 10 and not found["failed"][0]
@@ -183,7 +185,7 @@ def test_how_neighbours_are_found_changes_no_bit(name, collisions):
     room at first.
     """
     scene = SCENES[name]
-    engine = timestep.prepared(scene, Settings(DT, collisions))
+    engine = timestep.prepare_scene(scene, Settings(DT, collisions))
     wide = np.ones(4)
     runs = []
     for skin in (engine.workspace.skin, 0.0, 0.3, 10.0):
@@ -192,7 +194,9 @@ def test_how_neighbours_are_found_changes_no_bit(name, collisions):
             few = [column[:4] if j < 2 else wide.copy() for j, column in enumerate(w.within)]
             w = w._replace(within=type(w.within)(*few))
         runs.append(
-            timestep.run(engine._replace(workspace=w), draw(scene, 2), scene.times, {"all"})
+            timestep.run_steps(
+                engine._replace(workspace=w), draw_state(scene, 2), scene.times, {"all"}
+            )
         )
     for other in runs[1:]:
         assert np.array_equal(other.whole.position, runs[0].whole.position)
@@ -227,8 +231,8 @@ def test_a_sample_is_a_free_flight_after_the_step_before():
     unwrapped = run.tracer.position[:, 0] + 4.0 * run.tracer.image[:, 0]
     assert np.abs(unwrapped - scene.times[:, None] * (1.0, -0.5)).max() < 1e-14
     assert run.times[-1] == 3.0 and np.all(np.abs(run.tracer.position) <= 2.0)
-    frame = timestep.prepared(scene, Settings(0.1)).frame
-    assert timestep.recorder(scene, frame, 0.1, np.arange(31) * 0.1, ()).step.tolist() == [
+    frame = timestep.prepare_scene(scene, Settings(0.1)).frame
+    assert timestep.new_recorder(scene, frame, 0.1, np.arange(31) * 0.1, ()).step.tolist() == [
         *range(31)
     ]
 
@@ -439,11 +443,13 @@ def test_energy_and_momentum_are_conserved_to_round_off(name, collisions):
 
 
 def test_what_is_no_number_or_not_conserved_has_failed():
-    engine = timestep.prepared(SCENES["walls"], Settings(DT))
-    state = draw(SCENES["walls"], 0)
+    engine = timestep.prepare_scene(SCENES["walls"], Settings(DT))
+    state = draw_state(SCENES["walls"], 0)
     state.velocity[3] = np.nan
-    assert timestep.run(engine, state, np.array([0.1])).observables["failed"]
-    assert not timestep.run(engine, draw(SCENES["walls"], 0), np.array([0.1])).observables["failed"]
+    assert timestep.run_steps(engine, state, np.array([0.1])).observables["failed"]
+    assert not timestep.run_steps(
+        engine, draw_state(SCENES["walls"], 0), np.array([0.1])
+    ).observables["failed"]
     for drift, finite in (
         (2e-9, True),
         (-2e-9, True),
@@ -452,7 +458,9 @@ def test_what_is_no_number_or_not_conserved_has_failed():
         (-5e-10, True),
     ):
         conserved = Conservation(1.0, drift, 0.0, 1.0, finite)
-        found = report(engine.scene, engine.frame, conserved, [0, 0, 0], np.zeros(5), 0.0, True)
+        found = report_in_scene_units(
+            engine.scene, engine.frame, conserved, [0, 0, 0], np.zeros(5), 0.0, True
+        )
         assert found["failed"] == (drift != -5e-10)
 
 
@@ -467,7 +475,8 @@ def test_runs_begin_where_the_exact_engine_begins(tracer):
     assert np.array_equal(runs[0].position[0], runs[1].position[0])
     assert np.array_equal(runs[0].velocity[0], runs[1].velocity[0])
     assert np.array_equal(
-        runs[0].position[0], equilibrate(prepare_equilibration(scene), draw(scene, 4)).position
+        runs[0].position[0],
+        equilibrate(prepare_equilibration(scene), draw_state(scene, 4)).position,
     )
 
 

@@ -18,7 +18,7 @@ import yaml
 from matplotlib.figure import Figure
 
 import brownpipe as bp
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import State
 from brownpipe.figures.style import GREY, SERIES, drawing, grid, image_bytes
 from brownpipe.scene import Scene
@@ -147,7 +147,7 @@ class Measured(NamedTuple):
 def measure(particles: int) -> Measured:
     """Run the note's scene with a number of disks by both programs."""
     scene = note_scene(particles, DURATIONS[particles])
-    states = [draw(scene, seed) for seed in SEEDS]
+    states = [draw_state(scene, seed) for seed in SEEDS]
     by_brownpipe(scene, states[0])  # compiles
     began = process_time()
     exact = [by_brownpipe(scene, state) for state in states]

@@ -22,8 +22,8 @@ from brownpipe import progress
 from brownpipe.analysis import aggregate
 from brownpipe.analysis.dataset import ALWAYS, refuse_windows
 from brownpipe.analysis.resampling import resample
-from brownpipe.engines import DEFINITIONS, Engine, read_record, requested
-from brownpipe.engines.ensemble import Ensemble, failures, joined, select
+from brownpipe.engines import DEFINITIONS, Engine, engine_of_request, read_record
+from brownpipe.engines.ensemble import Ensemble, failures, join_ensembles, select
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
 from brownpipe.figures.render import draw, draw_into
@@ -489,7 +489,7 @@ def _request(
         hint = did_you_mean(name, arguments).strip()
         raise RequestError(f"{name}: unknown; {hint or 'see help(brownpipe.simulate)'}")
     values = {key: plain(value) for key, value in settings.items()}
-    chosen = requested(engine, values, str)
+    chosen = engine_of_request(engine, values, str)
     recorded = read_record(_joined("record", record), "record")
     names = tuple(filter(None, _joined("observables", observables).split(",")))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
@@ -505,7 +505,7 @@ def _ensemble(request: Request) -> Ensemble:
     seeds = np.asarray(request.seeds)
     stored = stored_runs(request.scene, request.engine, request.digest, seeds)
     missing = without(seeds, [(batch.seeds[0], batch.seeds[-1]) for batch in stored])
-    ensemble = joined([*stored, *_batches(request, missing)])
+    ensemble = join_ensembles([*stored, *_batches(request, missing)])
     return select(ensemble, np.isin(ensemble.seeds, seeds))
 
 

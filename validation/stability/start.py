@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import State
 from brownpipe.scene import Scene, parse_scene
 
@@ -66,7 +66,7 @@ def gas(half: float, species: list[tuple[int, float, float]], seed: int = 1) -> 
         "velocities": {"temperature": 1.0},
         "duration": 1.0,
     }
-    return Start((-half, half), (-half, half), draw(parse_scene(mapping, "gas.yaml"), seed))
+    return Start((-half, half), (-half, half), draw_state(parse_scene(mapping, "gas.yaml"), seed))
 
 
 def notes_scene(seed: int) -> Start:
@@ -80,7 +80,7 @@ def notes_scene(seed: int) -> Start:
         "velocities": {"standard_deviation": 2.0},
         "duration": 1.0,
     }
-    return Start((-3.0, 3.0), (-3.0, 3.0), draw(parse_scene(mapping, "note.yaml"), seed))
+    return Start((-3.0, 3.0), (-3.0, 3.0), draw_state(parse_scene(mapping, "note.yaml"), seed))
 
 
 def packing(gap: float, columns: int = 5, rows: int = 6) -> Start:

@@ -31,7 +31,7 @@ from brownpipe.analysis.runs import (
 )
 from brownpipe.analysis.variables import EACH, SAME_TIME, VARIED, Mean, Variable, with_uncertainties
 from brownpipe.engines.ensemble import HEALTH
-from brownpipe.engines.windows import Window, candidate_windows, labels
+from brownpipe.engines.windows import Window, candidate_windows, window_labels
 from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES
 from brownpipe.observables.observable import RunArray
@@ -268,7 +268,7 @@ def refuse_windows(windows: Sequence[tuple[float, float]], times: Sequence[np.nd
     """Refuse fit windows that coincide, and one that fits no run; `times` has the sample times of
     each scene.
     """
-    names = labels(windows)
+    names = window_labels(windows)
     last = max(times_of_scene[-1] for times_of_scene in times)
     if len(set(names)) < len(names):
         raise AnalysisError(

@@ -14,7 +14,7 @@ import numpy as np
 
 from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.variables import EACH, Variable
-from brownpipe.engines.windows import ROUNDED, Window, labels
+from brownpipe.engines.windows import ROUNDED, Window, window_labels
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
@@ -132,7 +132,7 @@ def best_windows(dataset: "Dataset", candidates: Iterable[tuple[Window, Window]]
 
     The dataset has the windows of all `candidates`.
     """
-    pairs = [marked(_with_windows(dataset, labels(pair))) for pair in candidates]
+    pairs = [marked(_with_windows(dataset, window_labels(pair))) for pair in candidates]
     earliest = pairs[0].isel(window=0).reset_coords().drop_vars("window")
     return max((_changes_like(earliest, pair) for pair in pairs), key=number_of_plain)
 

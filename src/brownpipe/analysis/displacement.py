@@ -31,10 +31,10 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DECAY_TIMES, drift_diffusion, not_diffusive_before
 from brownpipe.engines.windows import (
     Window,
-    are_inside,
     candidate_windows,
     earlier_ends,
-    labels,
+    times_in_window,
+    window_labels,
 )
 from brownpipe.observables.displacement import displacement, squared
 from brownpipe.scene import Scene, motion
@@ -50,7 +50,7 @@ def line_weights(times: np.ndarray, window: Window) -> np.ndarray:
     The line is fitted from the window's start to its end, both included to round-off. NaN where it
     is not defined: the times (T,) end before the window does, or fewer than three lie in it.
     """
-    inside = are_inside(times, window)
+    inside = times_in_window(times, window)
     if np.count_nonzero(inside) < 3 or times[-1] < (1 - 1e-9) * window[1]:
         return np.full((2, len(times)), np.nan)
     middle = times[inside].mean()
@@ -69,7 +69,7 @@ def change_weights(times: np.ndarray, window: Window) -> np.ndarray:
     so that the window [1, 9] is divided at 3; the sample next to it belongs to both. NaN where the
     line over the whole window is not defined, and for fewer than three samples after t = 0.
     """
-    inside = np.flatnonzero(are_inside(times, window) & (times > 0))
+    inside = np.flatnonzero(times_in_window(times, window) & (times > 0))
     if len(inside) < 3 or np.isnan(line_weights(times, window)).any():
         return np.full(len(times), np.nan)
     geometric_mean = np.sqrt(times[inside[0]] * times[inside[-1]])
@@ -301,7 +301,7 @@ def _scene_values(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     scene = case.scene
     windows = case.windows
     values: dict[str, ArrayLike] = {
-        "window": labels(windows),
+        "window": window_labels(windows),
         "window_start": [start for start, _ in windows],
         "window_end": [end for _, end in windows],
         "window_drift_diffusion": [window_drift_diffusion(case, window) for window in windows],

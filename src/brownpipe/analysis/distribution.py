@@ -28,7 +28,7 @@ from brownpipe.analysis.variables import (
     with_intervals,
 )
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.engines.windows import labels
+from brownpipe.engines.windows import window_labels
 
 WRONG_BY = 0.05  # relative error of D for which the power is stated
 # default rings: at most MOST_RINGS, out to REACH rms displacements
@@ -141,7 +141,7 @@ def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
     """Yield the values of all variables and coordinates at each of the displacement times, which
     have own rings.
     """
-    models = ["msd", *(f"slope {label}" for label in labels(case.windows))]
+    models = ["msd", *(f"slope {label}" for label in window_labels(case.windows))]
     if np.isfinite(displacement.accessible_half_width(case.scene)):
         models.append("square")
     samples = chosen_times(case)

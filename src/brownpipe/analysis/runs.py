@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.analysis.resampling import SEEDS_PER_BLOCK
-from brownpipe.engines.ensemble import Ensemble, joined, select
+from brownpipe.engines.ensemble import Ensemble, join_ensembles, select
 from brownpipe.errors import AnalysisError
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
@@ -190,7 +190,7 @@ def _blocks(group: Group, numbers: Iterable[int]) -> Iterator[Ensemble]:
                 rows = np.flatnonzero(np.isin(runs.seeds, seeds))
                 consecutive = select(runs, slice(rows[0], rows[-1] + 1))
                 parts.append(select(consecutive, rows - rows[0]))
-        runs = joined(parts)
+        runs = join_ensembles(parts)
         _refuse_gaps(group, runs)
         yield runs
 

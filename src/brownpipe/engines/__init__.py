@@ -132,7 +132,7 @@ def option(setting: str) -> str:
 
 
 @cache
-def settings_of(name: str) -> type[Section]:
+def settings_section(name: str) -> type[Section]:
     """Return the record of the settings of an engine in a file, after its name."""
     definition = DEFINITIONS[name]
     defaults = definition.settings._field_defaults
@@ -142,19 +142,19 @@ def settings_of(name: str) -> type[Section]:
     return create_model(name, __base__=Section, __doc__=definition.summary, **keys)
 
 
-def recorded(mapping: dict, where: str = "") -> Engine:
+def engine_of_record(mapping: dict, where: str = "") -> Engine:
     """Return the engine that a file or dataset records as a mapping of name and settings; `where`
     is for messages.
 
     Raises RequestError.
     """
     name = validated(Literal[tuple(DEFINITIONS)], mapping.get("name"), where, "name")
-    record = validated(settings_of(name), mapping, where)
+    record = validated(settings_section(name), mapping, where)
     settings = [(key, value) for key, value in record if key != "name"]
     return Engine(name, tuple(settings))
 
 
-def requested(
+def engine_of_request(
     name: str, values: dict[str, object], option: Callable[[str], str] = option
 ) -> Engine:
     """Return the engine that the user asks for; `values` has the settings given.

@@ -39,16 +39,16 @@ def confinement(scene: Scene) -> Confinement:
     room = scene.box.area / np.prod(sides)
     crowding = 2 * phi * room * excluded_share(sigma, sides)
     narrow = sides.min() < sigma
-    contact = _contact_value(crowding, narrow)
+    contact = _contact_value_between_walls(crowding, narrow)
     bulk_contact = float(theory.contact_value(phi))
     pairs = room * np.prod(open_arc(sigma / sides)) * contact / bulk_contact
 
     others = crowding * (1 - 1 / scene.particles)
-    excess = others * _contact_value(others, narrow)
+    excess = others * _contact_value_between_walls(others, narrow)
     return Confinement(float(pairs), 1 + excess * _wall_shares(sigma, sides))
 
 
-def _contact_value(crowding: float, narrow: bool) -> float:
+def _contact_value_between_walls(crowding: float, narrow: bool) -> float:
     """Return the derivative of the excess free energy [kT] by b: 1 for few disks."""
     if narrow:
         return 1 / max(1 - crowding, CLOSEST)

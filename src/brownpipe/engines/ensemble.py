@@ -60,7 +60,7 @@ class Batch(NamedTuple):
     observables: tuple[str, ...]  # names in observables.OBSERVABLES, or of the user's own functions
 
 
-def blank(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
+def blank_array(shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> np.ndarray:
     """Return an array for values that are not there: NaN, or 0 where the type has no NaN."""
     missing = np.nan if np.dtype(dtype).kind == "f" else 0
     return np.full(shape, missing, dtype)
@@ -82,9 +82,9 @@ def new_batch(
     tracer = None
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
-        velocity = blank(shape, float) if "velocity" in record else None
-        image = blank(shape, np.int32) if scene.box.periodic else None
-        tracer = Track(blank(shape, float), velocity, image)
+        velocity = blank_array(shape, float) if "velocity" in record else None
+        image = blank_array(shape, np.int32) if scene.box.periodic else None
+        tracer = Track(blank_array(shape, float), velocity, image)
     ensemble = _empty(np.asarray(seeds, dtype=np.int64), scene.times, tracer, average)
     needed = {*record, "all"} if observables.needs_every_disk(names, average) else record
     return Batch(scene, ensemble, frozenset(record), frozenset(needed), tuple(names))
@@ -123,7 +123,7 @@ def make_runs(
     for column, seed in enumerate(ensemble.seeds[first:].tolist(), first):
         progress.begin_piece("runs", column, len(ensemble.seeds))
         try:
-            _add(batch, column, run(column))
+            _add_run(batch, column, run(column))
         except (RunError, RequestError) as error:
             is_of_scene = isinstance(error, PlacementError) and never_placed(scene)
             if is_of_scene or not isinstance(error, RunError | PlacementError):
@@ -131,7 +131,7 @@ def make_runs(
                     f"{scene.name}, N = {scene.particles}, seed {seed}: {error}"
                 ) from None
             ensemble.stopped[seed] = str(error)
-            write(ensemble, slice(column, column + 1), None, {"failed": [np.uint8(1)]})
+            write_columns(ensemble, slice(column, column + 1), None, {"failed": [np.uint8(1)]})
         progress.report("runs", column + 1, len(ensemble.seeds))
         after(column + 1)
     for values in ensemble.observables.values():
@@ -141,7 +141,7 @@ def make_runs(
     return ensemble
 
 
-def _add(batch: Batch, column: int, run: Run) -> None:
+def _add_run(batch: Batch, column: int, run: Run) -> None:
     """Measure a finished run, and copy what is recorded of it into its column of the ensemble."""
     scene = batch.scene
     ensemble = batch.ensemble
@@ -154,14 +154,14 @@ def _add(batch: Batch, column: int, run: Run) -> None:
     for name in filter(is_own, batch.observables):
         values |= measure(name, scene, run, observables.AXES, ensemble.own)
     columns = {name: [value] for name, value in values.items()}
-    write(ensemble, slice(column, column + 1), run.tracer, columns)
+    write_columns(ensemble, slice(column, column + 1), run.tracer, columns)
     if run.whole is not None and "all" in batch.record:
         ensemble.whole[seed] = run.whole
     if run.events is not None:
         ensemble.events[seed] = run.events
 
 
-def write(
+def write_columns(
     ensemble: Ensemble, columns: slice, tracer: Track | None, values: Mapping[str, Any]
 ) -> None:
     """Write track and observables of n runs into their columns; an observable that a run lacks is
@@ -171,7 +171,7 @@ def write(
         if name not in ensemble.observables:
             array = np.asarray(value)  # (n, ...)
             shape = (len(ensemble.seeds), *array.shape[1:])
-            ensemble.observables[name] = blank(shape, array.dtype)
+            ensemble.observables[name] = blank_array(shape, array.dtype)
         ensemble.observables[name][columns] = value
     for recorded, track in zip(ensemble.tracer or (), tracer or (), strict=False):
         if recorded is not None:
@@ -200,7 +200,7 @@ def _of_seeds(values: Mapping[int, Value], seeds: np.ndarray) -> dict[int, Value
     return {seed: values[seed] for seed in seeds.tolist() if seed in values}
 
 
-def joined(ensembles: Sequence[Ensemble]) -> Ensemble:
+def join_ensembles(ensembles: Sequence[Ensemble]) -> Ensemble:
     """Return ensembles of one scene and engine as one, seeds ascending.
 
     Raises RequestError if arrays of the user's own differ.
@@ -215,7 +215,7 @@ def joined(ensembles: Sequence[Ensemble]) -> Ensemble:
     for runs in ensembles:
         start = end
         end = start + len(runs.seeds)
-        write(ensemble, slice(start, end), runs.tracer, runs.observables)
+        write_columns(ensemble, slice(start, end), runs.tracer, runs.observables)
         ensemble.whole.update(runs.whole)
         ensemble.events.update(runs.events)
         ensemble.stopped.update(runs.stopped)
@@ -231,7 +231,7 @@ def _blank_as(track: Track, runs: int) -> Track:
     """Return a blank track of the tracer in so many runs, with the arrays that `track` has."""
     arrays: dict[str, np.ndarray | None] = {}
     for name, values in track._asdict().items():
-        arrays[name] = None if values is None else blank((len(values), runs, 2), values.dtype)
+        arrays[name] = None if values is None else blank_array((len(values), runs, 2), values.dtype)
     return Track(**arrays)
 
 

@@ -66,10 +66,12 @@ class Cost(NamedTuple):
     pair_collisions: float
     wall_collisions: float
     seconds: float  # CPU time, with that to write what is recorded
-    recorded: float  # bytes in the file
-    kept: float  # bytes in memory until written, besides the file, which is built in memory, too
-    working: float  # further bytes of memory, used by one run at a time
-    once: float = 0.0  # CPU seconds in each process before its first run, besides START_UP
+    bytes_in_file: float
+    # in memory, besides the file, which is built in memory, too
+    bytes_until_written: float
+    working_bytes: float  # further memory, used by one run at a time
+    # CPU time before the first run of each process, besides START_UP
+    seconds_per_process: float = 0.0
 
 
 class Definition(NamedTuple):
@@ -94,7 +96,7 @@ class Definition(NamedTuple):
     keeps_checkpoints: bool = False
 
 
-def of_run(
+def run_cost(
     scene: Scene,
     record: Collection[str] = frozenset({"tracer"}),
     observables: Collection[str] = (),
@@ -115,11 +117,11 @@ def of_run(
     sampled_disks = 1 + scene.particles if needs_every_disk else 1
     disk_samples = len(scene.times) * sampled_disks
     measuring = [measures.observable_named(name).working_memory(scene) for name in observables]
-    working = max(measuring, default=0.0) + BYTES_PER_SAMPLE * disk_samples
-    working += BYTES_PER_DISK * (1 if tracer_only else scene.particles)
-    recorded, kept = _bytes_of_record(scene, record, observables, collisions)
+    working_bytes = max(measuring, default=0.0) + BYTES_PER_SAMPLE * disk_samples
+    working_bytes += BYTES_PER_DISK * (1 if tracer_only else scene.particles)
+    in_file, until_written = _bytes_of_record(scene, record, observables, collisions)
     seconds = EACH_RUN * (0.5 if tracer_only else 1 + (scene.equilibrate.time > 0))
-    seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * recorded
+    seconds += SECONDS_PER_DISK_SAMPLE * disk_samples + SECONDS_PER_BYTE * in_file
     seconds += seconds_to_measure(scene, observables, average)
     if tracer_only and motion.starts_with_zero_momentum(scene):
         seconds += SECONDS_PER_VELOCITY * scene.particles
@@ -127,7 +129,7 @@ def of_run(
         seconds += seconds_of_events(scene, time, pair_collisions, wall_collisions)
         from_memory = 1 + TRY_FROM_MEMORY * share_in_memory(scene)
         seconds += SECONDS_PER_TRY * from_memory * tries_to_place(scene)
-    return Cost(pair_collisions, wall_collisions, seconds, recorded, kept, working)
+    return Cost(pair_collisions, wall_collisions, seconds, in_file, until_written, working_bytes)
 
 
 def seconds_of_events(scene: Scene, time: float, pairs: float, walls: float) -> float:
@@ -163,15 +165,15 @@ def _bytes_of_record(
     # those between two collisions of a disk are the same
     different_velocities = min(2 * events, disk_samples)
     stored_samples = tracer_samples + disk_samples + different_velocities
-    recorded = coordinates * stored_samples + log * 2 / 3 + measured
+    in_file = coordinates * stored_samples + log * 2 / 3 + measured
     whole_runs = (2 * coordinates + images) * disk_samples + log
-    kept = (coordinates + images) * tracer_samples + COPIES * whole_runs
-    return recorded, kept + measured
+    until_written = (coordinates + images) * tracer_samples + COPIES * whole_runs + measured
+    return in_file, until_written
 
 
 def memory(cost: Cost, runs: int) -> float:
     """Return the peak memory [bytes] of a process that makes and writes `runs` runs."""
-    return PROCESS + cost.working + runs * (cost.kept + cost.recorded)
+    return PROCESS + cost.working_bytes + runs * (cost.bytes_until_written + cost.bytes_in_file)
 
 
 def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> float:

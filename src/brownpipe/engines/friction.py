@@ -39,7 +39,7 @@ class Partners(NamedTuple):
     rate: np.ndarray  # the tracer's collisions with the species [1/time]
 
 
-def followed(scene: Scene) -> Species:
+def tracer_species(scene: Scene) -> Species:
     """Return the species of disk 0, the tracer."""
     return next(species for species in scene.species if species.count)
 
@@ -151,7 +151,7 @@ def partners_of(scene: Scene, crowded: bool = True) -> Partners:
     kT are divided by the tracer's mass first, because its friction coefficient zeta alone may be
     beyond the floating-point numbers.
     """
-    tracer = followed(scene)
+    tracer = tracer_species(scene)
     bath = bath_of(scene)
     chi = np.ones(len(bath.number))
     if crowded:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brownpipe.engines.compiled.kernels import entry_point
-from brownpipe.engines.compiled.records import Samples
+from brownpipe.engines.compiled.records import SampleArrays
 from brownpipe.engines.units import Frame
 from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
@@ -32,10 +32,10 @@ class Conservation(NamedTuple):
     finite: bool  # whether all positions and velocities at the end are finite numbers
 
 
-def blank_samples(times: int, disks: int) -> Samples:
+def blank_samples(times: int, disks: int) -> SampleArrays:
     """Return memory for samples at `times` times of `disks` disks."""
     shape = (times, disks, 2)
-    return Samples(np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int32))
+    return SampleArrays(np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int32))
 
 
 def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track | None, bool]:
@@ -109,7 +109,7 @@ def conservation(
     )
 
 
-def report(
+def report_in_scene_units(
     scene: Scene,
     frame: Frame,
     conserved: Conservation,

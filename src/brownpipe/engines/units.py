@@ -58,7 +58,7 @@ def power_of_two(value: float) -> float:
     return math.ldexp(1.0, math.frexp(value)[1] - 1) if value > 0 else 1.0
 
 
-def frame_of(scene: Scene) -> Frame:
+def engine_frame(scene: Scene) -> Frame:
     """Choose the engine's units for a scene: sizes, speeds and masses are near 1 in them.
 
     Raises RequestError if the disks are so fast or slow that no unit of time is a normal
@@ -66,7 +66,7 @@ def frame_of(scene: Scene) -> Frame:
     """
     box = scene.box
     radius = scene.radius
-    origin = np.array([_origin(*box.x), _origin(*box.y)])
+    origin = np.array([_origin_of_axis(*box.x), _origin_of_axis(*box.y)])
     common = common_radius(radius) if len(radius) else box.width
     length = power_of_two(2 * common)
     speed = rms_speed(scene)
@@ -87,7 +87,7 @@ def frame_of(scene: Scene) -> Frame:
     return Frame(origin, length, time, length / time, mass, order, np.argsort(order))
 
 
-def _origin(low: float, high: float) -> float:
+def _origin_of_axis(low: float, high: float) -> float:
     """Return the origin of coordinates for a side of the box: 0 if that is in it, else its middle.
 
     >>> _origin(-1.0, 3.0), _origin(10.0, 12.0)

@@ -20,7 +20,7 @@ SHORTER = math.sqrt(2)  # ratio of the times at which windows may end
 MOST_ENDS = 16  # the last is 1/181 of the first
 
 
-def labels(windows: Sequence[Window]) -> list[str]:
+def window_labels(windows: Sequence[Window]) -> list[str]:
     """Return labels of windows, from the first six digits of their ends.
 
     >>> labels([(0.1, 1.0), (0.25, 12345678.0)])
@@ -29,7 +29,7 @@ def labels(windows: Sequence[Window]) -> list[str]:
     return [f"[{start:g}, {end:g}]" for start, end in windows]
 
 
-def are_inside(times: np.ndarray, window: Window) -> np.ndarray:
+def times_in_window(times: np.ndarray, window: Window) -> np.ndarray:
     """Return which of the times (T,) lie in a window, its ends included to round-off."""
     start, end = window
     slack = 1e-9 * max(abs(start), abs(end))
@@ -102,5 +102,5 @@ def window_caution(window: Window, starts: Mapping[str, float]) -> str | None:
     latest = max(early, key=lambda name: early[name])
     number = f" in {len(early)} of {len(starts)} cases" if len(starts) > 1 else ""
     where = f"{number}, {early[latest]:.3g} for {latest}"
-    begins = f"{labels([window])[0]} begins before {DECAY_TIMES:g}/gamma of the tracer"
+    begins = f"{window_labels([window])[0]} begins before {DECAY_TIMES:g}/gamma of the tracer"
     return f"the fit window {begins}{where}: D there is not yet that of diffusion"

@@ -10,7 +10,7 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe import theory
-from brownpipe.engines.windows import are_inside
+from brownpipe.engines.windows import times_in_window
 from brownpipe.figures import style
 from brownpipe.figures.cases import (
     diffusion_ring,
@@ -142,7 +142,7 @@ def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
 
 def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:
     """The fitted line at times t in its window, NaN outside."""
-    inside = are_inside(t, (float(fit.window_start), float(fit.window_end)))
+    inside = times_in_window(t, (float(fit.window_start), float(fit.window_end)))
     return np.where(inside, float(fit.intercept) + float(fit.slope) * t, np.nan)
 
 

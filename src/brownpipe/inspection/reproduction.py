@@ -79,7 +79,7 @@ def announcement(original: Trajectories) -> list[str]:
     engine = original.engine
     number = len(original.ensemble.seeds)
     cost = engine.forecast(scene, *_options(original))
-    seconds = forecast.START_UP + cost.once + number * cost.seconds
+    seconds = forecast.START_UP + cost.seconds_per_process + number * cost.seconds
     runs = f"{counted(number, 'run')} of {scene.name}, N = {scene.particles}, {engine.options}"
     lines = [f"running again {runs}: some {in_time(seconds)} of CPU"]
     if changes := _changes(original):

@@ -113,7 +113,7 @@ class Tracer(Section):
 
 
 class Species(Section):
-    """Equal disks, which `engines.start.initial_state.draw` places."""
+    """Equal disks, which `engines.start.initial_state.draw_state` places."""
 
     name: Name = key("differs from the others and from `tracer`")
     count: Count | Literal["rest"] = key(

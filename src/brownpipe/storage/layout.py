@@ -5,7 +5,7 @@ an overview.
 import numpy as np
 
 from brownpipe import observables
-from brownpipe.engines.ensemble import Ensemble, Events, Track, blank
+from brownpipe.engines.ensemble import Ensemble, Events, Track, blank_array
 from brownpipe.observables.observable import Axis
 from brownpipe.observables.own import NO_OWN_ARRAYS, OwnArrays
 from brownpipe.scene import Scene
@@ -156,7 +156,7 @@ def _side_by_side(ensemble: Ensemble) -> Track:
     tracks = [_recorded(ensemble.whole.get(seed)) for seed in seeds]
     fields = {}
     for name, like in _recorded(first).items():
-        absent = blank(like.shape, like.dtype)
+        absent = blank_array(like.shape, like.dtype)
         fields[name] = np.stack([track.get(name, absent) for track in tracks], axis=1)
     return Track(**fields)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import h5py
 import numpy as np
 
-from brownpipe.engines import Engine, recorded
+from brownpipe.engines import Engine, engine_of_record
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError
 from brownpipe.observables import OBSERVABLES
@@ -243,7 +243,7 @@ def _runs_of(attributes: Mapping, groups: Groups) -> Trajectories:
     keys = json.loads(attributes["scene"])
     scene = parse_scene(keys, f"{attributes['scene_name']}.yaml")
     settings = json.loads(attributes["settings"])
-    engine = recorded({"name": attributes["engine"], **settings})
+    engine = engine_of_record({"name": attributes["engine"], **settings})
     ensemble = ensemble_of(groups, attributes["average"], own_arrays(attributes))
     return Trajectories(scene, engine, ensemble, attributes["source_digest"], attributes)
 

@@ -39,8 +39,8 @@ def describe_scene_or_study(path: str, particles: int | None = None) -> str:
 
 def _scene(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
-    cost = forecast.of_run(scene)
-    cost_of_all_disks = forecast.of_run(scene, {"all"})
+    cost = forecast.run_cost(scene)
+    cost_of_all_disks = forecast.run_cost(scene, {"all"})
     start = not_diffusive_before(scene)
     properties = {
         "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
@@ -89,8 +89,8 @@ def _cost(cost: forecast.Cost) -> str:
     """Return what a run of the exact engine takes if it records the tracer."""
     memory = in_bytes(forecast.memory(cost, 1))
     return (
-        f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.recorded)} of file per run of the "
-        f"exact engine; {memory} of memory"
+        f"some {in_time(cost.seconds)} of CPU and {in_bytes(cost.bytes_in_file)} of file per run "
+        f"of the exact engine; {memory} of memory"
     )
 
 
@@ -99,7 +99,7 @@ def _all_disks(cost: forecast.Cost) -> str:
     memory = in_bytes(forecast.memory(cost, 1))
     return (
         f"the tracer; with `simulate --record all` some {in_time(cost.seconds)} of CPU, "
-        f"{in_bytes(cost.recorded)} of file and {memory} of memory per run"
+        f"{in_bytes(cost.bytes_in_file)} of file and {memory} of memory per run"
     )
 
 
@@ -113,7 +113,7 @@ def _momentum(scene: Scene) -> str | None:
         recoil = motion.bath_share(scene) ** 2
         return f"zero in total: D is (1 - m/M)^2 = {recoil:.3g} times that without recoil"
     growth = friction.drift_diffusion(scene)
-    mass = friction.followed(scene).mass
+    mass = friction.tracer_species(scene).mass
     temperature = friction.bath_of(scene).temperature
     expected = temperature / mass * not_diffusive_before(scene) / DECAY_TIMES
     return (

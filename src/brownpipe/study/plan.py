@@ -32,7 +32,7 @@ import numpy as np
 from brownpipe import tradeoff
 from brownpipe.analysis.dataset import refuse_windows
 from brownpipe.engines import Engine, forecast
-from brownpipe.engines.ensemble import joined, select
+from brownpipe.engines.ensemble import join_ensembles, select
 from brownpipe.errors import RequestError
 from brownpipe.figures.cases import aligned, plus_minus
 from brownpipe.inspection.reports import equilibrium
@@ -101,7 +101,7 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
         path = planned.folder / f"{first}-{last}.h5"
         write_trajectories(path, scene, engine, batch, digest=planned.digest)
         batches.append(batch)
-    stored = joined(batches)
+    stored = join_ensembles(batches)
     ensemble = select(stored, np.isin(stored.seeds, seeds))
     runs = tradeoff.runs_of(scene, engine, ensemble, squares)
     drifts = equilibrium(Trajectories(scene, engine, ensemble))

@@ -87,7 +87,7 @@ def batches(
         most = size = length
     else:
         most = max(1, forecast.most_runs(cost, LARGEST))
-        size = min(most, _power_of_two((SECONDS + OFTEN * cost.once) / cost.seconds))
+        size = min(most, _power_of_two((SECONDS + OFTEN * cost.seconds_per_process) / cost.seconds))
     ends = []
     for first, last in ranges(seeds):
         start = first
@@ -211,7 +211,7 @@ def digests(study: Study) -> dict[str, str]:
 
 def seconds_of_jobs(cost: forecast.Cost, runs: int, jobs: int = 1) -> float:
     """Return the CPU seconds of `jobs` processes that make and write `runs` runs together."""
-    return jobs * (forecast.START_UP + cost.once) + runs * cost.seconds
+    return jobs * (forecast.START_UP + cost.seconds_per_process) + runs * cost.seconds
 
 
 def describe_workload(study: Study) -> str:
@@ -220,7 +220,7 @@ def describe_workload(study: Study) -> str:
     numbers = [len(runs.seeds) for runs in sets]
     jobs = [len(runs.jobs) for runs in sets]
     cpu_times = [seconds_of_jobs(runs.cost, len(runs.seeds), len(runs.jobs)) for runs in sets]
-    sizes = [len(runs.seeds) * runs.cost.recorded for runs in sets]
+    sizes = [len(runs.seeds) * runs.cost.bytes_in_file for runs in sets]
     total = f"{counted(sum(numbers), 'run')} in {counted(sum(jobs), 'job')}"
     return f"{total}: some {in_time(sum(cpu_times))} of CPU, {in_bytes(sum(sizes))} of runs"
 
@@ -231,7 +231,9 @@ def requests(study: Study) -> dict[str, dict[str, object]]:
     """
     sets = run_sets(study)
     costs = {runs.key: runs.cost for runs in sets}
-    sizes = [(REPLICATES + COPIES * max(runs.jobs)) * runs.cost.kept for runs in sets]
+    sizes = [
+        (REPLICATES + COPIES * max(runs.jobs)) * runs.cost.bytes_until_written for runs in sets
+    ]
     memory = ANALYSIS + max(sizes)
     exact = [REFERENCE.forecast(case, *study.recording) for case in study.cases]
     trials = [RUNS_TRIED * cost.seconds for cost in (*costs.values(), *exact)]

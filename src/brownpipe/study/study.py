@@ -23,10 +23,10 @@ from pydantic import (
 )
 
 from brownpipe import observables as measures
-from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_of
+from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_section
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.units import rms_speed
-from brownpipe.engines.windows import are_inside, default_windows
+from brownpipe.engines.windows import default_windows, times_in_window
 from brownpipe.errors import RequestError
 from brownpipe.figures.catalogue import (
     COLLISIONS,
@@ -112,7 +112,9 @@ SHARE = BeforeValidator(_share, json_schema_input_type=float | str)
 Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE]
 Target = Literal["msd", "d", "displacement_distribution"]
 OF_USE: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
-EngineSections = [create_model(name, __base__=settings_of(name), **OF_USE) for name in DEFINITIONS]
+EngineSections = [
+    create_model(name, __base__=settings_section(name), **OF_USE) for name in DEFINITIONS
+]
 EngineSection: Any = Annotated[Union[tuple(EngineSections)], Field(discriminator="name")]  # noqa: UP007  # as many as there are
 EngineKey: Any = Annotated[
     EngineSection, reading.alone("name", EngineSection | Literal[tuple(DEFINITIONS)])
@@ -366,7 +368,7 @@ class Study(Section):
             for wrong, why in measures.problems(case, self.observables, self.average):
                 refuse(f"{case.name}, N = {case.particles}: {why}", wrong)
             for k, (t0, t1) in enumerate(self.fit_windows or ()):
-                samples = np.count_nonzero(are_inside(case.times, (t0, t1)))
+                samples = np.count_nonzero(times_in_window(case.times, (t0, t1)))
                 if t1 > case.duration or samples < 3:
                     limits = f"t0 < t1 <= {case.duration!r}"
                     allowed = f"{limits} and three samples or more of {case.name}"

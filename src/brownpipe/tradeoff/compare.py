@@ -13,7 +13,7 @@ from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import Group, blocks_of, reported
 from brownpipe.analysis.variables import with_intervals
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import Ensemble, joined, select
+from brownpipe.engines.ensemble import Ensemble, join_ensembles, select
 from brownpipe.errors import AnalysisError
 from brownpipe.observables.displacement import displacement
 from brownpipe.scene import Scene
@@ -57,7 +57,7 @@ def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
     all_runs = []
     for group in groups:
         contents = group.pattern.contents
-        ensemble = joined([*blocks_of(group)])
+        ensemble = join_ensembles([*blocks_of(group)])
         all_runs.append(runs_of(contents.scene, contents.engine, ensemble))
     return all_runs
 

@@ -9,7 +9,14 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from brownpipe import progress
-from brownpipe.engines import DEFINITIONS, Engine, option, read_record, requested, settings_of
+from brownpipe.engines import (
+    DEFINITIONS,
+    Engine,
+    engine_of_request,
+    option,
+    read_record,
+    settings_section,
+)
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
@@ -54,7 +61,7 @@ def _simulate_options(add: AddOption) -> None:
     engines = f"{'; '.join(summaries)} (default: exact)"
     add("--engine", default="exact", metavar="NAME", help=engines)
     for definition in DEFINITIONS.values():
-        fields = settings_of(definition.name).model_fields
+        fields = settings_section(definition.name).model_fields
         for key, kind in get_type_hints(definition.settings, include_extras=True).items():
             meaning = f"of {definition.name}: {fields[key].description}"
             add(option(key), type=typed(kind), help=meaning)
@@ -125,7 +132,7 @@ def simulate_to_file(arguments: Namespace) -> int:
             f"{arguments.scene}: has changed since the study was planned; run the study again"
         )
     output = arguments.output or absent(f"{scene.name}.h5")
-    size = len(seeds) * cost.recorded
+    size = len(seeds) * cost.bytes_in_file
     output = writable(output, arguments.scene, suffixes=HDF5, size=size)
 
     for caution in engine.cautions(scene, arguments.observables):
@@ -180,7 +187,7 @@ def engine_of(arguments: Namespace) -> Engine:
             value = getattr(arguments, key)
             if value is not None:
                 settings[key] = value
-    engine = requested(arguments.engine, settings)
+    engine = engine_of_request(arguments.engine, settings)
     if arguments.checkpoint_every is not None and not engine.definition.keeps_checkpoints:
         keepers = [
             definition.name for definition in DEFINITIONS.values() if definition.keeps_checkpoints

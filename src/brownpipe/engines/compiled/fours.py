@@ -86,7 +86,7 @@ def all_bits(integers: np.ndarray) -> int:
     return int(np.bitwise_or.reduce(integers))
 
 
-def least(values: np.ndarray) -> float:
+def least_of_four(values: np.ndarray) -> float:
     """Return the least of four floats."""
     return float(values.min())
 
@@ -336,7 +336,7 @@ def _all_bits(builder: ir.IRBuilder, integers: ir.Value) -> ir.Value:
     return builder.or_(builder.or_(a, b), builder.or_(c, d))
 
 
-@_instructions(least, signature(types.float64, FLOATS))
+@_instructions(least_of_four, signature(types.float64, FLOATS))
 def _least(builder: ir.IRBuilder, values: ir.Value) -> ir.Value:
     for lanes in ([2, 3, 0, 1], [1, 0, 3, 2]):
         values = _smaller(builder, _shuffled(builder, values, values, lanes), values)

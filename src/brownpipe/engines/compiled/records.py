@@ -130,7 +130,7 @@ if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it 
 
 
 @by_reference
-class Samples(NamedTuple):
+class SampleArrays(NamedTuple):
     """Samples of M disks at T times, as kernels write them."""
 
     position: np.ndarray  # (T, M, 2) float64

@@ -17,6 +17,6 @@ EXACT = Definition(
     settings=NamedTuple("Settings", []),
     model=lambda scenes, settings: "from collision to collision",
     caution=forecast.caution,
-    forecast=lambda scene, settings, *recorded: forecast.of_run(scene, *recorded),
+    forecast=lambda scene, settings, *recorded: forecast.run_cost(scene, *recorded),
     keeps_checkpoints=True,
 )

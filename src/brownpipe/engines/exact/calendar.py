@@ -12,7 +12,8 @@ is full. When that bucket is opened, events that are not yet due are pushed agai
 an insertion is deferred until the bucket has been prefetched: until the next bucket but one is
 opened.
 
-`push` enters an event into the queue, `store` into a future bucket, `insert` into the current one.
+`push` enters an event into the queue, `store` into a future bucket, `insert_event` into the current
+one.
 """
 
 import numpy as np
@@ -47,7 +48,7 @@ def push(w: ws.Workspace, i: int, time: float) -> None:
     if bucket > current:
         store_or_defer(w.deferred, w, i, bucket)
     else:
-        insert(w, i, time)
+        insert_event(w, i, time)
 
 
 @kernel
@@ -105,11 +106,11 @@ def store(w: ws.Workspace, i: int, bucket: int) -> None:
             w.link[ws.ROW * i + ws.BUCKET] = bucket & ring
             return
         bucket -= 1
-    insert(w, i, w.event_time[ws.EVENT_ROW * i])
+    insert_event(w, i, w.event_time[ws.EVENT_ROW * i])
 
 
 @kernel
-def insert(w: ws.Workspace, i: int, time: float) -> None:
+def insert_event(w: ws.Workspace, i: int, time: float) -> None:
     """Insert an event into the sorted array of the current bucket."""
     if w.progress[ws.CURRENT_EVENTS] == len(w.current_time):
         remove_outdated(w)
@@ -161,7 +162,7 @@ def entries_after(w: ws.Workspace, n: int) -> np.int64:
 
 
 @kernel
-def entries(w: ws.Workspace, number: int) -> range:
+def bucket_entries(w: ws.Workspace, number: int) -> range:
     """Return the range of indices in `w.bucket` at which a bucket's disks are, valid or
     outdated.
     """
@@ -173,7 +174,7 @@ def entries(w: ws.Workspace, number: int) -> range:
 def keep_valid(w: ws.Workspace, number: int) -> None:
     """Remove the outdated entries of a bucket."""
     first, n = BUCKET_WORDS * number + 1, 0
-    for j in entries(w, number):
+    for j in bucket_entries(w, number):
         i = np.int64(w.bucket[j])
         w.bucket[first + n] = i
         n += w.link[ws.ROW * i + ws.BUCKET] == number  # a branch would be mispredicted often
@@ -191,7 +192,7 @@ def open_next_bucket(w: ws.Workspace) -> None:
     w.progress[ws.CURRENT_BUCKET] = number
     opened = number & w.calendar.ring
     keep_valid(w, opened)
-    valid = entries(w, opened)
+    valid = bucket_entries(w, opened)
     w.bucket[BUCKET_WORDS * opened] = 0
     for j in valid:
         i = np.int64(w.bucket[j])
@@ -210,7 +211,7 @@ def has_next_event(w: ws.Workspace) -> bool:
 
 
 @kernel
-def clear(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
+def empty_queue(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
     """Empty the queue, and set it to the beginning of a block."""
     w.bucket[::BUCKET_WORDS] = 0
     w.progress[ws.CURRENT_BUCKET] = 0
@@ -223,7 +224,7 @@ def clear(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
 def push_all(w: ws.Workspace) -> None:
     """Enter the next events of all disks again: buckets have another duration now."""
     w = local_copy(w)
-    clear(w.deferred, w)
+    empty_queue(w.deferred, w)
     w.progress[ws.CURRENT_BUCKET] = int(w.tally[ws.NOW] * w.calendar.per_time)
     for i in range(len(w.disk) // ws.ROW - 1, -1, -1):
         push(w, i, w.event_time[ws.EVENT_ROW * i])

@@ -49,7 +49,7 @@ def cell_of(w: ws.Workspace, i: int) -> int:
 
 
 @kernel
-def place(shift: np.ndarray | None, w: ws.Workspace, i: int, now: float) -> tuple[int, int]:
+def place_at_time(shift: np.ndarray | None, w: ws.Workspace, i: int, now: float) -> tuple[int, int]:
     """Return column and row of the cell at the position of disk i; their numbering continues
     outside a periodic box.
     """
@@ -299,7 +299,7 @@ def prefetch_disks_of_three(w: ws.Workspace, middle: int, step: int) -> None:
 
 
 @kernel
-def prefetch_candidates(w: ws.Workspace, i: int, event: int) -> None:
+def prefetch_gathered(w: ws.Workspace, i: int, event: int) -> None:
     """Prefetch the disks that an event of disk i gathers, from the cells of `prefetch_cells`."""
     cell = cell_of(w, i)
     if is_crossing(event):

@@ -61,11 +61,11 @@ def cross(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: float, 
     predicted anew.
     """
     if lists is not None:
-        neighbour_lists.clear(lists, i)
+        neighbour_lists.clear_list(lists, i)
         cells.update_disk(w.big, w, i, *cells.place_of(w, i), False)
-        enter_cell(w.image, w, i, *cells.place(w.shift, w, i, now))
+        enter_cell(w.image, w, i, *cells.place_at_time(w.shift, w, i, now))
         neighbour_lists.centre(lists, w, i, now)
-        neighbour_lists.meet(lists, w, i, 0)
+        neighbour_lists.list_neighbours(lists, w, i, 0)
         return True
     column, row = cells.place_of(w, i)
     cells.update_disk(w.big, w, i, column, row, False)
@@ -128,7 +128,7 @@ def log(
 
 
 @kernel
-def happen(w: ws.Workspace, r: ws.Recorder, i: int, now: float) -> None:
+def execute_event(w: ws.Workspace, r: ws.Recorder, i: int, now: float) -> None:
     """Execute the next event of disk i, and predict the next events of the disks that changed
     course.
     """
@@ -188,7 +188,7 @@ def run_until(w: ws.Workspace, r: ws.Recorder, until: float, most: int) -> tuple
         progress[ws.CURRENT_EVENTS] = last
         prefetch_entry(w.deferred, w, last)
         if w.event_time[ws.EVENT_ROW * i] == now:
-            happen(w, r, i, now)
+            execute_event(w, r, i, now)
             w.tally[ws.NOW] = now
             if progress[ws.OVERFLOW]:
                 return ws.CELL_FULL, left
@@ -205,14 +205,14 @@ def begin_block(w: ws.Workspace) -> None:
     its cell inside.
     """
     w.cell[:: w.grid.slots] = 0
-    calendar.clear(w.deferred, w)
+    calendar.empty_queue(w.deferred, w)
     for i in range(len(w.disk) // ws.ROW - 1, -1, -1):
         a = ws.ROW * i
-        enter_cell(w.image, w, i, *cells.place(w.shift, w, i, 0.0))
+        enter_cell(w.image, w, i, *cells.place_at_time(w.shift, w, i, 0.0))
         w.disk[a + ws.PAIR_TIME] = w.disk[a + ws.CHANGES] = w.event_time[ws.EVENT_ROW * i] = 0.0
         w.link[a + ws.EVENT], w.link[a + ws.PARTNER], w.link[a + ws.PARTNER_CHANGES] = ws.PAIR, i, 1
-        calendar.insert(w, i, 0.0)
-    neighbour_lists.make_all(w.lists, w)
+        calendar.insert_event(w, i, 0.0)
+    neighbour_lists.make_lists(w.lists, w)
 
 
 @kernel

@@ -39,7 +39,7 @@ LEAST_SLOTS, MOST_SLOTS = 8, 64  # words of a cell at the first try; four disks 
 CACHE_LINE, HUGE_PAGE = 64, 2 << 20  # bytes
 
 
-def prepare(
+def new_workspace(
     scene: Scene, frame: Frame, pinned: bool = False, slots: int | None = None
 ) -> ws.Workspace:
     """Return a workspace for runs of a scene.
@@ -55,7 +55,7 @@ def prepare(
     are_equal = n < 2 or bool(np.all((radius == radius[0]) & (mass == mass[0])))
     is_periodic = scene.box.periodic
     common = common_radius(radius) if n else 0.5
-    without_lists = _grid(scene, frame, common, half=0.0)
+    without_lists = _cell_grid(scene, frame, common, half=0.0)
     big = _big_disks(without_lists, radius, common, is_periodic)
     half = 0.0
     wide = None
@@ -63,7 +63,7 @@ def prepare(
         common = radius.max(initial=common)
         if slots is None:
             half, wide = _squares(scene, radius)
-    grid = _grid(scene, frame, common, half)
+    grid = _cell_grid(scene, frame, common, half)
     grid = grid._replace(slots=slots or _slots(scene, radius, common, grid))
     speed = rms_speed(scene) * frame.time / frame.length
     calendar = _calendar(scene, speed, common, grid, half)
@@ -159,13 +159,13 @@ def zeros_together(*sizes: tuple[int, type]) -> list[np.ndarray]:
 
 
 def _prefetches_candidates(n: int, half: float) -> bool:
-    """Whether candidates for upcoming events of n disks are prefetched; `half`: of `_grid`, 0
+    """Whether candidates for upcoming events of n disks are prefetched; `half`: of `_cell_grid`, 0
     without lists.
     """
     return n >= (FITS_CACHE if half > 0.0 else CANDIDATES_FIT_CACHE)
 
 
-def begin(w: ws.Workspace, motion: np.ndarray) -> None:
+def begin_run(w: ws.Workspace, motion: np.ndarray) -> None:
     """Set a workspace to the beginning of a run from positions and velocities (N, 4) of
     `units.motion_of`.
     """
@@ -218,7 +218,7 @@ def _squares(scene: Scene, radius: np.ndarray) -> tuple[float, bool | None]:
     return (half if most < ws.WIDE_LIST_WORDS else 0.0), True
 
 
-def _grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
+def _cell_grid(scene: Scene, frame: Frame, common: float, half: float) -> ws.Grid:
     """Return cells, `slots` not yet set, 1.1 (dense) to 2 (dilute) contact distances wide, and at
     most about 4 N.
 

@@ -28,7 +28,7 @@ def reversed_image(candidate: int, i: int) -> int:
 
 
 @kernel
-def words(wide: bool | None) -> int:
+def words_of_list(wide: bool | None) -> int:
     """Return the number of words of a list. It is a constant: a number in the workspace costs 4 %
     of the speed.
     """
@@ -38,18 +38,18 @@ def words(wide: bool | None) -> int:
 
 
 @kernel
-def entries(lists: ws.NeighbourLists, i: int) -> range:
+def list_entries(lists: ws.NeighbourLists, i: int) -> range:
     """Return the range of indices in `lists.neighbour` at which the neighbours of disk i are."""
-    first = words(lists.wide) * i
+    first = words_of_list(lists.wide) * i
     return range(first + 1, first + 1 + lists.neighbour[first])
 
 
 @kernel
-def add(lists: ws.NeighbourLists, w: ws.Workspace, i: int, candidate: int) -> None:
+def add_neighbour(lists: ws.NeighbourLists, w: ws.Workspace, i: int, candidate: int) -> None:
     """Add a candidate to the list of disk i; if the list is full, set the OVERFLOW flag."""
-    first = words(lists.wide) * i
+    first = words_of_list(lists.wide) * i
     n = lists.neighbour[first]
-    if n + 1 == words(lists.wide):
+    if n + 1 == words_of_list(lists.wide):
         w.progress[ws.OVERFLOW] = 1
         return
     lists.neighbour[first + 1 + n] = candidate
@@ -57,12 +57,12 @@ def add(lists: ws.NeighbourLists, w: ws.Workspace, i: int, candidate: int) -> No
 
 
 @kernel
-def remove(lists: ws.NeighbourLists, i: int, candidate: int) -> None:
+def remove_neighbour(lists: ws.NeighbourLists, i: int, candidate: int) -> None:
     """Remove a candidate from the list of disk i; the last one of the list takes its place.
 
     The first four entries include the number of neighbours, which is written last.
     """
-    first = words(lists.wide) * i
+    first = words_of_list(lists.wide) * i
     n = lists.neighbour[first]
     last = lists.neighbour[first + n]
     for j in range(first, first + n, 4):
@@ -85,11 +85,13 @@ def can_touch(lists: ws.NeighbourLists, w: ws.Workspace, i: int, candidate: int)
 
 
 @kernel
-def clear(lists: ws.NeighbourLists, i: int) -> None:
+def clear_list(lists: ws.NeighbourLists, i: int) -> None:
     """Empty the list of disk i, and remove disk i from the lists of its neighbours."""
-    for j in entries(lists, i):
-        remove(lists, lists.neighbour[j] & ws.DISK_MASK, reversed_image(lists.neighbour[j], i))
-    lists.neighbour[words(lists.wide) * i] = 0
+    for j in list_entries(lists, i):
+        remove_neighbour(
+            lists, lists.neighbour[j] & ws.DISK_MASK, reversed_image(lists.neighbour[j], i)
+        )
+    lists.neighbour[words_of_list(lists.wide) * i] = 0
 
 
 @kernel
@@ -99,7 +101,7 @@ def centre(lists: ws.NeighbourLists, w: ws.Workspace, i: int, now: float) -> Non
 
 
 @kernel
-def meet(lists: ws.NeighbourLists, w: ws.Workspace, i: int, least: int) -> None:
+def list_neighbours(lists: ws.NeighbourLists, w: ws.Workspace, i: int, least: int) -> None:
     """Find the neighbours of disk i numbered `least` or more in the cell list, and add each to the
     other's list.
     """
@@ -112,28 +114,28 @@ def meet(lists: ws.NeighbourLists, w: ws.Workspace, i: int, least: int) -> None:
             (k >= least) & (k != i) & can_touch(lists, w, i, candidate)
         )  # a branch would be mispredicted often
     for candidate in w.candidate[:n]:
-        add(lists, w, i, candidate)
-        add(lists, w, candidate & ws.DISK_MASK, reversed_image(candidate, i))
+        add_neighbour(lists, w, i, candidate)
+        add_neighbour(lists, w, candidate & ws.DISK_MASK, reversed_image(candidate, i))
 
 
 @kernel
-def make_all(lists: ws.NeighbourLists | None, w: ws.Workspace) -> None:
+def make_lists(lists: ws.NeighbourLists | None, w: ws.Workspace) -> None:
     """Make the lists of all disks, if there are any."""
     if lists is not None:
-        lists.neighbour[:: words(lists.wide)] = 0
+        lists.neighbour[:: words_of_list(lists.wide)] = 0
         n = len(w.disk) // ws.ROW
         for i in range(n):
             centre(lists, w, i, 0.0)
         for i in range(n):
-            meet(lists, w, i, i)
+            list_neighbours(lists, w, i, i)
 
 
 @kernel
 def prefetch_list(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event: int) -> None:
-    """Prefetch the list of disk i; if the event makes a new one, also the cells that `meet`
-    reads.
+    """Prefetch the list of disk i; if the event makes a new one, also the cells that
+    `list_neighbours` reads.
     """
-    prefetch(lists.neighbour, words(lists.wide) * i)
+    prefetch(lists.neighbour, words_of_list(lists.wide) * i)
     prefetch(lists.centre, 2 * i)
     if cells.is_crossing(event):
         cells.prefetch_cells(w, i, ws.PAIR)
@@ -147,13 +149,15 @@ def prefetch_neighbours(lists: ws.NeighbourLists, w: ws.Workspace, i: int, event
     Four words of the list at a time, of which the first one is the number of neighbours and the
     last may be outdated: nobody can predict when a loop over the neighbours alone ends.
     """
-    first = words(lists.wide) * i
+    first = words_of_list(lists.wide) * i
     for four in range(first, first + 1 + lists.neighbour[first], 4):
         for j in range(four, four + 4):
             prefetch(w.disk, ws.ROW * (lists.neighbour[j] & ws.DISK_MASK))
     if cells.is_crossing(event):
-        for j in entries(lists, i):
-            prefetch(lists.neighbour, words(lists.wide) * (lists.neighbour[j] & ws.DISK_MASK))
+        for j in list_entries(lists, i):
+            prefetch(
+                lists.neighbour, words_of_list(lists.wide) * (lists.neighbour[j] & ws.DISK_MASK)
+            )
         for middle in cells.rows_around(w, cells.cell_of(w, i)):
             for cell in cells.three_cells(w.grid.slots * middle, w.grid.slots):
                 for j in range(cell + 1, cell + 1 + w.cell[cell]):

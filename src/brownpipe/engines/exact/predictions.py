@@ -11,7 +11,14 @@ import math
 import numpy as np
 
 from brownpipe.engines.collisions import delay, encounter, meets, wall_time
-from brownpipe.engines.compiled.fours import any_of, four, four_entries, four_from, least, where
+from brownpipe.engines.compiled.fours import (
+    any_of,
+    four,
+    four_entries,
+    four_from,
+    least_of_four,
+    where,
+)
 from brownpipe.engines.compiled.kernels import kernel
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
@@ -59,7 +66,7 @@ def earliest(
         index = index + 4.0
         closer = (c < nearest * sigma2) & (k != i)
         if any_of(closer):
-            nearest = least(where(closer, c / sigma2, four(nearest)))
+            nearest = least_of_four(where(closer, c / sigma2, four(nearest)))
             w.tally[ws.NEAREST] = nearest
     return best, chosen
 
@@ -84,7 +91,7 @@ def set_partner(
     disk[a + ws.PAIR_TIME] = time
     partner, changes = np.int64(link[a + ws.PARTNER]), np.int64(link[a + ws.PARTNER_CHANGES])
     other = np.int64(
-        candidates[int(least(where(best <= time, chosen, four(math.inf))))]
+        candidates[int(least_of_four(where(best <= time, chosen, four(math.inf))))]
     )  # the first of equal ones
     other_changes = np.int64(disk[ws.ROW * (other & ws.DISK_MASK) + ws.CHANGES])
     link[a + ws.PARTNER] = partner + sooner * (other - partner)
@@ -172,7 +179,7 @@ def candidates_after(
     """
     if lists is not None:
         w.disk[ws.ROW * i + ws.PAIR_TIME] = math.inf
-        first = neighbour_lists.words(lists.wide) * i
+        first = neighbour_lists.words_of_list(lists.wide) * i
         return lists.neighbour, first + 1, lists.neighbour[first]
     if cells.is_crossing(event):
         return w.candidate, 0, cells.gather(w.big, w, i, event)
@@ -188,6 +195,6 @@ def predict(w: ws.Workspace, i: int, now: float, event: int) -> None:
     """
     candidates, first, m = candidates_after(w.lists, w, i, event)
     best, chosen = earliest(w, i, now, candidates, first, m)
-    pair_time = least(best)
+    pair_time = least_of_four(best)
     schedule(w, i, now, pair_time)
     set_partner(w, i, pair_time, candidates, best, chosen)

@@ -39,7 +39,7 @@ def prefetch_upcoming(deferred: ws.Deferred | None, w: ws.Workspace) -> None:
     if deferred is None:
         return
     prefetch(w.bucket, calendar.BUCKET_WORDS * calendar.bucket_after(w, 6))
-    for j in calendar.entries(w, calendar.bucket_after(w, 4)):
+    for j in calendar.bucket_entries(w, calendar.bucket_after(w, 4)):
         prefetch(w.link, ws.ROW * np.int64(w.bucket[j]))
     calendar.keep_valid(w, calendar.bucket_after(w, 3))
     most = max(
@@ -114,4 +114,4 @@ def prefetch_candidates(
     if lists is not None:
         neighbour_lists.prefetch_neighbours(lists, w, i, event)
     else:
-        cells.prefetch_candidates(w, i, event)
+        cells.prefetch_gathered(w, i, event)

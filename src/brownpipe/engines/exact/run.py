@@ -18,18 +18,18 @@ from brownpipe import progress
 from brownpipe.engines.compiled.kernels import compile_all
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
-from brownpipe.engines.exact.layout import begin, prepare, with_fitting_buckets
+from brownpipe.engines.exact.layout import begin_run, new_workspace, with_fitting_buckets
 from brownpipe.engines.recording import (
     HEALTH_BOUND,
     blank_samples,
     conservation,
     images_fit,
-    report,
+    report_in_scene_units,
     report_nothing,
     tracks_of,
 )
 from brownpipe.engines.start.insertion import insert_nothing
-from brownpipe.engines.units import Frame, State, frame_of, motion_of
+from brownpipe.engines.units import Frame, State, engine_frame, motion_of
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
 from brownpipe.observables.species import species_table
@@ -110,21 +110,23 @@ def prepare_scene(
     `record` as in `simulate`; a `pinned` tracer has infinite mass. Raises RequestError if the last
     time is more blocks away than can be counted.
     """
-    frame = frame_of(scene)
-    w = prepare(scene, frame, pinned)
+    frame = engine_frame(scene)
+    w = new_workspace(scene, frame, pinned)
     recorder = new_recorder(scene, frame, w.calendar.block, times, record)
     no_samples = recorder._replace(block=recorder.block[:0])
     compile_all(insert_nothing, report_nothing, partial(advance, w, no_samples, 0))
     return PreparedScene(scene, frame, pinned, w, recorder)
 
 
-def beginning(prepared: PreparedScene, state: State, equilibrating: bool = False) -> RunState:
+def state_at_start(prepared: PreparedScene, state: State, equilibrating: bool = False) -> RunState:
     """Return a run that begins from the given state of all disks."""
     motion = motion_of(state, prepared.frame)
     return RunState(equilibrating, prepared.workspace.grid.slots, motion, motion, {})
 
 
-def to_end(prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CHECKPOINTS) -> Run:
+def run_to_end(
+    prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CHECKPOINTS
+) -> Run:
     """Continue a run to its end and return its result; the tracer's track is in the recorder's
     arrays.
 
@@ -136,8 +138,10 @@ def to_end(prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CH
     w = prepared.workspace
     while True:
         if start.slots != w.grid.slots:
-            w = prepare(prepared.scene, prepared.frame, prepared.pinned, start.slots)
-        begin(w, start.motion)  # cells, event queue and neighbour lists are built by the next block
+            w = new_workspace(prepared.scene, prepared.frame, prepared.pinned, start.slots)
+        begin_run(
+            w, start.motion
+        )  # cells, event queue and neighbour lists are built by the next block
         if start.arrays:
             w.progress[:] = start.arrays["progress"]  # with the number of samples taken
             for name, array in _arrays_of(w, recorder).items():
@@ -147,7 +151,7 @@ def to_end(prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CH
             break
         start = RunState(start.equilibrating, 2 * w.grid.slots, start.first, start.first, {})
     tracer, whole, finite = tracks_of(prepared.scene, prepared.frame, recorder)
-    return Run(tracer, whole, _joined(logs), report_of(prepared, w, start.first, finite))
+    return Run(tracer, whole, _join_logs(logs), report_of(prepared, w, start.first, finite))
 
 
 def _to_last_sample(
@@ -194,7 +198,9 @@ def _to_last_sample(
             _take_totals(recorder, w)
         if outcome == ws.BLOCK_OVER:
             arrays = _arrays_of(w, recorder)
-            saving.store(start._replace(motion=_motion(w), arrays=arrays, events=_joined(logs)))
+            saving.store(
+                start._replace(motion=_present_motion(w), arrays=arrays, events=_join_logs(logs))
+            )
     return True
 
 
@@ -219,7 +225,7 @@ def _arrays_of(w: ws.Workspace, recorder: ws.Recorder) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _motion(w: ws.Workspace) -> np.ndarray:
+def _present_motion(w: ws.Workspace) -> np.ndarray:
     """Return positions and velocities (N, 4) of all disks, a view of the workspace."""
     return w.disk.reshape(-1, ws.ROW)[:, ws.MOTION]
 
@@ -328,7 +334,7 @@ def _logged(recorder: ws.Recorder, w: ws.Workspace, frame: Frame) -> Events:
     return Events(time, disks[:, 0], disks[:, 1], impulse)
 
 
-def _joined(logs: list[Events]) -> Events | None:
+def _join_logs(logs: list[Events]) -> Events | None:
     """Return the parts of a log as one; None if there are none."""
     if not logs:
         return None
@@ -400,14 +406,14 @@ def report_of(
     mass = np.ones(len(first)) if w.mass is None else w.mass
     count = w.count.tolist()
     impulses = w.tally[ws.VIRIAL :]
-    conserved = conservation(mass, first, _motion(w).copy(), impulses[1:])
+    conserved = conservation(mass, first, _present_motion(w).copy(), impulses[1:])
     overlap = _worst_overlap(w)
     keeps_momentum = prepared.pinned or conserved.momentum_residual <= HEALTH_BOUND
     longest_path = conserved.fastest * time_since_start(w)
     sound = finite and overlap <= HEALTH_BOUND and keeps_momentum
     sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], longest_path)
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
-    values = report(scene, frame, conserved, collisions, impulses, overlap, sound)
+    values = report_in_scene_units(scene, frame, conserved, collisions, impulses, overlap, sound)
     return values | _quarters(frame, prepared.recorder)
 
 

@@ -8,9 +8,9 @@ import math
 import numpy as np
 
 from brownpipe.engines.collisions import encounter
-from brownpipe.engines.compiled.fours import four, four_entries, least, where
+from brownpipe.engines.compiled.fours import four, four_entries, least_of_four, where
 from brownpipe.engines.compiled.kernels import kernel
-from brownpipe.engines.compiled.records import Samples
+from brownpipe.engines.compiled.records import SampleArrays
 from brownpipe.engines.exact import cells
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.workspace import (
@@ -59,7 +59,7 @@ def audit(w: ws.Workspace, i: int, now: float) -> None:
         sigma2 = sigma * sigma
         c = encounter(x, y, u, v, sigma2)[1]  # whatever the velocities
         w.tally[ws.NEAREST] = min(
-            w.tally[ws.NEAREST], least(where(k != i, c / sigma2, four(math.inf)))
+            w.tally[ws.NEAREST], least_of_four(where(k != i, c / sigma2, four(math.inf)))
         )
 
 
@@ -69,7 +69,7 @@ def write_motion(
     w: ws.Workspace,
     i: int,
     now: float,
-    track: Samples,
+    track: SampleArrays,
     sample: int,
     column: int,
 ) -> None:

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from brownpipe.engines.ensemble import Batch, Ensemble, make_runs, new_batch, select, write
+from brownpipe.engines.ensemble import Batch, Ensemble, make_runs, new_batch, select, write_columns
 from brownpipe.engines.exact.run import (
     NO_CHECKPOINTS,
     Checkpoints,
     PreparedScene,
     RunState,
-    beginning,
     prepare_scene,
-    to_end,
+    run_to_end,
+    state_at_start,
 )
-from brownpipe.engines.start.initial_state import draw, without_total_momentum
+from brownpipe.engines.start.initial_state import draw_state, remove_total_momentum
 from brownpipe.engines.units import State
 from brownpipe.errors import RunError
 from brownpipe.observables.own import own_arrays
@@ -61,9 +61,9 @@ def simulate(
         saving = checkpoints._replace(store=store_run)
         start = unfinished if column == finished else None
         if start is None or start.equilibrating:
-            drawn = draw(scene, int(batch.ensemble.seeds[column]))
-            start = beginning(prepared, equilibrate(equilibrator, drawn, start, saving))
-        return to_end(prepared, start, saving)
+            drawn = draw_state(scene, int(batch.ensemble.seeds[column]))
+            start = state_at_start(prepared, equilibrate(equilibrator, drawn, start, saving))
+        return run_to_end(prepared, start, saving)
 
     def store_batch(done: int) -> None:
         if done < len(batch.ensemble.seeds) and checkpoints.due():
@@ -102,8 +102,8 @@ def equilibrate(
     scene = prepared.scene
     moving = np.arange(len(state.mass)) >= int(prepared.pinned)  # all disks, or all but the tracer
     at_rest_if_pinned = state._replace(velocity=state.velocity * moving[:, None])
-    start = stored or beginning(prepared, at_rest_if_pinned, equilibrating=True)
-    result = to_end(prepared, start, saving)
+    start = stored or state_at_start(prepared, at_rest_if_pinned, equilibrating=True)
+    result = run_to_end(prepared, start, saving)
     if result.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
     position = result.whole.position[-1]
@@ -112,7 +112,7 @@ def equilibrate(
         position[0] = state.position[0]
         velocity[0] = state.velocity[0]
     if scene.velocities.zero_momentum:
-        velocity = without_total_momentum(velocity, state.mass)
+        velocity = remove_total_momentum(velocity, state.mass)
     return state._replace(position=position, velocity=velocity)
 
 
@@ -139,12 +139,12 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
     """
     if arrays is None:
         return 0, None
-    groups = _grouped(arrays)
+    groups = _nested(arrays)
     runs = groups["runs"]
     ensemble = batch.ensemble
     finished = len(runs["seeds"])
     tracer = Track(**runs["tracer"]) if "tracer" in runs else None
-    write(ensemble, slice(finished), tracer, runs.get("observables", {}))
+    write_columns(ensemble, slice(finished), tracer, runs.get("observables", {}))
     for seed in ensemble.seeds[:finished].tolist():  # a file lists names as texts, 10 before 8
         for name, kind in (("whole", Track), ("events", Events)):
             if str(seed) in runs.get(name, {}):
@@ -160,7 +160,7 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
     return finished, RunState(**state)
 
 
-def _grouped(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+def _nested(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     """Return named arrays in nested dictionaries, one for each word of their names.
 
     >>> _grouped({"run.slots": 8, "runs.whole.7.position": 0.5})

@@ -31,7 +31,7 @@ import numpy as np
 from brownpipe.engines.collisions import shares
 from brownpipe.engines.compiled.fours import all_bits, four, four_columns
 from brownpipe.engines.compiled.kernels import kernel
-from brownpipe.engines.compiled.records import Samples, by_reference
+from brownpipe.engines.compiled.records import SampleArrays, by_reference
 
 # A row of `disk`: position and velocity at the disk's own time TIME; the time of its next pair
 # collision; how often its velocity or its image has changed, which tells whether a prediction made
@@ -190,8 +190,8 @@ class Recorder(NamedTuple):
     tracer: int  # its number in the engine
     block: np.ndarray  # (T,) int64, block of each sample
     time: np.ndarray  # (T,) float64, time of each sample within its block
-    track: Samples  # of the tracer, M = 1
-    whole: Samples  # of all disks, M = N, or M = 0
+    track: SampleArrays  # of the tracer, M = 1
+    whole: SampleArrays  # of all disks, M = N, or M = 0
     # (5,) int64, samples between which the quarters of the run lie; (0,): not counted in quarters
     quarter: np.ndarray
     species: np.ndarray  # (N,) int64, of each disk; (0,): not counted in quarters

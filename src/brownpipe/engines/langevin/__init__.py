@@ -18,9 +18,9 @@ from brownpipe.engines.forecast import Definition
 from brownpipe.engines.friction import (
     DENSEST,
     bath_of,
-    followed,
     friction_rate,
     partners_of,
+    tracer_species,
 )
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
@@ -71,7 +71,7 @@ def refuse_unfit(
         )
         _refuse(scene, f"is for a heavy tracer: {ratio}; must be at least {LIGHTEST:g}")
     energy = bath_of(scene).temperature
-    smallest = min(energy, energy / followed(scene).mass)
+    smallest = min(energy, energy / tracer_species(scene).mass)
     if motion.moves(scene) and not SMALLEST_NORMAL <= smallest <= energy < math.inf:
         allowed = f"from {SMALLEST_NORMAL:.3g} to 1.8e308"
         _refuse(scene, f"needs kT and kT/m {allowed}, found kT = {energy:.3g}")
@@ -97,7 +97,7 @@ def caution(scene: Scene) -> str | None:
 
 def _mass_ratio(scene: Scene) -> float:
     """Return the tracer's mass over that of the heaviest bath disk."""
-    return followed(scene).mass / bath_of(scene).mass.max()
+    return tracer_species(scene).mass / bath_of(scene).mass.max()
 
 
 def _refuse(scene: Scene, why: str) -> NoReturn:
@@ -130,10 +130,13 @@ def _forecast(
     process.
     """
     measured = tracer_observables(observables)
-    cost = forecast.of_run(scene, record, measured, average, tracer_only=True)
+    cost = forecast.run_cost(scene, record, measured, average, tracer_only=True)
     if rate_scene := scene_of_rate(scene, settings.friction):
-        rate = forecast.of_run(rate_scene)
-        return cost._replace(working=max(rate.working, cost.working), once=RATE_RUNS * rate.seconds)
+        rate = forecast.run_cost(rate_scene)
+        return cost._replace(
+            working_bytes=max(rate.working_bytes, cost.working_bytes),
+            seconds_per_process=RATE_RUNS * rate.seconds,
+        )
     return cost
 
 

@@ -30,12 +30,12 @@ from brownpipe.engines.ensemble import Ensemble, failures, make_runs, new_batch
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.friction import (
     bath_of,
-    followed,
     friction_rate,
     rate_at_temperature,
+    tracer_species,
 )
 from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
-from brownpipe.engines.start.initial_state import draw_tracer, noise
+from brownpipe.engines.start.initial_state import draw_tracer, noise_stream
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables import tracer_observables
 from brownpipe.observables.trajectory import Run, Track
@@ -72,7 +72,9 @@ def simulate(
         raise RequestError(
             f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308"
         )
-    square_speed = motion.bath_share(scene) * bath_of(scene).temperature / followed(scene).mass
+    square_speed = (
+        motion.bath_share(scene) * bath_of(scene).temperature / tracer_species(scene).mass
+    )
     weights = step_weights(steps, gamma, square_speed)
     measured = tracer_observables(observables)
     batch = new_batch(scene, seeds, record, measured, average if measured else "runs")
@@ -82,7 +84,7 @@ def simulate(
 
     def run(column: int) -> Run:
         seed = int(batch.ensemble.seeds[column])
-        stream = noise(scene, seed)
+        stream = noise_stream(scene, seed)
         path = np.empty((len(weights) + 1, 2, 2))  # as if there were no walls
         path[0] = draw_tracer(scene, mass, seed, stream)
         follow(path, stream.standard_normal((len(weights), 2, 2)), weights)
@@ -125,7 +127,7 @@ def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
     """Return the track (M = 1) of a free path (T, 2, 2) in the box, and whether it could be
     computed (`fold`).
     """
-    region = scene.box.accessible(followed(scene).radius)
+    region = scene.box.accessible(tracer_species(scene).radius)
     position, velocity = np.empty((2, len(path), 1, 2))
     image = np.empty((len(path), 1, 2), np.int32) if scene.box.periodic else None
     known = fold(path, *region, position, velocity, image)

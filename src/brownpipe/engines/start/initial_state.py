@@ -20,7 +20,7 @@ from brownpipe.engines.start.insertion import (
     STUCK,
     TRIES,
     Places,
-    insert,
+    insert_disks,
     push_apart,
     register,
 )
@@ -38,13 +38,13 @@ MOST_SWEEPS = 5_000  # over all disks
 TRIES_PER_CALL = 16_000
 
 
-def draw(scene: Scene, seed: int) -> State:
+def draw_state(scene: Scene, seed: int) -> State:
     """Return the initial state of one run. It depends on the scene and the seed alone.
 
     An explicit list of disks is returned unchanged. For species, velocities are drawn first, each
     component normal with the scene's standard deviation or with variance kT/m, and then positions
-    (`place`), the tracer first. `zero_momentum` is applied here only if the scene has no time to
-    equilibrate, else at the end of that time. The random numbers are a Philox stream, seeded by
+    (`place_disks`), the tracer first. `zero_momentum` is applied here only if the scene has no time
+    to equilibrate, else at the end of that time. The random numbers are a Philox stream, seeded by
     (ROOT_SEED, N, seed). Raises RequestError if the disks cannot be placed.
     """
     if scene.velocities is None:
@@ -53,7 +53,7 @@ def draw(scene: Scene, seed: int) -> State:
     else:
         stream = _stream(ROOT_SEED, scene, seed)
         velocity = _velocities(scene, scene.mass, stream)
-        position = place(scene, stream)
+        position = place_disks(scene, stream)
     return State(position, velocity, scene.radius, scene.mass)
 
 
@@ -62,7 +62,7 @@ def draw_tracer(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return initial position (2,) and velocity (2,) of disk 0 alone; `mass` (N,) is the scene's.
 
-    The velocity is that of `draw` for the same seed, where the tracer's is drawn first. With
+    The velocity is that of `draw_state` for the same seed, where the tracer's is drawn first. With
     `zero_momentum` the other disks' velocities are drawn, too, to subtract that of the centre of
     mass, with the speeds that they have after equilibration (`motion.speed_ratios`). If the scene
     gives no position of the tracer, it is drawn from `stream`, uniform over the accessible box.
@@ -72,7 +72,7 @@ def draw_tracer(
     velocity = _velocities(scene, drawn, _stream(ROOT_SEED, scene, seed))
     if zero_momentum and scene.equilibrate.time > 0:
         velocity = velocity * motion.speed_ratios(scene)[:, None]
-        velocity = without_total_momentum(velocity, mass)
+        velocity = remove_total_momentum(velocity, mass)
     tracer = next(species for species in scene.species if species.count)
     if tracer.position is not None:
         return np.array(tracer.position), velocity[0]
@@ -80,9 +80,9 @@ def draw_tracer(
     return low + np.maximum(size, 0.0) * stream.random(2), velocity[0]
 
 
-def noise(scene: Scene, seed: int) -> np.random.Generator:
+def noise_stream(scene: Scene, seed: int) -> np.random.Generator:
     """Return the stream of random numbers for the noise of one run, independent of that of
-    `draw`.
+    `draw_state`.
     """
     return _stream((ROOT_SEED, 1), scene, seed)
 
@@ -104,11 +104,11 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
     else:
         velocity = np.sqrt(distribution.temperature / mass)[:, None] * normal
     if distribution.zero_momentum and len(mass) and scene.equilibrate.time == 0:
-        return without_total_momentum(velocity, mass)
+        return remove_total_momentum(velocity, mass)
     return velocity
 
 
-def without_total_momentum(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def remove_total_momentum(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Return velocities (N, 2) relative to the centre of mass: their total momentum is zero."""
     exponent = math.frexp(mass.max(initial=0.0))[1]
     share = np.ldexp(mass, -exponent)  # exact, and the sum of the masses cannot overflow
@@ -120,7 +120,7 @@ def without_total_momentum(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray
 # -- positions -------------------------------------------------------------------------------------
 
 
-def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
+def place_disks(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     """Return the centres (N, 2) [length] of the disks of a scene of species.
 
     A tracer is placed where the scene says, if it gives a position; all other disks by the scene's
@@ -140,7 +140,7 @@ def place(scene: Scene, stream: np.random.Generator) -> np.ndarray:
         return _on_lattice(scene, stream)
     if not is_grown(scene):
         try:
-            return _insert(scene, stream)
+            return _insert_at_random(scene, stream)
         except PlacementError:
             if scene.placement == "random":
                 raise
@@ -183,7 +183,7 @@ def _places(
     return Places(position, radius, common, big, size, periodic, grid, following, is_open)
 
 
-def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np.ndarray:
+def _insert_at_random(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np.ndarray:
     """Return centres (N, 2) by random sequential insertion of disks of `scale` times their
     radii.
     """
@@ -203,7 +203,7 @@ def _insert(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np
     rows = batch
     while outcome == OUT_OF_NUMBERS:
         rows = min(rows, TRIES_PER_CALL)
-        outcome = insert(p, stream.random((rows, 2)), progress)
+        outcome = insert_disks(p, stream.random((rows, 2)), progress)
         rows *= 2
     if outcome == STUCK:
         stream.bit_generator.state = start
@@ -235,7 +235,7 @@ def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     """
     fixed = scene.species[0].position
     small = math.sqrt(BEFORE_GROWTH / scene.packing_fraction)
-    position = _insert(scene, stream, small) - scene.box.origin
+    position = _insert_at_random(scene, stream, small) - scene.box.origin
     size = np.array((scene.box.width, scene.box.height))
     if not scene.box.periodic:
         position = np.clip(position, scene.radius[:, None], size - scene.radius[:, None])

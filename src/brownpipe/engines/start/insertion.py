@@ -1,8 +1,8 @@
 """Disks placed in a box, with a cell list: by random sequential insertion, or pushed apart until
 none overlap.
 
-`initial_state` draws the random numbers, and calls `insert` or `push_apart` until all disks are
-placed.
+`initial_state` draws the random numbers, and calls `insert_disks` or `push_apart` until all disks
+are placed.
 
 Where hardly any room is left, a disk fails hundreds of thousands of tries. A raster then tells most
 failures by one look-up: its fields cover the rectangle accessible to the disk's centre, and a field
@@ -18,8 +18,8 @@ import numpy as np
 from brownpipe.engines.compiled.kernels import entry_point, kernel
 from brownpipe.engines.compiled.records import by_reference, local_copy
 
-# How `insert` ends: all disks are placed; it needs more random numbers; a disk found no place in
-# TRIES tries.
+# How `insert_disks` ends: all disks are placed; it needs more random numbers; a disk found no place
+# in TRIES tries.
 PLACED, OUT_OF_NUMBERS, STUCK = range(3)
 TRIES = 1_000_000
 
@@ -60,7 +60,7 @@ class Places(NamedTuple):
 
 
 @kernel
-def cell_of(value: float, size: float, cells: int) -> int:
+def interval_of(value: float, size: float, cells: int) -> int:
     """Return the column or row of a coordinate: which of `cells` equal parts of [0, size] holds it,
     or is nearest.
     """
@@ -70,8 +70,8 @@ def cell_of(value: float, size: float, cells: int) -> int:
 @kernel
 def register(p: Places, i: int) -> None:
     """Add disk i to its cell, as the first of the cell's linked list."""
-    column = cell_of(p.position[i, 0], p.size[0], p.grid.shape[0])
-    row = cell_of(p.position[i, 1], p.size[1], p.grid.shape[1])
+    column = interval_of(p.position[i, 0], p.size[0], p.grid.shape[0])
+    row = interval_of(p.position[i, 1], p.size[1], p.grid.shape[1])
     p.following[i] = p.grid[column, row]
     p.grid[column, row] = i
 
@@ -87,8 +87,8 @@ def block_around(p: Places, i: int, reach: float) -> tuple[int, int, int, int]:
     reach_x = min(int(reach / p.size[0] * columns) + 1, columns)
     reach_y = min(int(reach / p.size[1] * rows) + 1, rows)
     column, row = (
-        cell_of(p.position[i, 0], p.size[0], columns),
-        cell_of(p.position[i, 1], p.size[1], rows),
+        interval_of(p.position[i, 0], p.size[0], columns),
+        interval_of(p.position[i, 1], p.size[1], rows),
     )
     return column - reach_x, column + reach_x, row - reach_y, row + reach_y
 
@@ -105,21 +105,21 @@ def first_in_cell(p: Places, column: int, row: int) -> int:
 
 
 @kernel
-def fits(p: Places, i: int) -> bool:
+def is_free(p: Places, i: int) -> bool:
     """Whether disk i overlaps no disk placed before: no big one, and no disk of the cells within
     its reach.
     """
     for k in p.big:
         if k >= i:
             break
-        if part(p, -1, 0.0, i, k):
+        if separate(p, -1, 0.0, i, k):
             return False
     left, right, bottom, top = block_around(p, i, p.radius[i] + p.common)
     for column in range(left, right + 1):
         for row in range(bottom, top + 1):
             k = first_in_cell(p, column, row)
             while k >= 0:
-                if part(p, -1, 0.0, i, k):
+                if separate(p, -1, 0.0, i, k):
                     return False
                 k = p.following[k]
     return True
@@ -233,7 +233,7 @@ def examine(p: Places, i: int, again: bool) -> bool:
 
 
 @entry_point
-def insert(p: Places, numbers: np.ndarray, progress: np.ndarray) -> int:
+def insert_disks(p: Places, numbers: np.ndarray, progress: np.ndarray) -> int:
     """Insert disks one after another; return PLACED, OUT_OF_NUMBERS or STUCK.
 
     `numbers` (n, 2) are uniform in [0, 1): one row for every try. `progress` (6,) int64, at first
@@ -252,7 +252,7 @@ def insert(p: Places, numbers: np.ndarray, progress: np.ndarray) -> int:
         if not known or p.is_open[int(u * columns), int(v * rows)]:
             try_place(p, i, u, v)
             compared += 1
-            if fits(p, i):
+            if is_free(p, i):
                 register(p, i)
                 i, failed = i + 1, 0
                 continue
@@ -272,7 +272,7 @@ def insert(p: Places, numbers: np.ndarray, progress: np.ndarray) -> int:
 
 
 @kernel
-def share(radius: np.ndarray, held: int, i: int, k: int) -> float:
+def share_of_path(radius: np.ndarray, held: int, i: int, k: int) -> float:
     """Return disk i's part of the path by which disks i and k separate: the other's share of their
     areas.
     """
@@ -294,7 +294,7 @@ def moved(value: float, step: float, radius: float, size: float, periodic: bool)
 
 
 @kernel
-def part(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
+def separate(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
     """Return whether disks i and k overlap; move them apart, to `stretch` contact distances (not if
     that is 0).
     """
@@ -310,7 +310,7 @@ def part(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
         if distance == 0.0:
             x, distance = sigma, sigma
         away = (wanted - math.sqrt(square)) / distance
-        of_i = share(radius, held, i, k)
+        of_i = share_of_path(radius, held, i, k)
         position[i, 0] = moved(position[i, 0], -of_i * away * x, radius[i], size[0], p.periodic)
         position[i, 1] = moved(position[i, 1], -of_i * away * y, radius[i], size[1], p.periodic)
         position[k, 0] = moved(
@@ -339,14 +339,14 @@ def push_apart(p: Places, held: int, stretch: float) -> int:
     for i in range(len(p.radius)):
         for k in p.big:
             if k > i:
-                overlapping += part(p, held, stretch, i, k)
+                overlapping += separate(p, held, stretch, i, k)
         left, right, bottom, top = block_around(p, i, (p.radius[i] + p.common) * max(stretch, 1.0))
         for column in range(left, right + 1):
             for row in range(bottom, top + 1):
                 k = first_in_cell(p, column, row)
                 while k >= 0:
                     if k != i:
-                        overlapping += part(p, held, stretch, i, k)
+                        overlapping += separate(p, held, stretch, i, k)
                     k = p.following[k]
     return overlapping
 
@@ -356,4 +356,4 @@ def insert_nothing() -> None:
     no_disks, none = np.zeros((0, 2)), np.zeros(0, np.int64)
     grid, is_open = np.zeros((1, 1), np.int64), np.zeros((1, 1), np.bool_)
     no_places = Places(no_disks, np.zeros(0), 1.0, none, np.ones(2), False, grid, none, is_open)
-    insert(no_places, no_disks, np.array(NOTHING_PLACED))
+    insert_disks(no_places, no_disks, np.array(NOTHING_PLACED))

@@ -92,7 +92,7 @@ def smallest_step(scene: Scene) -> float:
 
 def _forecast(scene: Scene, settings: Settings, *recorded: Any) -> forecast.Cost:
     """Return the cost of a run: that of an exact run, plus time steps and lists of pairs."""
-    exact = forecast.of_run(scene, *recorded)
+    exact = forecast.run_cost(scene, *recorded)
     steps = scene.duration / settings.time_step
     seconds = SECONDS_PER_DISK_STEP * scene.particles * steps
     seconds += SECONDS_PER_CROSSING * scene.duration * forecast.crossing_rate(scene)

@@ -23,17 +23,17 @@ from brownpipe.engines.recording import (
     blank_samples,
     conservation,
     images_fit,
-    report,
+    report_in_scene_units,
     report_nothing,
     tracks_of,
 )
-from brownpipe.engines.start.initial_state import draw
+from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.start.insertion import insert_nothing
 from brownpipe.engines.timestep import Settings, refuse_unfit
 from brownpipe.engines.timestep import workspace as ws
 from brownpipe.engines.timestep.steps import advance, reaches_beyond
 from brownpipe.engines.timestep.workspace import EngineBox, PairList, Workspace
-from brownpipe.engines.units import Frame, State, common_radius, frame_of, motion_of, rms_speed
+from brownpipe.engines.units import Frame, State, common_radius, engine_frame, motion_of, rms_speed
 from brownpipe.observables.trajectory import Run
 from brownpipe.scene import Scene
 
@@ -87,25 +87,25 @@ def simulate(
     refuse_unfit(scene, own_settings, record)
     batch = new_batch(scene, seeds, record, observables, average)
     equilibrator = prepare_equilibration(scene)
-    setup = prepared(scene, own_settings)
+    setup = prepare_scene(scene, own_settings)
 
     def run_of(column: int) -> Run:
-        drawn = draw(scene, int(batch.ensemble.seeds[column]))
-        return run(setup, equilibrate(equilibrator, drawn), scene.times, batch.needed_record)
+        drawn = draw_state(scene, int(batch.ensemble.seeds[column]))
+        return run_steps(setup, equilibrate(equilibrator, drawn), scene.times, batch.needed_record)
 
     return make_runs(batch, run_of)
 
 
-def prepared(scene: Scene, settings: Settings) -> SteppingSetup:
+def prepare_scene(scene: Scene, settings: Settings) -> SteppingSetup:
     """Return the setup for runs of a scene, with its kernels compiled."""
-    frame = frame_of(scene)
-    w = prepare(scene, frame, settings)
-    no_samples = recorder(scene, frame, settings.time_step, scene.times[:0], ())
+    frame = engine_frame(scene)
+    w = new_workspace(scene, frame, settings)
+    no_samples = new_recorder(scene, frame, settings.time_step, scene.times[:0], ())
     compile_all(insert_nothing, report_nothing, partial(advance, w, no_samples, 0))
     return SteppingSetup(scene, frame, settings, w)
 
 
-def run(
+def run_steps(
     setup: SteppingSetup, state: State, times: np.ndarray, record: Collection[str] = frozenset()
 ) -> Run:
     """Run from a state and sample at the given times (T,). Full lists are replaced by lists of
@@ -115,9 +115,9 @@ def run(
     frame = setup.frame
     w = setup.workspace
     time_step = setup.settings.time_step
-    samples = recorder(scene, frame, time_step, times, record)
+    samples = new_recorder(scene, frame, time_step, times, record)
     first = motion_of(state, frame)
-    begin(w, first)
+    begin_run(w, first)
     steps = 1 + DISK_STEPS_PER_CALL // max(scene.particles, 1)
     while (outcome := advance(w, samples, steps)) != ws.DONE:
         elapsed = scene.equilibrate.time + int(w.counters[ws.STEP]) * time_step
@@ -136,7 +136,7 @@ def _with_twice_the_capacity(w: Workspace) -> Workspace:
 # -- the workspace of a scene ----------------------------------------------------------------------
 
 
-def prepare(scene: Scene, frame: Frame, settings: Settings) -> Workspace:
+def new_workspace(scene: Scene, frame: Frame, settings: Settings) -> Workspace:
     """Return a workspace for the runs of a scene."""
     n = scene.particles
     box = scene.box
@@ -205,7 +205,7 @@ def skin_of(scene: Scene, time_step: float) -> float:
     return min(cheapest, most)
 
 
-def begin(w: Workspace, motion: np.ndarray) -> None:
+def begin_run(w: Workspace, motion: np.ndarray) -> None:
     """Set a workspace to the start of a run with positions and velocities (N, 4), as
     `engines.units.motion_of` returns.
 
@@ -230,7 +230,7 @@ def begin(w: Workspace, motion: np.ndarray) -> None:
 # -- samples and reports ---------------------------------------------------------------------------
 
 
-def recorder(
+def new_recorder(
     scene: Scene, frame: Frame, time_step: float, times: np.ndarray, record: Collection[str]
 ) -> ws.Recorder:
     """Return memory for samples, free flights after the last step before each: no step depends on
@@ -260,17 +260,17 @@ def report_of(
     impulses = w.tally[ws.VIRIAL :]
     elapsed = float(w.counters[ws.STEP] * w.step)
     conserved = conservation(w.mass, first, last, impulses[1:])
-    sound = finite and math.isfinite(conserved.momentum_residual) and _are_inside(w)
+    sound = finite and math.isfinite(conserved.momentum_residual) and _none_escaped(w)
     sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
     overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
-    values = report(scene, frame, conserved, collisions, impulses, overlap, sound)
+    values = report_in_scene_units(scene, frame, conserved, collisions, impulses, overlap, sound)
     if w.late:
         values["missed_collisions"] = count[ws.MISSED]
     return values
 
 
-def _are_inside(w: Workspace) -> bool:
+def _none_escaped(w: Workspace) -> bool:
     """Whether, between walls, no disk has escaped: REACHES."""
     box = w.box
     far = REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(box.width, box.height)

@@ -17,7 +17,7 @@ import numpy as np
 
 from brownpipe.engines.collisions import encounter, exchange, shares
 from brownpipe.engines.compiled.kernels import entry_point, kernel
-from brownpipe.engines.compiled.records import Samples, local_copy
+from brownpipe.engines.compiled.records import SampleArrays, local_copy
 from brownpipe.engines.timestep import verlet_lists
 from brownpipe.engines.timestep import workspace as ws
 
@@ -338,7 +338,7 @@ def step(w: ws.Workspace) -> None:
 
 @kernel
 def write_sample(
-    w: ws.Workspace, i: int, rest: float, track: Samples, row: int, column: int
+    w: ws.Workspace, i: int, rest: float, track: SampleArrays, row: int, column: int
 ) -> None:
     """Write position, velocity and image of disk i, a time `rest` after the last step, to [row,
     column] of a track.

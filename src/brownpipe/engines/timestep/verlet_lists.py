@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from brownpipe.engines.compiled.kernels import kernel
-from brownpipe.engines.start.insertion import cell_of
+from brownpipe.engines.start.insertion import interval_of
 from brownpipe.engines.timestep import workspace as ws
 
 SAFE = 0.98  # part of the skin that is used; the rest covers round-off
@@ -86,7 +86,7 @@ def finish_list(w: ws.Workspace, pairs: ws.PairList, number: int) -> None:
 
 
 @kernel
-def reach(w: ws.Workspace) -> float:
+def listing_distance(w: ws.Workspace) -> float:
     """Return the distance up to which a pair without a big disk is listed."""
     return 2.0 * w.common_radius + w.tally[ws.SKIN]
 
@@ -100,7 +100,7 @@ def cells_along_side(w: ws.Workspace, side: float) -> int:
     """
     most = len(w.cell_start) - 1
     least = math.sqrt(w.box.width * w.box.height / most)
-    return min(max(int(side / max(reach(w), least)), 1), most)
+    return min(max(int(side / max(listing_distance(w), least)), 1), most)
 
 
 @kernel
@@ -135,8 +135,8 @@ def sort(w: ws.Workspace, columns: int, rows: int) -> None:
     for cell in range(columns * rows + 1):
         cell_start[cell] = 0
     for i in range(w.big, n):
-        column = cell_of(w.x[i] - w.box.x, w.box.width, columns)
-        row = cell_of(w.y[i] - w.box.y, w.box.height, rows)
+        column = interval_of(w.x[i] - w.box.x, w.box.width, columns)
+        row = interval_of(w.y[i] - w.box.y, w.box.height, rows)
         w.cell[i] = row * columns + column
         cell_start[w.cell[i] + 1] += 1
     cell_start[0] = w.big
@@ -216,8 +216,8 @@ def pairs_across_sides(w: ws.Workspace, columns: int, rows: int, column: int, ro
     """
     cell_start, cell = w.cell_start, row * columns + column
     wide, high = (
-        images_within_reach(reach(w), columns, w.box.width),
-        images_within_reach(reach(w), rows, w.box.height),
+        images_within_reach(listing_distance(w), columns, w.box.width),
+        images_within_reach(listing_distance(w), rows, w.box.height),
     )
     for above in range(high + 1):
         for aside in range(-wide if above > 0 else 1, wide + 1):

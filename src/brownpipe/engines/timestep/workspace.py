@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.compiled.records import Samples, by_reference
+from brownpipe.engines.compiled.records import SampleArrays, by_reference
 
 # w.counters: steps done, samples taken, the tracer's place in memory, pairs listed within the box
 # and across its sides, disks that reach beyond a wall, whether a list is too short for its pairs,
@@ -104,5 +104,5 @@ class Recorder(NamedTuple):
 
     step: np.ndarray  # (T,) int64, the last step before each sample
     rest: np.ndarray  # (T,) float64, the time from that step to the sample
-    track: Samples  # of the tracer, M = 1
-    whole: Samples  # of all disks, M = N, or M = 0
+    track: SampleArrays  # of the tracer, M = 1
+    whole: SampleArrays  # of all disks, M = N, or M = 0
