@@ -13,6 +13,7 @@ brownpipe` takes no time.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from brownpipe.engines.definition import Definition
     from brownpipe.errors import (
         AnalysisError,
         BrownpipeError,
@@ -44,6 +45,7 @@ __all__ = [
     "StorageError",
 ]
 __all__ += [
+    "Definition",
     "Scene",
     "analyse",
     "mean",
@@ -67,9 +69,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'brownpipe' has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(
-        import_module("brownpipe.errors" if name.endswith("Error") else "brownpipe.interface"), name
-    )
+    module = "brownpipe.errors" if name.endswith("Error") else "brownpipe.interface"
+    return getattr(import_module(module), name)
 
 
 def __dir__() -> list[str]:

@@ -23,6 +23,7 @@ from brownpipe.analysis import aggregate
 from brownpipe.analysis.dataset import ALWAYS, refuse_windows
 from brownpipe.analysis.resampling import resample
 from brownpipe.engines import DEFINITIONS, Engine, engine_of_request, read_record
+from brownpipe.engines.definition import Definition
 from brownpipe.engines.ensemble import Ensemble, failures, join_ensembles, select
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, RunError
 from brownpipe.figures.catalogue import FIGURES
@@ -107,7 +108,7 @@ def simulate(
     seeds: int | str | Collection[int] = 1,
     *,
     particles: int | None = None,
-    engine: str = "exact",
+    engine: str | Definition = "exact",
     record: str | Iterable[str] = "tracer",
     observables: Collection[str | Callable] = (),
     average: str = "runs",
@@ -125,7 +126,7 @@ def simulate(
     seeds: how many (seeds 0, 1, ...), or which: "17", "0-2399", a list or an array.
     particles: number of disks instead of that of the scene file.
     engine, settings: "exact", "timestep" (time_step=...) or "langevin" (friction=...), as in
-    studies.
+    studies; or a `brownpipe.Definition` of your own, whose runs are never those of a study.
     record: "tracer", "velocity" (of the tracer, too), "all", "events", "none", or several of them.
     observables: names or functions of your own, measured in each run.
     average: "runs", or what displacements are averaged over within each run, too: "origins" or
@@ -473,7 +474,7 @@ def _request(
     seeds: Any,
     *,
     particles: Any = None,
-    engine: str = "exact",
+    engine: str | Definition = "exact",
     record: str | Iterable[str] = "tracer",
     observables: Collection[str | Callable] = (),
     average: str = "runs",
@@ -483,9 +484,10 @@ def _request(
     """Return the request in arguments of `simulate`; refuse wrong ones. Defaults are those of
     `simulate`.
     """
-    arguments = [*Request._fields, "particles", "quiet", *SETTINGS]
+    settings_known = engine.settings._fields if isinstance(engine, Definition) else SETTINGS
+    arguments = [*Request._fields, "particles", "quiet", *settings_known]
     scene_record = _scene(scene, particles)
-    for name in settings.keys() - {*SETTINGS}:
+    for name in settings.keys() - {*settings_known}:
         hint = did_you_mean(name, arguments).strip()
         raise RequestError(f"{name}: unknown; {hint or 'see help(brownpipe.simulate)'}")
     values = {key: plain(value) for key, value in settings.items()}

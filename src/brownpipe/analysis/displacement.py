@@ -186,7 +186,7 @@ def window_drift_diffusion(case: Case, window: Window) -> float:
     of the slope of the straight line. NaN where the engine moves the tracer alone, or walls stop
     the drift.
     """
-    if not case.engine.definition.moves_all_disks:
+    if not case.engine.moves_all_disks:
         return np.nan
     start, end = window
     return drift_diffusion(case.scene) * (start + end) / (2 * case.scene.duration)

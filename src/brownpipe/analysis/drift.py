@@ -52,7 +52,7 @@ def is_tested(scene: Scene, engine: Engine) -> bool:
     """Return whether runs are tested: those of the exact engine. Others drift towards an
     equilibrium of their own.
     """
-    return claims_equilibrium(scene) and engine.definition is EXACT
+    return claims_equilibrium(scene) and engine.name == EXACT.name
 
 
 def quarters_of(

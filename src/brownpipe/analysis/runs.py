@@ -114,6 +114,7 @@ def _kind(contents: Trajectories) -> dict[str, object]:
     return {
         f"scene {contents.scene.name!r}": contents.scene.digest,
         "setting of the engine": contents.engine.settings,
+        "source of the engine": contents.engine.own,
         "--record": contents.record & {"tracer", "velocity"},
         "source code": contents.source,
         "average": contents.ensemble.average,

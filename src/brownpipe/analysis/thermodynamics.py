@@ -129,7 +129,7 @@ def results(case: Case, _: Averages) -> dict[str, float]:
     """Return Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
     values = enskog(case.scene)
     drift = drift_diffusion(case.scene)
-    if case.engine.definition.moves_all_disks and drift > 0:
+    if case.engine.moves_all_disks and drift > 0:
         values["drift_diffusion"] = drift
     return values
 

@@ -2,19 +2,31 @@
 them.
 
 A new engine is a package with a `Definition` and its entry in DEFINITIONS. Its simulation is
-imported when it runs.
+imported when it runs. A user's own `Definition` may be passed in Python: files of its runs describe
+it as an `OwnEngine`, and are read without it.
 """
 
-from collections.abc import Callable, Collection, Sequence
+import hashlib
+import os
+import sys
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_type_hints
 
 from pydantic import create_model
 
+from brownpipe.engines.definition import (
+    Checkpoints,
+    Definition,
+    OwnEngine,
+    Simulation,
+    refuse_name,
+)
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
-from brownpipe.engines.forecast import Cost, Definition
+from brownpipe.engines.forecast import Cost
 from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
@@ -24,6 +36,8 @@ from brownpipe.scene.scene import Scene
 
 DEFINITIONS = {definition.name: definition for definition in (EXACT, TIMESTEP, LANGEVIN)}
 TRACER = frozenset({"tracer"})
+# by engine, the definitions that a user has passed; none is ever removed
+_own_definitions: dict["Engine", Definition] = {}
 RECORDS = ("tracer", "all", "events", "velocity", "none")  # what may be recorded of a run
 
 
@@ -32,18 +46,35 @@ class Engine(NamedTuple):
 
     name: str
     settings: tuple[tuple[str, object], ...] = ()
+    own: OwnEngine | None = None  # of a user's own engine
 
     @property
     def definition(self) -> Definition:
-        return DEFINITIONS[self.name]
+        """Raises RequestError for a user's own engine that has not been passed in this process."""
+        if self.own is None:
+            return DEFINITIONS[self.name]
+        if self in _own_definitions:
+            return _own_definitions[self]
+        raise RequestError(
+            f"{self.name}: is an engine of module {self.own.module}, which this needs; only "
+            "brownpipe.simulate takes it: engine=..."
+        )
+
+    @property
+    def moves_all_disks(self) -> bool:
+        """Whether it moves all disks, and not the tracer alone."""
+        return self.definition.moves_all_disks if self.own is None else self.own.moves_all_disks
 
     @property
     def label(self) -> str:
         """The name in folders, datasets and figures, like timestep-0.001-collisions=late: the
-        settings that must be given, in their order, then those not at their default by name.
+        settings that must be given, in their order, then those not at their default by name; of a
+        user's own engine all by name, as its defaults may not be known.
 
         Engines with different settings have different labels.
         """
+        if self.own is not None:
+            return "-".join([self.name, *(f"{key}={value}" for key, value in self.settings)])
         defaults = self.definition.settings._field_defaults
         required = []
         chosen = []
@@ -57,15 +88,20 @@ class Engine(NamedTuple):
     @property
     def options(self) -> str:
         """The engine as the value of `brownpipe simulate --engine`, followed by an option for each
-        setting.
+        setting; a user's own engine with its module and the digest of that, in brackets.
         """
+        if self.own is not None:
+            values = [self.name, *(f"{key}={value}" for key, value in self.settings)]
+            return f"{' '.join(values)} [{self.own.module} {self.own.source[:12]}]"
         settings = [f"{option(key)} {value}" for key, value in self.settings]
         return " ".join([self.name, *settings])
 
     @property
     def values(self) -> Any:
         """The settings as the engine's own record."""
-        return self.definition.settings(**dict(self.settings))
+        record = self.definition.settings
+        values = dict(self.settings)
+        return record._make(values[field] for field in record._fields)
 
     def model(self, scenes: Sequence[Scene]) -> str:
         """Return in a few words how the engine models the scenes."""
@@ -80,7 +116,7 @@ class Engine(NamedTuple):
         if caution:
             lines.append(caution)
         lacking = set(observables) - set(tracer_observables(observables))
-        if lacking and not self.definition.moves_all_disks:
+        if lacking and not self.moves_all_disks:
             names = ", ".join(sorted(map(own.title_of, lacking)))
             lines.append(f"{self.name} moves the tracer alone, and does not measure {names}")
         return lines
@@ -100,16 +136,32 @@ class Engine(NamedTuple):
         scene: Scene,
         seeds: Sequence[int],
         record: Collection[str],
-        *saving: Any,
-        **measured: Any,
+        observables: Collection[str] = (),
+        average: str = "runs",
+        checkpoints: Checkpoints | None = None,
     ) -> Ensemble:
-        """Run a scene once for every seed.
+        """Run a scene once for every seed; `checkpoints` are for an engine that keeps them.
 
-        `saving`: Checkpoints, for an engine that keeps them; `measured`: `observables` and
-        `average`.
+        Raises RequestError for a user's own engine that has not been passed, or that returns
+        anything else than an ensemble of the seeds.
         """
-        simulation = import_module(self.definition.simulation)
-        return simulation.simulate(scene, seeds, record, *saving, **measured, **dict(self.settings))
+        simulation = self.definition.simulation
+        if isinstance(simulation, str):
+            simulation = _simulation_in(simulation)
+        options = dict(self.settings)
+        if checkpoints is not None:
+            options["checkpoints"] = checkpoints
+        ensemble = simulation(
+            scene, seeds, record, observables=observables, average=average, **options
+        )
+        if not isinstance(ensemble, Ensemble) or [*ensemble.seeds] != [*seeds]:
+            raise RequestError(f"engine: {self.name}: must return an Ensemble with a run per seed")
+        return ensemble
+
+
+def _simulation_in(module: str) -> Simulation:
+    """Return the function `simulate` of a module, which is imported."""
+    return import_module(module).simulate
 
 
 def read_record(text: str, option: str) -> frozenset[str]:
@@ -142,12 +194,17 @@ def settings_section(name: str) -> type[Section]:
     return create_model(name, __base__=Section, __doc__=definition.summary, **keys)
 
 
-def engine_of_record(mapping: dict, where: str = "") -> Engine:
+def engine_of_record(
+    mapping: Mapping[str, Any], where: str = "", own: OwnEngine | None = None
+) -> Engine:
     """Return the engine that a file or dataset records as a mapping of name and settings; `where`
     is for messages.
 
-    Raises RequestError.
+    A user's own engine, which the file describes by `own`, need not be there. Raises RequestError.
     """
+    if own is not None:
+        settings = sorted((key, value) for key, value in mapping.items() if key != "name")
+        return Engine(mapping["name"], tuple(settings), own)
     name = validated(Literal[tuple(DEFINITIONS)], mapping.get("name"), where, "name")
     record = validated(settings_section(name), mapping, where)
     settings = [(key, value) for key, value in record if key != "name"]
@@ -155,26 +212,65 @@ def engine_of_record(mapping: dict, where: str = "") -> Engine:
 
 
 def engine_of_request(
-    name: str, values: dict[str, object], option: Callable[[str], str] = option
+    engine: str | Definition,
+    values: Mapping[str, object],
+    option: Callable[[str], str] = option,
 ) -> Engine:
-    """Return the engine that the user asks for; `values` has the settings given.
+    """Return the engine that the user asks for, by name or as a definition of her own; `values` has
+    the settings given.
 
     `option` returns how a setting is named there: the option of the command line, or the argument
     in Python. Raises RequestError, naming it, for a setting that the engine lacks, that is missing
     or that is not allowed.
     """
-    definition = DEFINITIONS[validated(Literal[tuple(DEFINITIONS)], name, key=option("engine"))]
+    if isinstance(engine, Definition):
+        refuse_name(engine, DEFINITIONS)
+        definition = engine
+    else:
+        name = validated(Literal[tuple(DEFINITIONS)], engine, key=option("engine"))
+        definition = DEFINITIONS[name]
+    settings = _chosen_settings(definition, values, option)
+    if definition.name in DEFINITIONS:
+        return Engine(definition.name, settings)
+    module, source = _module_of(definition)
+    own = OwnEngine(module, source, definition.moves_all_disks)
+    chosen = Engine(definition.name, tuple(sorted(settings)), own)
+    _own_definitions[chosen] = definition
+    return chosen
+
+
+def _chosen_settings(
+    definition: Definition, values: Mapping[str, object], option: Callable[[str], str]
+) -> tuple[tuple[str, object], ...]:
+    """Return a value for each setting of an engine: that in `values`, or its default."""
     kinds = get_type_hints(definition.settings, include_extras=True)
     defaults = definition.settings._field_defaults
     for key in values.keys() - kinds.keys():
         owners = [other.name for other in DEFINITIONS.values() if key in other.settings._fields]
-        reason = f"the {name} engine has no such setting; must go with {' or '.join(owners)}"
+        reason = f"the {definition.name} engine has no such setting"
+        if owners:
+            reason = f"{reason}; must go with {' or '.join(owners)}"
         raise RequestError(f"{option(key)} {values[key]}: {reason}")
     for key in kinds.keys() - values.keys() - defaults.keys():
-        raise RequestError(f"{option(key)}: missing; must be given with {option('engine')} {name}")
-    chosen = defaults | values
+        with_engine = f"{option('engine')} {definition.name}"
+        raise RequestError(f"{option(key)}: missing; must be given with {with_engine}")
+    chosen = {**defaults, **values}
     settings = []
     for key, kind in kinds.items():
         value = validated(kind, chosen[key], key=option(key))
         settings.append((key, value))
-    return Engine(name, tuple(settings))
+    return tuple(settings)
+
+
+@cache  # the file as it is when the engine is passed first
+def _module_of(definition: Definition) -> tuple[str, str]:
+    """Return the module of a user's simulation, and the SHA-256 of its file; a random number if it
+    has none, as in a notebook.
+    """
+    simulation = definition.simulation
+    name = simulation if isinstance(simulation, str) else simulation.__module__
+    module = import_module(name) if isinstance(simulation, str) else sys.modules.get(name)
+    file = getattr(module, "__file__", None)
+    if file is None:
+        return name, os.urandom(32).hex()
+    return name, hashlib.sha256(Path(file).read_bytes()).hexdigest()

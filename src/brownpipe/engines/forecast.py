@@ -1,5 +1,4 @@
-"""What is known before a run: the engine's `Definition`; the forecast of collisions, cost and time
-to settle.
+"""What is known before a run: the forecast of collisions, cost and time to settle.
 
 The forecast is rough on purpose, good to a factor of 2: an engine has one measured cost of its
 events, an observable one of a disk in a sample (`observables.Observable`). Collision counts hold in
@@ -10,8 +9,8 @@ docs/theory.md, section 3.
 import math
 import os
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Collection, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,28 +71,6 @@ class Cost(NamedTuple):
     working_bytes: float  # further memory, used by one run at a time
     # CPU time before the first run of each process, besides START_UP
     seconds_per_process: float = 0.0
-
-
-class Definition(NamedTuple):
-    """An engine. The functions take `settings`, a record with a value for each setting of the
-    engine.
-    """
-
-    name: str
-    summary: str  # for the help of the command line
-    # module with `simulate(scene, seeds, record, *, observables, average, **settings) -> Ensemble`
-    simulation: str
-    # the class of this record, a NamedTuple: types with descriptions for pydantic, and defaults
-    settings: Any
-    model: Callable[[Sequence[Scene], Any], str]  # (scenes, settings): the model, in a few words
-    # one line on the limits of its results in the scene, or None
-    caution: Callable[[Scene], str | None]
-    # (scene, settings, record, observables, average): the cost of one run
-    forecast: Callable[..., Cost]
-    # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
-    refuse_unfit: Callable[[Scene, Any, frozenset[str]], None] = lambda *_: None
-    moves_all_disks: bool = True  # otherwise it moves the tracer alone, and counts no collisions
-    keeps_checkpoints: bool = False
 
 
 def run_cost(

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 
 from brownpipe.engines import Engine, engine_of_record
+from brownpipe.engines.definition import OwnEngine
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError
 from brownpipe.observables import OBSERVABLES
@@ -94,6 +95,8 @@ class Trajectories(NamedTuple):
         }
         settings = dict(engine.settings)
         attributes["settings"] = json.dumps(settings, sort_keys=True, allow_nan=False)
+        if engine.own is not None:
+            attributes["own_engine"] = json.dumps(engine.own)
         attributes["average"] = ensemble.average
         attributes["variables"] = json.dumps(sorted(ensemble.observables))
         beside_tracer = ",".join(sorted(self.record - {"tracer"}))
@@ -127,8 +130,11 @@ def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: s
     words += [f"--seeds {seed_text(seeds)}", f"--engine {runs.engine.options}"]
     defaults = ("", "tracer", "runs")
     words += [f"--{key} {value}" for key, value in options.items() if value not in defaults]
+    command = " ".join(words)
+    if runs.engine.own is not None:  # which the command line does not take
+        command = f"in Python, by brownpipe.simulate: {command.removeprefix('brownpipe simulate ')}"
     return {
-        "command": " ".join(words),
+        "command": command,
         "name": scene.name,
         "scene_digest": scene.digest,
         "scene": json.loads(scene.text),
@@ -243,7 +249,8 @@ def _runs_of(attributes: Mapping, groups: Groups) -> Trajectories:
     keys = json.loads(attributes["scene"])
     scene = parse_scene(keys, f"{attributes['scene_name']}.yaml")
     settings = json.loads(attributes["settings"])
-    engine = engine_of_record({"name": attributes["engine"], **settings})
+    own = OwnEngine(*json.loads(attributes["own_engine"])) if "own_engine" in attributes else None
+    engine = engine_of_record({"name": attributes["engine"], **settings}, own=own)
     ensemble = ensemble_of(groups, attributes["average"], own_arrays(attributes))
     return Trajectories(scene, engine, ensemble, attributes["source_digest"], attributes)
 

@@ -167,7 +167,7 @@ def _cautions_of_study(study: Study, sets: list[RunSet]) -> list[str | None]:
     for runs in sets:
         cautions += runs.engine.cautions(runs.case, study.observables)
     for use in study.uses:
-        if use.engine.definition.moves_all_disks:
+        if use.engine.moves_all_disks:
             cautions.append(forecast.settling_caution(use.case))
     starts = {}
     for case in study.cases:

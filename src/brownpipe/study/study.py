@@ -327,14 +327,12 @@ class Study(Section):
         """Return whether the runs have what figures and settings need, by the needs of the
         catalogue of figures.
         """
-        moves_all = any(engine.definition.moves_all_disks for engine in self.engines)
+        moves_all = any(engine.moves_all_disks for engine in self.engines)
         measured = self.observables if moves_all else measures.tracer_observables(self.observables)
         records_tracer = self.record == "tracer"
         averages_runs = self.average == "runs"
         measures_squares = "square_displacement" in measured
-        collides = any(
-            use.case.particles and use.engine.definition.moves_all_disks for use in self.uses
-        )
+        collides = any(use.case.particles and use.engine.moves_all_disks for use in self.uses)
         has_walls = any(not case.box.periodic for case in self.cases)
         conditions = {}
         for name in measures.OBSERVABLES:

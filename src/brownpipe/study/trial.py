@@ -20,7 +20,7 @@ def refuse_mistakes(study: Study) -> None:
     those with a name that is taken. Nothing is tried if the disks of this run find no places.
     """
     own = tuple(filter(is_own, study.observables))
-    cases = [use.case for use in study.uses if use.engine.definition.moves_all_disks]
+    cases = [use.case for use in study.uses if use.engine.moves_all_disks]
     if not own or not cases:
         return
     from brownpipe.analysis import dataset  # noqa: F401  # it knows which names are taken; to import it takes 0.2 s

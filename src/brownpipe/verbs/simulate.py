@@ -17,6 +17,7 @@ from brownpipe.engines import (
     read_record,
     settings_section,
 )
+from brownpipe.engines.definition import Checkpoints
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
@@ -138,11 +139,11 @@ def simulate_to_file(arguments: Namespace) -> int:
     for caution in engine.cautions(scene, arguments.observables):
         say(caution, DONE)
     checkpoint = f"{output}.checkpoint"
-    checkpointing = _checkpoints(arguments, checkpoint, scene, seeds, record)
+    checkpoints = _checkpoints(arguments, checkpoint, scene, seeds, record)
     if any(map(is_own, arguments.observables)):
         from brownpipe.analysis import dataset  # noqa: F401  # it knows which names are taken; to import it takes 0.2 s
     with progress.shown("simulate"):
-        ensemble = engine.simulate(scene, seeds, record, *checkpointing, **measures)
+        ensemble = engine.simulate(scene, seeds, record, checkpoints=checkpoints, **measures)
     write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
@@ -201,16 +202,13 @@ def engine_of(arguments: Namespace) -> Engine:
 
 def _checkpoints(
     arguments: Namespace, path: str, scene: Scene, seeds: Sequence[int], record: frozenset[str]
-) -> tuple:
-    """Return (Checkpoints,) for `exact.simulate`, stored in the file `path` and resumed from it if
-    it exists.
+) -> Checkpoints | None:
+    """Return checkpoints that are stored in the file `path`, and resumed from it if it exists.
 
-    Without --checkpoint-every return ().
+    Without --checkpoint-every return None.
     """
     if arguments.checkpoint_every is None:
-        return ()
-    from brownpipe.engines.exact.simulation import Checkpoints  # imports Numba
-
+        return None
     names = ",".join(map(identity, arguments.observables))
     made_by = {
         "particles": scene.particles,
@@ -233,7 +231,7 @@ def _checkpoints(
         write_checkpoint(path, made_by, arrays)
         last_written = time.monotonic()
 
-    return (Checkpoints(due, store, read_checkpoint(path, made_by)),)
+    return Checkpoints(due, store, read_checkpoint(path, made_by))
 
 
 SIMULATE = Verb("simulate", simulate_to_file, _simulate_options)

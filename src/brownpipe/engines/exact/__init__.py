@@ -5,16 +5,13 @@ its `Definition`.
 `workspace`.
 """
 
-from typing import NamedTuple
-
 from brownpipe.engines import forecast
-from brownpipe.engines.forecast import Definition
+from brownpipe.engines.definition import Definition
 
 EXACT = Definition(
     name="exact",
     summary="event by event",
     simulation="brownpipe.engines.exact.simulation",
-    settings=NamedTuple("Settings", []),
     model=lambda scenes, settings: "from collision to collision",
     caution=forecast.caution,
     forecast=lambda scene, settings, *recorded: forecast.run_cost(scene, *recorded),

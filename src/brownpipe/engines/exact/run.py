@@ -8,7 +8,7 @@ interrupted.
 """
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from brownpipe import progress
 from brownpipe.engines.compiled.kernels import compile_all
+from brownpipe.engines.definition import Checkpoints
 from brownpipe.engines.exact import workspace as ws
 from brownpipe.engines.exact.events import advance
 from brownpipe.engines.exact.layout import begin_run, new_workspace, with_fitting_buckets
@@ -85,17 +86,6 @@ class Progress(NamedTuple):
     block: int
     time: float  # since the beginning of the block [engine's unit]
     changes: np.ndarray  # (N,) how often the velocity of each disk has changed since then
-
-
-class Checkpoints(NamedTuple):
-    """When and how the state of a batch or, within it, of a run is stored, and what to continue
-    from.
-    """
-
-    due: Callable[[], bool]  # whether to store at the next end of a block
-    # takes arrays of `simulation.pack`, or a RunState: views of arrays that change later
-    store: Callable[[Any], None]
-    stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
 
 
 NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)

@@ -14,7 +14,7 @@ from collections.abc import Collection, Sequence
 from typing import Annotated, Literal, NamedTuple, NoReturn
 
 from brownpipe.engines import forecast
-from brownpipe.engines.forecast import Definition
+from brownpipe.engines.definition import Definition
 from brownpipe.engines.friction import (
     DENSEST,
     bath_of,

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from brownpipe.engines import forecast
-from brownpipe.engines.forecast import Definition
+from brownpipe.engines.definition import Definition
 from brownpipe.engines.units import rms_speed
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import Positive, key
