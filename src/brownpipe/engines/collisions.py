@@ -7,10 +7,10 @@ section 1, states the equations and measures the difference between their printe
 one.
 
     (1)-(3)   time of a pair collision     `encounter`, `meets`, `delay`
-    (4)       time of a wall collision     `wall_time`; the gap to the wall in
-    `exact.predictions.leave_time` (5)-(6)   velocities after it
-    `exact.workspace.apply_impulse`, `timestep.steps.collide`, with `shares` (7)-(8)   momentum
-    along the normal    `exchange`
+    (4)       time of a wall collision     `wall_time`; the gap in `exact.predictions.leave_time`
+    (5)-(6)   velocities after it          `shares`, in `exact.workspace.apply_impulse` and
+                                           `timestep.steps.collide`
+    (7)-(8)   momentum along the normal    `exchange`
     (9)-(10)  reflection at a wall         `exact.events.bounce`, `timestep.steps.bounce`
 """
 
@@ -33,10 +33,10 @@ def encounter(x: float, y: float, u: float, v: float, sigma2: float) -> tuple[fl
     """Return (b, c, d) of the quadratic equation behind eqs. (1)-(3) for a pair; `sigma2` is its
     sigma^2.
 
-    r = (x, y) and v = (u, v) are position and velocity of the second disk relative to the first. b
-    = r.v,
-    c = r.r - sigma^2, and d = v.v sigma^2 - (r x v)^2, which equals b^2 - v.v c. The form with the
-    cross product costs the same, and its round-off error is smaller by a factor of abs(r)/sigma.
+    r = (x, y) and v = (u, v) are position and velocity of the second disk relative to the first,
+    b = r.v, c = r.r - sigma^2, and d = v.v sigma^2 - (r x v)^2, which equals b^2 - v.v c. The form
+    with the cross product costs the same, and its round-off error is smaller by a factor of
+    abs(r)/sigma.
     """
     cross = x * v - y * u
     return x * u + y * v, x * x + y * y - sigma2, (u * u + v * v) * sigma2 - cross * cross

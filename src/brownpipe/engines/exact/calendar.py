@@ -22,12 +22,11 @@ from brownpipe.engines.compiled.kernels import entry_point, kernel, prefetch
 from brownpipe.engines.compiled.records import local_copy
 from brownpipe.engines.exact import workspace as ws
 
-BUCKET_WORDS, CAPACITY = 16, 15  # uint32 words of a bucket, one cache line; disks that it can hold
+# uint32 words of a bucket, one cache line; disks that it can hold
+BUCKET_WORDS, CAPACITY = 16, 15
 MOST_DEFERRED = 64  # insertions deferred during one bucket at most: more than its events schedule
-IN_CURRENT, BEYOND_BLOCK = (
-    0xFFFFFFFE,
-    0xFFFFFFFF,
-)  # in place of a bucket's number in the BUCKET field
+# in place of a bucket's number in the BUCKET field
+IN_CURRENT, BEYOND_BLOCK = 0xFFFFFFFE, 0xFFFFFFFF
 
 
 @kernel
@@ -42,9 +41,8 @@ def push(w: ws.Workspace, i: int, time: float) -> None:
     current = w.progress[ws.CURRENT_BUCKET]
     bucket = int(time * scale.per_time)
     if bucket - current > scale.ring:
-        bucket = (
-            current + scale.ring - (7 * i & (scale.ring >> 1))
-        )  # spread: one bucket could not hold them all
+        # spread: one bucket could not hold them all
+        bucket = current + scale.ring - (7 * i & (scale.ring >> 1))
     if bucket > current:
         store_or_defer(w.deferred, w, i, bucket)
     else:
@@ -67,10 +65,8 @@ def store_or_defer(deferred: ws.Deferred | None, w: ws.Workspace, i: int, bucket
     prefetch(w.bucket, BUCKET_WORDS * number)
     w.link[ws.ROW * i + ws.BUCKET] = number
     n = deferred.number[parity]
-    deferred.bucket[MOST_DEFERRED * parity + n], deferred.disk[MOST_DEFERRED * parity + n] = (
-        bucket,
-        i,
-    )
+    deferred.bucket[MOST_DEFERRED * parity + n] = bucket
+    deferred.disk[MOST_DEFERRED * parity + n] = i
     deferred.number[parity] = n + 1
     if n + 1 == MOST_DEFERRED:
         store_deferred(deferred, w, parity)

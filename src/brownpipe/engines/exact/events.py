@@ -244,9 +244,8 @@ def advance(w: ws.Workspace, r: ws.Recorder, most: int) -> int:
             return ws.CELL_FULL
         in_this_block = r.block[progress[ws.SAMPLE]] == progress[ws.BLOCK]
         until = r.time[progress[ws.SAMPLE]] if in_this_block else w.calendar.block
-        is_start = (
-            progress[ws.BLOCK] == 0 and until == 0.0
-        )  # before the collisions at t = 0, which are in the log
+        # before the collisions at t = 0, which are in the log
+        is_start = progress[ws.BLOCK] == 0 and until == 0.0
         if not is_start:
             outcome, most = run_until(w, r, until, most)
             if outcome != ws.DONE:

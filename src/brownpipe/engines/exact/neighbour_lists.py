@@ -110,9 +110,8 @@ def list_neighbours(lists: ws.NeighbourLists, w: ws.Workspace, i: int, least: in
         candidate = w.candidate[j]
         k = candidate & ws.DISK_MASK
         w.candidate[n] = candidate
-        n += (
-            (k >= least) & (k != i) & can_touch(lists, w, i, candidate)
-        )  # a branch would be mispredicted often
+        # a branch would be mispredicted often
+        n += (k >= least) & (k != i) & can_touch(lists, w, i, candidate)
     for candidate in w.candidate[:n]:
         add_neighbour(lists, w, i, candidate)
         add_neighbour(lists, w, candidate & ws.DISK_MASK, reversed_image(candidate, i))

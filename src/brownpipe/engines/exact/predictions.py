@@ -90,9 +90,9 @@ def set_partner(
     sooner = time < disk[a + ws.PAIR_TIME]
     disk[a + ws.PAIR_TIME] = time
     partner, changes = np.int64(link[a + ws.PARTNER]), np.int64(link[a + ws.PARTNER_CHANGES])
-    other = np.int64(
-        candidates[int(least_of_four(where(best <= time, chosen, four(math.inf))))]
-    )  # the first of equal ones
+    # the first of equal ones
+    index = least_of_four(where(best <= time, chosen, four(math.inf)))
+    other = np.int64(candidates[int(index)])
     other_changes = np.int64(disk[ws.ROW * (other & ws.DISK_MASK) + ws.CHANGES])
     link[a + ws.PARTNER] = partner + sooner * (other - partner)
     link[a + ws.PARTNER_CHANGES] = changes + sooner * (other_changes - changes)
@@ -158,9 +158,8 @@ def schedule(w: ws.Workspace, i: int, now: float, pair_time: float) -> None:
     y_event = ws.DOWN + (vy > 0.0) + ws.WALL * y_wall
     sideways = x_time < y_time
     leaves = min(x_time, y_time) < pair_time
-    event = leaves * (
-        sideways * x_event + (1 - sideways) * y_event
-    )  # a branch would be mispredicted half the time
+    # a branch would be mispredicted half the time
+    event = leaves * (sideways * x_event + (1 - sideways) * y_event)
     time = max(min(min(x_time, y_time), pair_time), now)
     w.event_time[ws.EVENT_ROW * i] = time
     w.link[a + ws.EVENT] = event

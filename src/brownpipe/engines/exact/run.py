@@ -129,9 +129,8 @@ def run_to_end(
     while True:
         if start.slots != w.grid.slots:
             w = new_workspace(prepared.scene, prepared.frame, prepared.pinned, start.slots)
-        begin_run(
-            w, start.motion
-        )  # cells, event queue and neighbour lists are built by the next block
+        # cells, event queue and neighbour lists are built by the next block
+        begin_run(w, start.motion)
         if start.arrays:
             w.progress[:] = start.arrays["progress"]  # with the number of samples taken
             for name, array in _arrays_of(w, recorder).items():

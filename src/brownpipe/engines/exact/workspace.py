@@ -7,10 +7,10 @@ How to read a kernel
 one row of `w.disk` (64 bytes, a cache line) and one row of `w.link` (32 bytes). Both arrays are
 flat, and the rows of disk i begin at `ROW * i`:
 
-    w.disk        ROW * i + ...    X | Y | VX | VY | TIME | PAIR_TIME | CHANGES | RADIUS
-    8 float64 w.link        ROW * i + ...    . | . | PARTNER | PARTNER_CHANGES | CELL_COLUMN |
-    CELL_ROW | BUCKET | EVENT  8 uint32 w.event_time  EVENT_ROW * i    `---'   the first 8 bytes of
-    that row, as a float64
+    w.disk        ROW * i + ...   8 float64: X | Y | VX | VY | TIME | PAIR_TIME | CHANGES | RADIUS
+    w.link        ROW * i + ...   8 uint32:  (time of the event) | PARTNER | PARTNER_CHANGES |
+                                             CELL_COLUMN | CELL_ROW | BUCKET | EVENT
+    w.event_time  EVENT_ROW * i   the first two words of the row of `link`, as one float64
 
 `w.disk[ROW * i + VX]` is the x velocity of disk i. (Two-dimensional arrays cost 10 to 28 % of the
 speed.) No index is negative (see `engines.compiled.compiler`). A `four` of numbers belongs to four
@@ -80,9 +80,8 @@ class BigDisks(NamedTuple):
     """
 
     number: int
-    listed_first: (
-        np.ndarray
-    )  # (number + 1,) int64, index in `listed` where the pattern of each big disk begins
+    # (number + 1,) int64, index in `listed` where the pattern of each big disk begins
+    listed_first: np.ndarray
     listed: np.ndarray  # (n, 2) int64, offsets (columns, rows) of the cells that list it
     reach_first: np.ndarray  # (number + 1,) int64, the same for `reach`
     reach: np.ndarray  # (n, 2) int64, offsets of the cells in which it can touch a disk
@@ -125,9 +124,8 @@ class NeighbourLists(NamedTuple):
     half: float  # half the side of a square
     wide: bool | None  # True: a list has WIDE_LIST_WORDS; None: LIST_WORDS
     centre: np.ndarray  # (2 N,) float64, of each disk's square
-    neighbour: (
-        np.ndarray
-    )  # (words of a list * N + 4,) uint32: the number of neighbours, and these (candidates)
+    # (words of a list * N + 4,) uint32: the number of neighbours, and these (candidates)
+    neighbour: np.ndarray
 
 
 @by_reference
@@ -145,9 +143,8 @@ class Deferred(NamedTuple):
     # (2 MOST_DEFERRED,) int64, number of the bucket, not reduced to the ring; one list, the other
     bucket: np.ndarray
     disk: np.ndarray  # (2 MOST_DEFERRED,) uint32
-    with_candidates: (
-        bool  # whether the candidates for upcoming collisions are prefetched, too (`prefetch`)
-    )
+    # whether the candidates for upcoming collisions are prefetched, too (`prefetch`)
+    with_candidates: bool
 
 
 @by_reference
@@ -163,12 +160,10 @@ class Workspace(NamedTuple):
     event_time: np.ndarray  # (4 N,) float64, a view of `link`
     mass: np.ndarray | None  # (N,) float64; None: all disks have mass 1 and the same radius
     cell: np.ndarray  # (cells * slots + 4,) uint32
-    image: (
-        np.ndarray | None
-    )  # (2 N,) int32, how often each disk has left a periodic box to the right and upwards
-    shift: (
-        np.ndarray | None
-    )  # (36,) float64, displacement (x, y, 0, 0) of each periodic image; None: walls
+    # (2 N,) int32, how often each disk has left a periodic box to the right and upwards
+    image: np.ndarray | None
+    # (36,) float64, displacement (x, y, 0, 0) of each periodic image; None: walls
+    shift: np.ndarray | None
     big: BigDisks | None
     lists: NeighbourLists | None
     bucket: np.ndarray  # (16 * buckets,) uint32
@@ -203,9 +198,9 @@ class Recorder(NamedTuple):
     log_impulse: np.ndarray  # (L, 2) float64, given to the first disk
 
 
-# -- a disk, and a pair of disks as seen from one of them
-# ------------------------------------------------------------- A disk's position is that at its own
-# time TIME, from which it moves straight. `mass` and `shift` may be None.
+# -- a disk, and a pair of disks as seen from one of them ------------------------------------------
+# A disk's position is that at its own time TIME, from which it moves straight. `mass` and `shift`
+# may be None.
 
 
 @kernel

@@ -51,12 +51,10 @@ class Places(NamedTuple):
     size: np.ndarray  # (2,) of the box
     periodic: bool
     grid: np.ndarray  # (columns, rows) int64, the last disk inserted into each cell or -1
-    following: (
-        np.ndarray
-    )  # (N,) int64, the disk inserted into the same cell before each disk, or -1
-    is_open: (
-        np.ndarray
-    )  # (columns, rows) bool, fields of the raster in which a centre may be possible
+    # (N,) int64, the disk inserted into the same cell before each disk, or -1
+    following: np.ndarray
+    # (columns, rows) bool, fields of the raster in which a centre may be possible
+    is_open: np.ndarray
 
 
 @kernel
@@ -86,10 +84,8 @@ def block_around(p: Places, i: int, reach: float) -> tuple[int, int, int, int]:
     columns, rows = p.grid.shape
     reach_x = min(int(reach / p.size[0] * columns) + 1, columns)
     reach_y = min(int(reach / p.size[1] * rows) + 1, rows)
-    column, row = (
-        interval_of(p.position[i, 0], p.size[0], columns),
-        interval_of(p.position[i, 1], p.size[1], rows),
-    )
+    column = interval_of(p.position[i, 0], p.size[0], columns)
+    row = interval_of(p.position[i, 1], p.size[1], rows)
     return column - reach_x, column + reach_x, row - reach_y, row + reach_y
 
 
@@ -192,12 +188,8 @@ def has_room(p: Places, i: int, column: int, row: int) -> bool:
     margin = 0.0 if p.periodic else p.radius[i]
     width, height = (p.size[0] - 2.0 * margin) / columns, (p.size[1] - 2.0 * margin) / rows
     half = 0.5 * math.sqrt(width * width + height * height)
-    x, y, level, parts = (
-        0,
-        0,
-        0,
-        1,
-    )  # of the square: its column and row among parts x parts of the field
+    # of the square: its column and row among parts x parts of the field
+    x, y, level, parts = 0, 0, 0, 1
     while True:
         try_place(p, i, (column + (x + 0.5) / parts) / columns, (row + (y + 0.5) / parts) / rows)
         verdict = judge_all(p, i, half / parts)

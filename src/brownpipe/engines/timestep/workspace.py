@@ -88,9 +88,8 @@ class Workspace(NamedTuple):
     within: PairList  # pairs of disks in the box
     across: PairList  # pairs of a disk and a periodic image
     candidate: np.ndarray  # (2 C,) uint32, listed pairs close enough to have met
-    contact_time: (
-        np.ndarray
-    )  # (2 C,) float64, time of contact of pairs that met, 0 at the end of the step
+    # (2 C,) float64, time of contact of pairs that met, 0 at the end of the step
+    contact_time: np.ndarray
     contact_key: np.ndarray  # (2 C,) int64, the numbers i, k of both disks in one: i N + k
     contact_pair: np.ndarray  # (2 C,) uint32
     counters: np.ndarray  # (COUNTERS,) int64
