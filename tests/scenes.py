@@ -13,7 +13,8 @@ from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import State
 from brownpipe.scene import parse_scene
 
-W, P = "reflecting", "periodic"
+WALLS = "reflecting"  # the boundary of a box
+PERIODIC = "periodic"
 
 
 def box(width, height, boundary, origin=(0.0, 0.0)):
@@ -32,14 +33,14 @@ def species(*kinds):
     ]
 
 
-def make(where, kinds, duration, tracer=None, velocities=None, **more):
+def mixture(where, kinds, duration, tracer=None, velocities=None, **more):
     disks = {"species": species(*kinds)} | ({} if tracer is None else {"tracer": tracer})
     mapping = {"box": where, "disks": disks, "duration": duration}
     velocities = {"zero_momentum": False} | (velocities or {"standard_deviation": 1.0})
     return parse_scene(mapping | {"velocities": velocities} | more, "made.yaml")
 
 
-def explicit(where, state, duration, **more):
+def scene_of_state(where, state, duration, **more):
     """The scene that begins with this state."""
     keys = ("position", "velocity", "radius", "mass")
     rows = zip(*(column.tolist() for column in state), strict=True)
@@ -61,7 +62,7 @@ def crystal(side, gap, duration, **more):
     state = State(
         position, velocity - velocity.mean(axis=0), np.full(side**2, 0.5), np.ones(side**2)
     )
-    return explicit(
+    return scene_of_state(
         box(width, float(height), "periodic", (width / 2, float(height) / 2)),
         state,
         duration,
@@ -78,19 +79,19 @@ def swarm(duration):
     small = np.stack(np.divmod(np.arange(200), 20), axis=1) * 0.012 + [-1.5, -1.5]
     radius, mass = np.repeat([0.3, 0.004], [20, 200]), np.repeat([1.0, 0.5], [20, 200])
     state = State(np.concatenate([large, small]), rng.standard_normal((220, 2)), radius, mass)
-    return explicit(box(6, 6, "reflecting"), state, duration)
+    return scene_of_state(box(6, 6, "reflecting"), state, duration)
 
 
-def crowded(where, kinds, duration):
+def from_lattice(where, kinds, duration):
     """Disks that begin on a lattice; between walls not in contact with these, which would be many
     events at t = 0.
     """
-    shrink = 0.99 if where["boundary"] == W else 1.0
+    shrink = 0.99 if where["boundary"] == WALLS else 1.0
     inner = {side: [shrink * end for end in where[side]] for side in "xy"}
     disks = {"species": species(*kinds), "placement": "lattice"}
     mapping = {"box": inner | {"boundary": where["boundary"]}, "disks": disks, "duration": duration}
     scene = parse_scene(mapping | {"velocities": {"standard_deviation": 1.0}}, "crowded.yaml")
-    return explicit(where, draw_state(scene, 1), duration)
+    return scene_of_state(where, draw_state(scene, 1), duration)
 
 
 TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
@@ -99,7 +100,7 @@ TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
 def note_scene(duration, particles=150, **more):
     """The published initial condition."""
     bath = [(particles - 1, 0.1, 0.4)]
-    return make(
+    return mixture(
         box(6, 6, "reflecting"), bath, duration, TRACER, {"standard_deviation": 2.0}, **more
     )
 
@@ -118,7 +119,7 @@ def in_plain_python(function, module):
     return pickle.loads(bytes.fromhex(done.stdout))
 
 
-def clash(side, duration):
+def simultaneous_collisions(side, duration):
     """A square of disks in a periodic box, each running into one of its neighbours, all at the same
     time.
     """
@@ -126,14 +127,14 @@ def clash(side, duration):
     position = np.stack([column + 0.5, row + 0.5], axis=1) - side / 2
     velocity = np.stack([(-1.0) ** (row + column), np.zeros(side**2)], axis=1)
     state = State(position, velocity, np.full(side**2, 0.2), np.ones(side**2))
-    return explicit(box(side, side, P), state, duration)
+    return scene_of_state(box(side, side, PERIODIC), state, duration)
 
 
-FEW = {
-    "walls": make(box(2, 1.2, W), [(4, 0.15, 1)], 2.0),
-    "periodic": make(box(1.3, 1.3, P), [(4, 0.17, 1)], 3.0),
-    "mixture": make(box(2, 2, W), [(4, 0.1, 1), (4, 0.14, 0.3)], 2.0),
-    "big": make(box(3, 3, P), [(1, 0.5, 2), (20, 0.1, 1)], 0.6),
-    "crowded": crowded(box(1.5, 1.4, P), [(12, 0.19, 1)], 0.7),
-    "clash": clash(20, 0.7),
+SMALL_SCENES = {
+    "walls": mixture(box(2, 1.2, WALLS), [(4, 0.15, 1)], 2.0),
+    "periodic": mixture(box(1.3, 1.3, PERIODIC), [(4, 0.17, 1)], 3.0),
+    "mixture": mixture(box(2, 2, WALLS), [(4, 0.1, 1), (4, 0.14, 0.3)], 2.0),
+    "big": mixture(box(3, 3, PERIODIC), [(1, 0.5, 2), (20, 0.1, 1)], 0.6),
+    "crowded": from_lattice(box(1.5, 1.4, PERIODIC), [(12, 0.19, 1)], 0.7),
+    "clash": simultaneous_collisions(20, 0.7),
 }

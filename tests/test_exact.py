@@ -19,17 +19,17 @@ from brownpipe.observables.displacement import displacement
 from brownpipe.scene import parse_scene
 from brownpipe.scene.scene import overlap
 from scenes import (
-    FEW,
+    PERIODIC,
+    SMALL_SCENES,
     TRACER,
-    P,
-    W,
+    WALLS,
     box,
-    crowded,
     crystal,
-    explicit,
+    from_lattice,
     in_plain_python,
-    make,
+    mixture,
     note_scene,
+    scene_of_state,
     species,
     swarm,
 )
@@ -44,7 +44,7 @@ def one_mover(boundary):
     velocity = np.zeros((70, 2))
     velocity[1] = 1.3, 0.7
     position = lattice + np.random.default_rng(0).uniform(-0.05, 0.05, (70, 2))
-    return explicit(
+    return scene_of_state(
         box(3, 3, boundary), State(position, velocity, np.full(70, 0.1), np.ones(70)), 30.0
     )
 
@@ -58,10 +58,10 @@ def interstitial(side, duration):
     position = np.concatenate([large, small]) % (width, height) - np.array((width, height)) / 2
     radius, mass = np.repeat([0.2, 0.04], side**2), np.repeat([1.0, 0.1], side**2)
     state = State(position, np.random.default_rng(1).standard_normal(position.shape), radius, mass)
-    return explicit(box(width, float(height), "periodic"), state, duration)
+    return scene_of_state(box(width, float(height), "periodic"), state, duration)
 
 
-def binary(boundary=P):
+def binary(boundary=PERIODIC):
     """A crowded mixture with radius ratio 1.4."""
     disks = {"species": species((60, 0.12, 1.0), (60, 0.085, 1.0)), "placement": "lattice"}
     mapping = {
@@ -77,80 +77,88 @@ def binary(boundary=P):
 
 SCENES = {
     # equal disks between walls
-    "walls-1": make(box(2, 3, W), [(1, 0.3, 1)], 40.0),
-    "walls-2": make(box(2, 1.2, W), [(2, 0.25, 1)], 40.0),
-    "walls-3-tight": make(box(1.0, 1.0, W), [(3, 0.15, 1)], 12.0),
-    "walls-10": make(box(2, 2, W, (0.3, -0.2)), [(10, 0.1, 2.5)], 4.0),
-    "walls-narrow": make(box(0.25, 9, W), [(14, 0.1, 1)], 4.0),
-    "walls-40": make(box(2, 3, W), [(40, 0.12, 1)], 1.0),
-    "walls-150": make(box(6, 6, W), [(150, 0.12, 1)], 0.6),
-    "walls-dilute": make(box(60, 40, W), [(60, 0.1, 1)], 60.0),
-    "walls-far-away": make(box(3, 2, W, (50.0, -70.0)), [(20, 0.1, 1)], 3.0),
+    "walls-1": mixture(box(2, 3, WALLS), [(1, 0.3, 1)], 40.0),
+    "walls-2": mixture(box(2, 1.2, WALLS), [(2, 0.25, 1)], 40.0),
+    "walls-3-tight": mixture(box(1.0, 1.0, WALLS), [(3, 0.15, 1)], 12.0),
+    "walls-10": mixture(box(2, 2, WALLS, (0.3, -0.2)), [(10, 0.1, 2.5)], 4.0),
+    "walls-narrow": mixture(box(0.25, 9, WALLS), [(14, 0.1, 1)], 4.0),
+    "walls-40": mixture(box(2, 3, WALLS), [(40, 0.12, 1)], 1.0),
+    "walls-150": mixture(box(6, 6, WALLS), [(150, 0.12, 1)], 0.6),
+    "walls-dilute": mixture(box(60, 40, WALLS), [(60, 0.1, 1)], 60.0),
+    "walls-far-away": mixture(box(3, 2, WALLS, (50.0, -70.0)), [(20, 0.1, 1)], 3.0),
     # equal disks, periodic: 1, 2, 3 and more cells a side
-    "periodic-2-narrowest": make(box(1, 1, P), [(2, 0.25, 1)], 30.0),
-    "periodic-2-oblong": make(box(1, 2.7, P), [(2, 0.25, 1)], 60.0),
-    "periodic-3-tight": make(box(1, 1, P, (0.5, 0.5)), [(3, 0.22, 1)], 8.0),
-    "periodic-3-cells": make(box(1.3, 1.3, P), [(7, 0.17, 1)], 3.0),
-    "periodic-2x4-cells": make(box(0.9, 1.8, P), [(8, 0.17, 1)], 3.0),
-    "periodic-1-cell-dilute": make(box(30, 30, P), [(3, 0.5, 1)], 1000.0),
-    "periodic-12": make(box(2, 1.4, P, (7.0, -3.0)), [(12, 0.15, 3)], 3.0),
-    "periodic-50": make(box(3, 3, P), [(50, 0.14, 1)], 1.2),
-    "periodic-150": make(box(6, 5, P), [(150, 0.13, 1)], 0.2),
-    "periodic-hot": make(
-        box(3, 3, P), [(30, 0.14, 1)], 2e-6, velocities={"standard_deviation": 1e6}
+    "periodic-2-narrowest": mixture(box(1, 1, PERIODIC), [(2, 0.25, 1)], 30.0),
+    "periodic-2-oblong": mixture(box(1, 2.7, PERIODIC), [(2, 0.25, 1)], 60.0),
+    "periodic-3-tight": mixture(box(1, 1, PERIODIC, (0.5, 0.5)), [(3, 0.22, 1)], 8.0),
+    "periodic-3-cells": mixture(box(1.3, 1.3, PERIODIC), [(7, 0.17, 1)], 3.0),
+    "periodic-2x4-cells": mixture(box(0.9, 1.8, PERIODIC), [(8, 0.17, 1)], 3.0),
+    "periodic-1-cell-dilute": mixture(box(30, 30, PERIODIC), [(3, 0.5, 1)], 1000.0),
+    "periodic-12": mixture(box(2, 1.4, PERIODIC, (7.0, -3.0)), [(12, 0.15, 3)], 3.0),
+    "periodic-50": mixture(box(3, 3, PERIODIC), [(50, 0.14, 1)], 1.2),
+    "periodic-150": mixture(box(6, 5, PERIODIC), [(150, 0.13, 1)], 0.2),
+    "periodic-hot": mixture(
+        box(3, 3, PERIODIC), [(30, 0.14, 1)], 2e-6, velocities={"standard_deviation": 1e6}
     ),
     # mixtures without much bigger ones
-    "walls-masses": make(box(2, 2, W), [(8, 0.1, 1), (8, 0.1, 100)], 3.0),
-    "walls-mixture": make(box(4, 4, W), [(30, 0.1, 1), (30, 0.14, 0.3), (20, 0.2, 4)], 1.2),
-    "walls-wide-mixture": make(
-        box(3, 3, W), [(20, 0.02, 1), (20, 0.05, 2), (20, 0.11, 4), (10, 0.2, 9)], 1.0
+    "walls-masses": mixture(box(2, 2, WALLS), [(8, 0.1, 1), (8, 0.1, 100)], 3.0),
+    "walls-mixture": mixture(box(4, 4, WALLS), [(30, 0.1, 1), (30, 0.14, 0.3), (20, 0.2, 4)], 1.2),
+    "walls-wide-mixture": mixture(
+        box(3, 3, WALLS), [(20, 0.02, 1), (20, 0.05, 2), (20, 0.11, 4), (10, 0.2, 9)], 1.0
     ),
-    "periodic-masses": make(box(2, 2, P), [(9, 0.12, 1), (9, 0.12, 50)], 3.0),
-    "periodic-mixture": make(box(4, 3, P), [(25, 0.1, 1), (25, 0.14, 0.3), (15, 0.2, 4)], 1.2),
-    "periodic-two-unlike": make(box(1.2, 1.2, P), [(1, 0.3, 1), (1, 0.1, 7)], 40.0),
-    "walls-masses-1e6": make(
-        box(3, 3, W), [(30, 0.1, 1), (30, 0.1, 1e-6)], 3e-3, velocities={"temperature": 1.0}
+    "periodic-masses": mixture(box(2, 2, PERIODIC), [(9, 0.12, 1), (9, 0.12, 50)], 3.0),
+    "periodic-mixture": mixture(
+        box(4, 3, PERIODIC), [(25, 0.1, 1), (25, 0.14, 0.3), (15, 0.2, 4)], 1.2
     ),
-    "periodic-radii": make(box(3, 3, P), [(25, 0.1, 1), (25, 0.14, 1), (15, 0.12, 1)], 0.8),
-    "walls-one-mover": one_mover(W),
-    "periodic-one-mover": one_mover(P),
+    "periodic-two-unlike": mixture(box(1.2, 1.2, PERIODIC), [(1, 0.3, 1), (1, 0.1, 7)], 40.0),
+    "walls-masses-1e6": mixture(
+        box(3, 3, WALLS), [(30, 0.1, 1), (30, 0.1, 1e-6)], 3e-3, velocities={"temperature": 1.0}
+    ),
+    "periodic-radii": mixture(
+        box(3, 3, PERIODIC), [(25, 0.1, 1), (25, 0.14, 1), (15, 0.12, 1)], 0.8
+    ),
+    "walls-one-mover": one_mover(WALLS),
+    "periodic-one-mover": one_mover(PERIODIC),
     "walls-swarm": swarm(0.02),
     # crowded, where the engine keeps neighbour lists
-    "walls-crowded": crowded(box(3, 2, W), [(65, 0.14, 1)], 0.4),
-    "walls-crowded-aside": crowded(box(3, 2, W, (-0.01, 0.005)), [(65, 0.14, 1)], 0.4),
-    "walls-crowded-alike": crowded(
-        box(3, 2, W), [(40, 0.14, 1), (28, 0.12, 3)], 0.4
+    "walls-crowded": from_lattice(box(3, 2, WALLS), [(65, 0.14, 1)], 0.4),
+    "walls-crowded-aside": from_lattice(box(3, 2, WALLS, (-0.01, 0.005)), [(65, 0.14, 1)], 0.4),
+    "walls-crowded-alike": from_lattice(
+        box(3, 2, WALLS), [(40, 0.14, 1), (28, 0.12, 3)], 0.4
     ),  # narrow lists, with masses
-    "periodic-crowded": crowded(box(2.5, 2, P), [(57, 0.14, 1)], 0.3),
-    "periodic-crowded-narrowest": make(box(1, 1, P), [(3, 0.249, 1)], 4.0),
-    "periodic-crowded-few": crowded(box(1.1, 1.1, P), [(4, 0.25, 1)], 4.0),
-    "periodic-crowded-12": crowded(box(1.5, 1.4, P, (3.0, 1.0)), [(12, 0.19, 1)], 0.7),
-    "periodic-crowded-mixture": crowded(box(2.5, 2, P), [(32, 0.14, 1), (30, 0.11, 0.2)], 0.3),
+    "periodic-crowded": from_lattice(box(2.5, 2, PERIODIC), [(57, 0.14, 1)], 0.3),
+    "periodic-crowded-narrowest": mixture(box(1, 1, PERIODIC), [(3, 0.249, 1)], 4.0),
+    "periodic-crowded-few": from_lattice(box(1.1, 1.1, PERIODIC), [(4, 0.25, 1)], 4.0),
+    "periodic-crowded-12": from_lattice(box(1.5, 1.4, PERIODIC, (3.0, 1.0)), [(12, 0.19, 1)], 0.7),
+    "periodic-crowded-mixture": from_lattice(
+        box(2.5, 2, PERIODIC), [(32, 0.14, 1), (30, 0.11, 0.2)], 0.3
+    ),
     "periodic-crowded-unlike": interstitial(4, 0.3),
     # big ones among small ones
     "note": note_scene(0.35),
-    "walls-thermal": make(box(6, 6, W), [(99, 0.1, 0.4)], 0.8, TRACER, {"temperature": 1.6}),
-    "walls-big-10": make(box(6, 6, W), [(1, 1.0, 30), (80, 0.1, 1)], 1.2),
-    "walls-big-at-wall": make(box(4, 4, W), [(1, 1.8, 5), (40, 0.06, 1)], 1.5),
-    "walls-big-filling": make(box(4, 4, W), [(1, 1.95, 5), (40, 0.05, 1)], 1.5),
-    "walls-three-big": make(box(8, 6, W), [(100, 0.1, 1), (3, 0.9, 20)], 1.2),
-    "walls-big-30": make(box(4, 4, W), [(1, 0.9, 100), (60, 0.03, 1)], 1.2),
-    "walls-big-unlike": make(
-        box(8, 8, W), [(1, 1.5, 3), (1, 0.4, 50), (2, 0.7, 1), (90, 0.1, 1)], 1.2
+    "walls-thermal": mixture(box(6, 6, WALLS), [(99, 0.1, 0.4)], 0.8, TRACER, {"temperature": 1.6}),
+    "walls-big-10": mixture(box(6, 6, WALLS), [(1, 1.0, 30), (80, 0.1, 1)], 1.2),
+    "walls-big-at-wall": mixture(box(4, 4, WALLS), [(1, 1.8, 5), (40, 0.06, 1)], 1.5),
+    "walls-big-filling": mixture(box(4, 4, WALLS), [(1, 1.95, 5), (40, 0.05, 1)], 1.5),
+    "walls-three-big": mixture(box(8, 6, WALLS), [(100, 0.1, 1), (3, 0.9, 20)], 1.2),
+    "walls-big-30": mixture(box(4, 4, WALLS), [(1, 0.9, 100), (60, 0.03, 1)], 1.2),
+    "walls-big-unlike": mixture(
+        box(8, 8, WALLS), [(1, 1.5, 3), (1, 0.4, 50), (2, 0.7, 1), (90, 0.1, 1)], 1.2
     ),
-    "walls-big-fast": make(
-        box(6, 6, W), [(2, 0.5, 0.01), (60, 0.1, 1)], 0.6, velocities={"temperature": 1.0}
+    "walls-big-fast": mixture(
+        box(6, 6, WALLS), [(2, 0.5, 0.01), (60, 0.1, 1)], 0.6, velocities={"temperature": 1.0}
     ),
-    "walls-big-50": make(box(6, 6, W), [(1, 1.5, 50), (150, 0.03, 1)], 1.0),
-    "walls-big-1000": make(box(6, 6, W), [(1, 1.0, 1e4), (100, 0.001, 1)], 5.0),
-    "periodic-big-50": make(box(7, 7, P), [(1, 1.5, 50), (100, 0.03, 1)], 1.0),
-    "periodic-big-1000": make(box(6, 6, P), [(2, 1.0, 1e4), (100, 0.001, 1)], 5.0),
-    "periodic-big-4": make(box(5, 5, P), [(1, 0.5, 2), (90, 0.12, 1)], 0.8),
-    "periodic-big-10": make(box(6, 5, P), [(1, 1.0, 3), (80, 0.1, 1)], 1.0),
-    "periodic-three-big": make(box(8, 6, P, (4.0, 3.0)), [(3, 0.9, 2), (20, 0.1, 1)], 8.0),
-    "periodic-big-narrowest": make(box(4, 4, P), [(1, 1.0, 2), (60, 0.05, 1)], 1.2),
-    "periodic-big-fast": make(
-        box(6, 6, P), [(2, 0.6, 0.02), (50, 0.1, 1)], 0.5, velocities={"temperature": 1.0}
+    "walls-big-50": mixture(box(6, 6, WALLS), [(1, 1.5, 50), (150, 0.03, 1)], 1.0),
+    "walls-big-1000": mixture(box(6, 6, WALLS), [(1, 1.0, 1e4), (100, 0.001, 1)], 5.0),
+    "periodic-big-50": mixture(box(7, 7, PERIODIC), [(1, 1.5, 50), (100, 0.03, 1)], 1.0),
+    "periodic-big-1000": mixture(box(6, 6, PERIODIC), [(2, 1.0, 1e4), (100, 0.001, 1)], 5.0),
+    "periodic-big-4": mixture(box(5, 5, PERIODIC), [(1, 0.5, 2), (90, 0.12, 1)], 0.8),
+    "periodic-big-10": mixture(box(6, 5, PERIODIC), [(1, 1.0, 3), (80, 0.1, 1)], 1.0),
+    "periodic-three-big": mixture(
+        box(8, 6, PERIODIC, (4.0, 3.0)), [(3, 0.9, 2), (20, 0.1, 1)], 8.0
+    ),
+    "periodic-big-narrowest": mixture(box(4, 4, PERIODIC), [(1, 1.0, 2), (60, 0.05, 1)], 1.2),
+    "periodic-big-fast": mixture(
+        box(6, 6, PERIODIC), [(2, 0.6, 0.02), (50, 0.1, 1)], 0.5, velocities={"temperature": 1.0}
     ),
 }
 MOST = 300  # events a run; the twin needs some milliseconds each
@@ -252,7 +260,7 @@ def test_the_energy_does_not_drift(diameter):
     side there.
     """
     side = diameter * np.sqrt(16 * np.pi / 4 / 0.7)
-    scene = crowded(box(side, side, P), [(16, diameter / 2, 1)], 1e4 * diameter)
+    scene = from_lattice(box(side, side, PERIODIC), [(16, diameter / 2, 1)], 1e4 * diameter)
     found = {name: values[0] for name, values in simulate(scene, [0], {"none"}).observables.items()}
     assert found["pair_collisions"] > 1.5e6
     assert abs(found["energy_drift"] * found["kinetic_energy"] / found["pair_collisions"]) < 3e-18
@@ -313,7 +321,7 @@ def test_a_pair_that_parts_as_slowly_as_numbers_allow_does_not_collide(speed):
     position = np.array([[5.0, 5.0], [8.0, 5.0], [5.0, 15.0]])
     velocity = np.array([[0.0, 0.0], [speed, 0.0], [1.0, 0.0]])
     state = State(position, velocity, np.full(3, 0.5), np.ones(3))
-    ensemble = simulate(explicit(box(20.0, 20.0, P, (10.0, 10.0)), state, 3.0), [0])
+    ensemble = simulate(scene_of_state(box(20.0, 20.0, PERIODIC, (10.0, 10.0)), state, 3.0), [0])
     assert ensemble.observables["pair_collisions"].tolist() == [0]
 
 
@@ -325,14 +333,14 @@ def test_the_notes_scene_runs_backwards_to_where_it_began(duration, bound):
     """Errors grow as exp(17.9 t): from 1e-15 to 1e-14 at T = 0.1, where all is done again, and to
     1e-11 at 0.5.
     """
-    where = box(6, 6, W)
+    where = box(6, 6, WALLS)
     for seed in (1, 2, 3):
         scene = note_scene(duration)
         there = simulate(scene, [seed], {"all"}).whole[seed]
         turned = draw_state(scene, seed)._replace(
             position=there.position[-1], velocity=-there.velocity[-1]
         )
-        back = simulate(explicit(where, turned, duration), [0], {"all"}).whole[0]
+        back = simulate(scene_of_state(where, turned, duration), [0], {"all"}).whole[0]
         start = draw_state(scene, seed)
         assert np.abs(back.position[-1] - start.position).max() <= bound
         assert (
@@ -345,11 +353,11 @@ def test_the_notes_scene_runs_backwards_to_where_it_began(duration, bound):
 
 BITS = {
     "walls": note_scene(1.0),
-    "periodic": make(
-        box(5, 5, P), [(90, 0.12, 1), (1, 0.5, 2)], 1.0
+    "periodic": mixture(
+        box(5, 5, PERIODIC), [(90, 0.12, 1), (1, 0.5, 2)], 1.0
     ),  # the engine has the big one first
-    "mixture": make(box(4, 4, W), [(30, 0.1, 1), (30, 0.14, 0.3), (20, 0.2, 4)], 1.0),
-    "crowded": crowded(box(2.5, 2, P), [(57, 0.14, 1)], 1.0),
+    "mixture": mixture(box(4, 4, WALLS), [(30, 0.1, 1), (30, 0.14, 0.3), (20, 0.2, 4)], 1.0),
+    "crowded": from_lattice(box(2.5, 2, PERIODIC), [(57, 0.14, 1)], 1.0),
 }
 
 
@@ -425,7 +433,7 @@ def test_lists_are_right_from_block_to_block():
     5 of 9 runs like these had overlaps of 1e-3 to 0.1 then.
     """
     for n, side in ((56, 8.53), (81, 10.26)):
-        scene = crowded(box(side, side, P), [(n, 0.5, 1.0)], 2000.0)
+        scene = from_lattice(box(side, side, PERIODIC), [(n, 0.5, 1.0)], 2000.0)
         assert layout.new_workspace(scene, units.engine_frame(scene)).lists is not None
         seen = simulate(scene, [0], frozenset()).observables
         assert seen["pair_collisions"][0] > 500_000
@@ -439,7 +447,9 @@ def test_prefetching_and_other_buckets_change_no_bit(phi, fits_cache, monkeypatc
     """With cells and with lists; buckets become shorter or longer with the events of all disks in
     the queue.
     """
-    scene = crowded(box(30.0, 30.0, P), [(int(phi * 900 / (np.pi / 4)), 0.5, 1.0)], 18.0)
+    scene = from_lattice(
+        box(30.0, 30.0, PERIODIC), [(int(phi * 900 / (np.pi / 4)), 0.5, 1.0)], 18.0
+    )
     usual = simulate(scene, [1], {"all", "events"})
     checks, fitting = [], layout.with_fitting_buckets
 
@@ -500,7 +510,7 @@ def test_calls_of_the_kernel_double_in_length(monkeypatch):
         return advance(w, recorder, most)
 
     monkeypatch.setattr(exact_run, "advance", noted)
-    simulate(crowded(box(20.0, 20.0, P), [(200, 0.5, 1.0)], 150.0), [0], frozenset())
+    simulate(from_lattice(box(20.0, 20.0, PERIODIC), [(200, 0.5, 1.0)], 150.0), [0], frozenset())
     lengths = [call for call in calls if call]  # the first call compiles
     assert lengths[0] < 20_000 and len(lengths) > 3
     assert all(after == 2 * before for before, after in pairwise(lengths))
@@ -514,7 +524,9 @@ def test_buckets_become_longer_where_disks_have_spread_out(monkeypatch):
     )
     monkeypatch.setattr(exact_run, "FEW_EVENTS", 500)
     monkeypatch.setattr(exact_run, "EVENTS_PER_CALL", 5000)
-    checks = events_per_bucket(explicit(box(200.0, 200.0, P), state, 3000.0), monkeypatch)
+    checks = events_per_bucket(
+        scene_of_state(box(200.0, 200.0, PERIODIC), state, 3000.0), monkeypatch
+    )
     assert checks[0] > 1000 and min(checks) < 0.01 and min(checks[5:]) > 0.25
 
 
@@ -533,7 +545,9 @@ def plain_runs():
     found = {"same": []}
     for fits_cache in (10**9, 0):
         layout.FITS_CACHE = layout.CANDIDATES_FIT_CACHE = fits_cache
-        found["same"] += [simulate(scene, [3], {"all", "events"}) for scene in FEW.values()]
+        found["same"] += [
+            simulate(scene, [3], {"all", "events"}) for scene in SMALL_SCENES.values()
+        ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             predictions, "delay", lambda b, c, d: np.where(c < 0, np.inf, c / (np.sqrt(d) - b))
@@ -555,7 +569,7 @@ def test_the_compiler_changes_no_bit(plain):
     """Every kernel gives the same numbers as plain Python: nothing is reordered, fused or
     approximated.
     """
-    for scene, other in zip([*FEW.values()] * 2, plain["same"], strict=True):
+    for scene, other in zip([*SMALL_SCENES.values()] * 2, plain["same"], strict=True):
         run = simulate(scene, [3], {"all", "events"})
         assert len(run.events[3].time) >= 10
         for one, two in ((run.whole[3], other.whole[3]), (run.events[3], other.events[3])):
@@ -572,7 +586,7 @@ def test_the_sample_at_t_0_is_taken_before_the_collisions_then():
     """
     disks = {"species": species((68, 0.5, 1.0)), "placement": "lattice"}
     mapping = {
-        "box": box(10, 10, W),
+        "box": box(10, 10, WALLS),
         "disks": disks,
         "duration": 0.5,
         "velocities": {"standard_deviation": 1.0},
@@ -593,8 +607,8 @@ def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
         "mass": 1.0,
         "position": [0.0, 0.0],
     }  # the engine has the big ones first
-    scene = make(
-        box(6, 6, W),
+    scene = mixture(
+        box(6, 6, WALLS),
         [(99, 0.1, 0.4), (2, 0.6, 2)],
         0.1,
         small,
@@ -629,8 +643,8 @@ def touching_scenes():
     """
     with_tracer = State(*(of_disks[1:] for of_disks in PRESSING))
     pairs = [
-        explicit(box(6, 6, W), with_tracer, 1.0, sample_interval=0.05),
-        explicit(box(6, 6, P), PRESSING, 0.1),
+        scene_of_state(box(6, 6, WALLS), with_tracer, 1.0, sample_interval=0.05),
+        scene_of_state(box(6, 6, PERIODIC), PRESSING, 0.1),
     ]
     return [*pairs, crystal(6, 1e-14, 5e-13)]
 
@@ -662,8 +676,11 @@ def strays():
     """
     across = PRESSING._replace(position=np.array([[2, 2], [-8.0, 0.01], [5.0, 0.0]]))
     up = across._replace(position=across.position[:, ::-1], velocity=across.velocity[:, ::-1])
-    pairs = [explicit(box(20, 20, W), across, 16.0), explicit(box(20, 20, P), up, 16.0)]
-    return [*pairs, crowded(box(2.5, 2, P), [(57, 0.14, 1)], 0.2)]
+    pairs = [
+        scene_of_state(box(20, 20, WALLS), across, 16.0),
+        scene_of_state(box(20, 20, PERIODIC), up, 16.0),
+    ]
+    return [*pairs, from_lattice(box(2.5, 2, PERIODIC), [(57, 0.14, 1)], 0.2)]
 
 
 @pytest.mark.slow

@@ -23,9 +23,9 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.units import State, motion_of
 from brownpipe.errors import RequestError
 from brownpipe.scene.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS, overlap
-from scenes import FEW, P, W, box, crystal, explicit, make, note_scene
+from scenes import PERIODIC, SMALL_SCENES, WALLS, box, crystal, mixture, note_scene, scene_of_state
 
-BOTH = pytest.mark.parametrize("boundary", [W, P])
+BOTH = pytest.mark.parametrize("boundary", [WALLS, PERIODIC])
 
 
 def state_of(disks, radius=0.125, mass=1.0):
@@ -41,7 +41,7 @@ def state_of(disks, radius=0.125, mass=1.0):
 
 def outcome(where, state, duration, **more):
     """Final positions and velocities, events and observables of a run that must not fail."""
-    run = simulate(explicit(where, state, duration, **more), [0], {"all", "events"})
+    run = simulate(scene_of_state(where, state, duration, **more), [0], {"all", "events"})
     seen = {key: column[0] for key, column in run.observables.items()}
     assert not seen["failed"]
     assert abs(seen["energy_drift"]) <= 1e-14
@@ -70,7 +70,7 @@ def test_exact_contact_at_the_start(boundary, u, v, collisions, after):
 @pytest.mark.parametrize(("u", "bounces"), [(-1.0, 1), (1.0, 0), (0.0, 0)])
 def test_exact_contact_with_a_wall_at_the_start(u, bounces):
     position, velocity, events, seen = outcome(
-        box(6, 6, W), state_of([(-3 + 0.125, 0, u, 0.5)]), 1.0
+        box(6, 6, WALLS), state_of([(-3 + 0.125, 0, u, 0.5)]), 1.0
     )
     assert velocity.tolist() == [[abs(u), 0.5]]
     assert position.tolist() == [[-3 + 0.125 + abs(u), 0.5]]
@@ -92,14 +92,14 @@ def test_behind_contact_with_a_wall_by_round_off():
 
     def columns(edge):
         return prepare_scene(
-            explicit(box(4, 4, W), disks(edge, 1), 1.0), np.zeros(0)
+            scene_of_state(box(4, 4, WALLS), disks(edge, 1), 1.0), np.zeros(0)
         ).workspace.grid.columns
 
     edges = {n: 4 / n * round(n / 4) for n in range(5, 16)}
     found = [edge for n, edge in edges.items() if edge < 1.15 and columns(edge) == n]
     assert found
     for edge, turn in product(found, (1, -1)):
-        position, _, _, seen = outcome(box(4, 4, W), disks(edge, turn), 0.01)
+        position, _, _, seen = outcome(box(4, 4, WALLS), disks(edge, turn), 0.01)
         assert seen["wall_collisions"] == seen["pair_collisions"] == 0
         np.testing.assert_allclose(position[0], [(edge - 1.99) * turn, 0.0], rtol=0, atol=1e-12)
 
@@ -121,7 +121,7 @@ def test_a_cradle_of_unequal_masses_in_contact_conserves_and_separates():
     disks = state_of(
         [(0.25 * i, 0, float(i == 0), 0) for i in range(4)], mass=np.array([1.0, 4.0, 2.0, 3.0])
     )
-    _, velocity, _, _ = outcome(box(6, 6, W), disks, 0.5)
+    _, velocity, _, _ = outcome(box(6, 6, WALLS), disks, 0.5)
     assert (
         np.diff(velocity[:, 0]) >= -1e-15
     ).all()  # each at least as fast as the one behind it: they separate
@@ -135,7 +135,7 @@ def test_small_gaps(gap):
     disk to disk.
     """
     disks = state_of([(0.25 * (1 + gap) * i, 0, float(i == 0), 0) for i in range(6)])
-    _, velocity, events, _ = outcome(box(6, 6, W), disks, 0.5)
+    _, velocity, events, _ = outcome(box(6, 6, WALLS), disks, 0.5)
     first = np.array(
         [events.time[np.flatnonzero((events.a == i) | (events.b == i))[0]] for i in range(1, 6)]
     )
@@ -172,7 +172,7 @@ def test_into_a_corner(corner):
     """Both walls at once, exactly: back the way it came."""
     corner = np.array(corner)
     disks = state_of([(0.5, 0.5, *corner)])._replace(position=np.array([0.5 * corner]))
-    position, velocity, events, _ = outcome(box(4, 4, W), disks, 3.0)
+    position, velocity, events, _ = outcome(box(4, 4, WALLS), disks, 3.0)
     assert velocity.tolist() == [(-corner).tolist()]
     assert position.tolist() == [(corner * (0.5 + 2 * 1.375 - 3.0)).tolist()]
     assert events.time.tolist() == [1.375, 1.375]
@@ -193,7 +193,7 @@ def test_many_pairs_at_the_same_time(boundary):
 
 def test_a_row_of_disks_reaches_the_wall_at_the_same_time():
     disks = state_of([(0.5, 0.25 * (i + 0.5), 1.0, 0.0) for i in range(400)])
-    position, velocity, events, _ = outcome(box(4, 100, W, (2.0, 50.0)), disks, 5.0)
+    position, velocity, events, _ = outcome(box(4, 100, WALLS, (2.0, 50.0)), disks, 5.0)
     assert set(velocity[:, 0]) == {-1.0}
     assert set(position[:, 0]) == {4 - 0.125 - (5 - 3.375)}
     assert events.time.tolist() == [3.375] * 400
@@ -281,15 +281,15 @@ def crowded_row():
 UNLIKE = np.random.default_rng(5).uniform(0.1, 8.0, 14)
 JAMMED = {
     "crystal": crystal(6, 0.0, 1.0),
-    "row": explicit(box(1, 1, W), row(8), 1.0),
-    "row, oblique": explicit(box(1, 1, W), row(13, direction=(1.0, 0.01)), 1.0),
-    "column": explicit(box(1, 1, W), upright(row(12)), 1.0),
-    "all move": explicit(box(2, 1, W), row(27, 2.0, 27), 1.0),
-    "unlike masses": explicit(box(1, 2, W), row(14, mass=UNLIKE), 1.0),
-    "ring": explicit(box(3, 3, P), row(17, 3.0, 5), 1.0),
-    "block": explicit(box(1, 2 / 6, W), block(6), 1.0),
-    "slit": explicit(box(0.3, 4, W, (0.25, 0)), state_of([(0.25, 0, 1, 0.7)], 0.15), 1.0),
-    "free disks beside": explicit(box(1, 3, W), crowded_row(), 1.0),
+    "row": scene_of_state(box(1, 1, WALLS), row(8), 1.0),
+    "row, oblique": scene_of_state(box(1, 1, WALLS), row(13, direction=(1.0, 0.01)), 1.0),
+    "column": scene_of_state(box(1, 1, WALLS), upright(row(12)), 1.0),
+    "all move": scene_of_state(box(2, 1, WALLS), row(27, 2.0, 27), 1.0),
+    "unlike masses": scene_of_state(box(1, 2, WALLS), row(14, mass=UNLIKE), 1.0),
+    "ring": scene_of_state(box(3, 3, PERIODIC), row(17, 3.0, 5), 1.0),
+    "block": scene_of_state(box(1, 2 / 6, WALLS), block(6), 1.0),
+    "slit": scene_of_state(box(0.3, 4, WALLS, (0.25, 0)), state_of([(0.25, 0, 1, 0.7)], 0.15), 1.0),
+    "free disks beside": scene_of_state(box(1, 3, WALLS), crowded_row(), 1.0),
 }
 
 
@@ -314,7 +314,7 @@ def test_narrow_gaps_are_no_standstill(gap):
     """
     shots = crystal(10, gap, gap * 40_000)
     pair = state_of([(-0.5 - gap / 3, 0, 1.1, 0), (0.5 + gap / 3, 0, -0.3, 0)], 0.5)
-    beside = explicit(box(2 + 2 * gap, 4, W), pair, gap * 4_000_000)
+    beside = scene_of_state(box(2 + 2 * gap, 4, WALLS), pair, gap * 4_000_000)
     for scene in (shots, beside):
         seen = simulate(scene, [0]).observables
         assert not seen["failed"][0]
@@ -340,7 +340,7 @@ def scaled(scene, seed, length=0, time=0, mass=0):
         math.ldexp(scene.box.height, length),
         scene.box.boundary,
     )
-    return explicit(where, state, math.ldexp(scene.duration, time))
+    return scene_of_state(where, state, math.ldexp(scene.duration, time))
 
 
 ENDS = (-440, 0, 440)  # 1e-132 to 1e132
@@ -356,12 +356,16 @@ UNITS += [(300, 100, -200), (-300, -100, 200)]
 
 @pytest.mark.parametrize(
     ("name", "units"),
-    [*product(["periodic"], product(ENDS, ENDS, (-900, 0, 900))), *product(FEW, UNITS)],
+    [*product(["periodic"], product(ENDS, ENDS, (-900, 0, 900))), *product(SMALL_SCENES, UNITS)],
     ids=str,
 )
 def test_units_of_both_engines(name, units):
     """Trajectories and observables to the bit; NaN, or next to 0, where there is no such number."""
-    plain, other, (length, time, mass) = scaled(FEW[name], 3), scaled(FEW[name], 3, *units), units
+    plain, other, (length, time, mass) = (
+        scaled(SMALL_SCENES[name], 3),
+        scaled(SMALL_SCENES[name], 3, *units),
+        units,
+    )
     step = largest_step(plain) / 64
     powers = {"kinetic_energy": mass + 2 * (length - time), "virial": mass + 2 * length - time}
     powers |= {"initial_square_speed": 2 * (length - time), "wall_impulse": mass + length - time}
@@ -391,7 +395,7 @@ def test_units_that_are_no_powers_of_two(factors):
     1e4.
     """
     length, time, mass = factors
-    scene = scaled(FEW["periodic"], 3).replace(duration=1.0, sample_interval=1.0)
+    scene = scaled(SMALL_SCENES["periodic"], 3).replace(duration=1.0, sample_interval=1.0)
     state = draw_state(scene, 0)
     moved = State(
         state.position * length,
@@ -400,7 +404,7 @@ def test_units_that_are_no_powers_of_two(factors):
         state.mass * mass,
     )
     sides = [side * length for side in (scene.box.width, scene.box.height)]
-    other = explicit(box(*sides, P), moved, time)
+    other = scene_of_state(box(*sides, PERIODIC), moved, time)
     step = largest_step(scene) / 64
     for engine, short, long in (
         (simulate, {}, {}),
@@ -418,7 +422,7 @@ def test_a_disk_that_is_nowhere_fails_the_run_and_so_do_lost_energy_lost_momentu
     """By 1e-8, ten times what is allowed, and each alone: momentum is lost where a velocity is
     reversed.
     """
-    scene = FEW["crowded"]
+    scene = SMALL_SCENES["crowded"]
     prepared = prepare_scene(scene, scene.times)
     w, first = prepared.workspace, motion_of(draw_state(scene, 3), prepared.frame)
     first[:, 2:] -= first[:, 2:].mean(axis=0)
@@ -446,21 +450,21 @@ def test_a_disk_that_is_nowhere_fails_the_run_and_so_do_lost_energy_lost_momentu
 def test_a_duration_that_the_clock_cannot_count_is_refused():
     disks = state_of([(0, 0, 1, 0)])
     with pytest.raises(RequestError, match=r"explicit: duration: must be at most .* not 1e\+200"):
-        simulate(explicit(box(6, 6, W), disks, 1e200), [0])
+        simulate(scene_of_state(box(6, 6, WALLS), disks, 1e200), [0])
 
 
 @pytest.mark.parametrize("size", [1e-139, 1.0, 1e139])
 @pytest.mark.parametrize("duration", [1e-280, 1.0, 1e300])
 def test_disks_at_rest_in_any_units(size, duration):
     disks = state_of([(0, 0, 0, 0), (0.5 * size, 0, 0, 0)], 0.125 * size)
-    position, velocity, _, _ = outcome(box(size * 2, size * 2, P), disks, duration)
+    position, velocity, _, _ = outcome(box(size * 2, size * 2, PERIODIC), disks, duration)
     assert np.array_equal(position, disks.position) and not velocity.any()
 
 
 @pytest.mark.parametrize("speed", [1e-200, 1e200])
 def test_a_unit_of_time_that_is_no_number_is_refused(speed):
     size = 1e130 if speed < 1 else 1e-130
-    scene = explicit(box(size, size, W), state_of([(0, 0, speed, 0)], size / 8), 1.0)
+    scene = scene_of_state(box(size, size, WALLS), state_of([(0, 0, speed, 0)], size / 8), 1.0)
     with pytest.raises(
         RequestError,
         match=r"explicit: velocities: the rms speed 1e.200 must be from .* other units",
@@ -487,7 +491,7 @@ def test_the_largest_mass_ratio(boundary):
     1e100 collisions.
     """
     kinds = [(9, 0.1, 1.0), (1, 0.1, LARGEST_MASS_RATIO)]
-    scene = make(box(2, 2, boundary), kinds, 500.0, velocities={"temperature": 1.0})
+    scene = mixture(box(2, 2, boundary), kinds, 500.0, velocities={"temperature": 1.0})
     for run in (
         simulate(scene, [1], {"all"}),
         timestep.simulate(scene, [1], {"all"}, time_step=0.01),
@@ -514,8 +518,8 @@ def test_the_smallest_radius(place):
         )
         start = np.array((place - 1e-6, -place + 1e-6)) * 0.99
         other = start + radius * (1.2 * across - 10 * along)
-        scene = explicit(
-            box(6, 6, W), state_of([(*start, 0, 0), (*other, *along)], radius), 40 * radius
+        scene = scene_of_state(
+            box(6, 6, WALLS), state_of([(*start, 0, 0), (*other, *along)], radius), 40 * radius
         )
         run = simulate(scene, [0], {"all"})
         assert run.observables["pair_collisions"][0] == 1
@@ -540,7 +544,7 @@ def test_pi_collisions(digits):
     3,141,592.
     """
     disks = state_of([(2, 0, 0, 0), (4, 0, -1, 0)], 0.5, np.array([1.0, 100.0**digits]))
-    scene = explicit({"x": [0.0, 40.0], "y": [-20.0, 20.0], "boundary": W}, disks, 30.0)
+    scene = scene_of_state({"x": [0.0, 40.0], "y": [-20.0, 20.0], "boundary": WALLS}, disks, 30.0)
     seen = {key: column[0] for key, column in simulate(scene, [0], frozenset()).observables.items()}
     assert seen["pair_collisions"] + seen["wall_collisions"] == math.floor(math.pi * 10**digits)
     assert (
@@ -563,7 +567,7 @@ def test_energy_over_a_million_events(boundary, kinds, bound):
     """At random, 1e6 errors of a unit of round-off of 2/10 of the energy add up to 5e-14. A bias of
     0.1 units would give 5e-12, and did: see `collisions.shares`.
     """
-    scene = make(box(2, 2, boundary), kinds, 10.0, velocities={"temperature": 1.0})
+    scene = mixture(box(2, 2, boundary), kinds, 10.0, velocities={"temperature": 1.0})
     few = simulate(scene, [1], frozenset()).observables
     events = few["pair_collisions"][0] + few["wall_collisions"][0]
     seen = simulate(
@@ -590,7 +594,7 @@ def reflected(x, v, t, half):
 def test_a_lone_disk_for_a_long_time(duration, speed, bound):
     """Up to 5e6 bounces, each off by some 1e-13 at random and 1e-15 in the mean."""
     vx, vy = 0.9 * speed, 0.7 * speed
-    scene = explicit(box(6, 6, W), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
+    scene = scene_of_state(box(6, 6, WALLS), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
     run = simulate(scene, [0], {"tracer"})
     for axis, (x, v) in enumerate([(0.1, vx), (-0.2, vy)]):
         assert run.tracer.position[-1, 0, axis] == pytest.approx(
@@ -606,7 +610,7 @@ def test_a_lone_disk_in_a_periodic_box_for_a_long_time(duration, speed):
     the most.
     """
     vx, vy = 0.9 * speed, -0.7 * speed
-    scene = explicit(box(6, 6, P), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
+    scene = scene_of_state(box(6, 6, PERIODIC), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
     track = simulate(scene, [0], {"tracer"}).tracer
     for axis, (x, v) in enumerate([(0.1, vx), (-0.2, vy)]):
         way = (
@@ -623,13 +627,13 @@ def test_a_box_a_million_away_loses_no_digit(boundary):
     """The same events to the bit; only the positions that are handed back are rounded to their
     1e-10.
     """
-    state = draw_state(make(box(4, 4, boundary), [(20, 0.14, 1), (20, 0.1, 0.3)], 1.0), 1)
+    state = draw_state(mixture(box(4, 4, boundary), [(20, 0.14, 1), (20, 0.1, 0.3)], 1.0), 1)
     state = state._replace(
         position=np.round(state.position * 2**30) / 2**30
     )  # so that the shift is exact
-    near = simulate(explicit(box(4, 4, boundary), state, 1.0), [0], {"all", "events"})
+    near = simulate(scene_of_state(box(4, 4, boundary), state, 1.0), [0], {"all", "events"})
     shift = np.array([2.0**20, -(2.0**20)])
-    far = explicit(
+    far = scene_of_state(
         box(4, 4, boundary, tuple(shift.tolist())),
         state._replace(position=state.position + shift),
         1.0,
@@ -650,7 +654,7 @@ def test_a_box_a_million_away_loses_no_digit(boundary):
 @BOTH
 def test_no_disk_at_all(boundary):
     run = simulate(
-        make(box(2, 2, boundary), [(0, 0.1, 1.0)], 1.0), [0, 1], {"tracer", "all", "events"}
+        mixture(box(2, 2, boundary), [(0, 0.1, 1.0)], 1.0), [0, 1], {"tracer", "all", "events"}
     )
     assert run.tracer is None and run.times.tolist() == [0.0, 1.0]
     assert all(column.tolist() == [0, 0] for column in run.observables.values())

@@ -15,7 +15,7 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import layout
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.scene import parse_scene
-from scenes import P, W, box, crowded, make, species
+from scenes import PERIODIC, WALLS, box, from_lattice, mixture, species
 
 
 @pytest.mark.slow
@@ -32,7 +32,7 @@ def test_every_disk_gets_its_share_of_the_energy():
         [(2, 0.2, 1.0), (3, 0.1, 5.0)],
         [(1, 0.3, 20.0), (2, 0.2, 1.0), (3, 0.1, 3.0)],
     ):
-        scene = make(box(2, 2, W), kinds, 300.0, sample_interval=30.0)
+        scene = mixture(box(2, 2, WALLS), kinds, 300.0, sample_interval=30.0)
         runs = simulate(scene, range(200), {"all"}).whole.values()
         energy = (
             np.concatenate([np.sum(run.velocity[1:] ** 2, axis=2) for run in runs]) * scene.mass
@@ -49,7 +49,9 @@ def test_momentum_is_kept_in_a_periodic_box():
     """
     for kinds in ([(50, 0.14, 1)], [(25, 0.1, 1), (25, 0.14, 0.3), (15, 0.2, 4)]):
         velocities = {"standard_deviation": 1.0, "zero_momentum": True}
-        scene = make(box(4, 3, P), kinds, 40.0, velocities=velocities, sample_interval=1.0)
+        scene = mixture(
+            box(4, 3, PERIODIC), kinds, 40.0, velocities=velocities, sample_interval=1.0
+        )
         run = simulate(scene, [1], {"all"})
         assert run.observables["pair_collisions"][0] > 5000
         momentum = np.einsum("i,tij->tj", scene.mass, run.whole[1].velocity)
@@ -78,7 +80,7 @@ def fluid(phi, time, placement, n=1024, equilibrate=5.0):
     """Equal disks of mass and diameter 1 in a periodic box, at kT = 1."""
     side = float(np.sqrt(n * np.pi / 4 / phi))
     mapping = {
-        "box": box(side, side, P),
+        "box": box(side, side, PERIODIC),
         "disks": {"species": species((n, 0.5, 1.0)), "placement": placement},
         "velocities": {"temperature": 1.0, "zero_momentum": True},
         "duration": time,
@@ -178,8 +180,8 @@ def test_the_walls_take_what_the_virial_says():
     """
     for phi, count in ((0.1, 40), (0.5, 60), (0.65, 80)):
         side = float(np.sqrt(2 * count * np.pi / 4 / phi)) + 1.0
-        where = box(side, 1.1 * side, W)
-        scene = crowded(where, [(count, 0.5, 1.0), (count, 0.5, 3.0)], 50.0)
+        where = box(side, 1.1 * side, WALLS)
+        scene = from_lattice(where, [(count, 0.5, 1.0), (count, 0.5, 3.0)], 50.0)
         run = simulate(scene, [0], {"all"})
         seen, whole = {key: column[0] for key, column in run.observables.items()}, run.whole[0]
         impulse = wall_impulses(scene)

@@ -29,7 +29,7 @@ from brownpipe.engines.start.placement import (
 from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.scene.scene import overlap
-from scenes import P, W, box, explicit, make, note_scene, species
+from scenes import PERIODIC, WALLS, box, mixture, note_scene, scene_of_state, species
 
 VELOCITY_17 = [-0.042623150097255494, 2.3328060725321036]
 POSITION_17 = [-2.5213268957650588, 0.5819693892044553]
@@ -59,10 +59,10 @@ def test_a_seed_gives_the_state_of_the_note_and_always_the_same():
 
 def test_explicit_disks_are_taken_as_they_are():
     state = draw_state(note_scene(1.0), 5)
-    again = draw_state(explicit(box(6, 6, W), state, 1.0), 99)
+    again = draw_state(scene_of_state(box(6, 6, WALLS), state, 1.0), 99)
     assert all(np.array_equal(a, b) for a, b in zip(state, again, strict=True))
     none = type(state)(*(values[:0] for values in state))
-    assert draw_state(explicit(box(6, 6, W), none, 1.0), 0).position.shape == (0, 2)
+    assert draw_state(scene_of_state(box(6, 6, WALLS), none, 1.0), 0).position.shape == (0, 2)
 
 
 # -- velocities ------------------------------------------------------------------------------------
@@ -76,7 +76,9 @@ def test_velocities_are_normal(velocities, deviations):
     """Kolmogorov-Smirnov over 600 states: tracer (1,200 components) and bath; false alarm 1e-6
     each.
     """
-    scene = make(box(6, 6, W), [(30, 0.1, 0.4)], 1.0, {"radius": 0.3, "mass": 1.0}, velocities)
+    scene = mixture(
+        box(6, 6, WALLS), [(30, 0.1, 0.4)], 1.0, {"radius": 0.3, "mass": 1.0}, velocities
+    )
     velocity = np.array([draw_state(scene, seed).velocity for seed in range(600)])
     for part, deviation in ((velocity[:, 0], deviations[0]), (velocity[:, 1:], deviations[1])):
         assert stats.kstest(part.ravel(), "norm", args=(0, deviation)).pvalue > 1e-6
@@ -95,7 +97,8 @@ def test_zero_momentum():
     """To round-off of the sum of abs(m v)."""
     velocities = {"temperature": 1.0, "zero_momentum": True}
     state = draw_state(
-        make(box(6, 6, P), [(30, 0.1, 1.0), (20, 0.2, 7.0)], 1.0, velocities=velocities), 1
+        mixture(box(6, 6, PERIODIC), [(30, 0.1, 1.0), (20, 0.2, 7.0)], 1.0, velocities=velocities),
+        1,
     )
     assert np.abs(state.mass @ state.velocity).max() < 1e-15 * np.sum(
         state.mass[:, None] * np.abs(state.velocity)
@@ -176,14 +179,14 @@ def assert_sound(scene, state):
 
 RANDOM = {
     "note": note_scene(1.0),
-    "far": make(box(6, 3, W, (100.0, -50.0)), [(50, 0.1, 1)], 1.0),
-    "periodic": make(box(3, 2, P), [(60, 0.12, 1)], 1.0),
-    "narrowest": make(box(1, 1, P), [(2, 0.25, 1)], 1.0),
-    "mixture": make(box(4, 3, P), [(10, 0.3, 1), (30, 0.1, 1), (200, 0.02, 1)], 1.0),
-    "big last": make(box(6, 6, W), [(40, 0.05, 1), (2, 0.5, 1)], 1.0),
-    "big": make(box(6, 6, P), [(3, 0.9, 1), (150, 0.08, 1)], 1.0),
-    "big after small": make(box(6, 6, W), [(1400, 0.05, 1), (1, 1.0, 1), (1, 0.9, 1)], 1.0),
-    "tight": make(box(2.0000001, 2.0000001, W), [(1, 1.0, 1), (9, 0.03, 1)], 1.0),
+    "far": mixture(box(6, 3, WALLS, (100.0, -50.0)), [(50, 0.1, 1)], 1.0),
+    "periodic": mixture(box(3, 2, PERIODIC), [(60, 0.12, 1)], 1.0),
+    "narrowest": mixture(box(1, 1, PERIODIC), [(2, 0.25, 1)], 1.0),
+    "mixture": mixture(box(4, 3, PERIODIC), [(10, 0.3, 1), (30, 0.1, 1), (200, 0.02, 1)], 1.0),
+    "big last": mixture(box(6, 6, WALLS), [(40, 0.05, 1), (2, 0.5, 1)], 1.0),
+    "big": mixture(box(6, 6, PERIODIC), [(3, 0.9, 1), (150, 0.08, 1)], 1.0),
+    "big after small": mixture(box(6, 6, WALLS), [(1400, 0.05, 1), (1, 1.0, 1), (1, 0.9, 1)], 1.0),
+    "tight": mixture(box(2.0000001, 2.0000001, WALLS), [(1, 1.0, 1), (9, 0.03, 1)], 1.0),
 }
 
 
@@ -194,17 +197,17 @@ def test_random_places_are_sound(name):
         assert_sound(RANDOM[name], draw_state(RANDOM[name], seed))
 
 
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", [WALLS, PERIODIC])
 def test_a_disk_is_uniform_over_where_it_can_be(boundary):
     """Kolmogorov-Smirnov per coordinate over 3,000 states; false alarm 1e-6 each."""
-    scene = make(box(2, 3, boundary, (0.5, 1.0)), [(2, 0.3, 1)], 1.0)
+    scene = mixture(box(2, 3, boundary, (0.5, 1.0)), [(2, 0.3, 1)], 1.0)
     places = np.array([draw_state(scene, seed).position for seed in range(3000)])
-    margin = 0.0 if boundary == P else 0.3
+    margin = 0.0 if boundary == PERIODIC else 0.3
     for axis, (low, high) in enumerate((scene.box.x, scene.box.y)):
         law = stats.uniform(low + margin, high - low - 2 * margin)
         assert stats.kstest(places[:, 0, axis], law.cdf).pvalue > 1e-6
     if (
-        boundary == P
+        boundary == PERIODIC
     ):  # the second one sees the first as uniform over what is left: a ring of the torus
         size = np.array((2.0, 3.0))
         apart = places[:, 1] - places[:, 0]
@@ -218,13 +221,17 @@ def test_a_disk_is_uniform_over_where_it_can_be(boundary):
 LATTICES = {
     **{
         f"{n} of {radius}, {side}": (box(3, 2.5, side, (10.0, 0.0)), [(n, radius, 1.0)], {})
-        for side in (W, P)
+        for side in (WALLS, PERIODIC)
         for n, radius in [(1, 0.5), (2, 0.4), (7, 0.3), (100, 0.14), (1000, 0.043)]
     },
-    "phi = 0.85": (box(30, 15 * np.sqrt(3), P), [(900, 0.5 * np.sqrt(0.85 / 0.9069), 1.0)], {}),
-    "walls, tracer": (box(4, 4, W), [(80, 0.12, 1.0), (80, 0.08, 1.0)], {"tracer": TRACER}),
+    "phi = 0.85": (
+        box(30, 15 * np.sqrt(3), PERIODIC),
+        [(900, 0.5 * np.sqrt(0.85 / 0.9069), 1.0)],
+        {},
+    ),
+    "walls, tracer": (box(4, 4, WALLS), [(80, 0.12, 1.0), (80, 0.08, 1.0)], {"tracer": TRACER}),
     "periodic, tracer": (
-        box(4, 4, P),
+        box(4, 4, PERIODIC),
         [(80, 0.12, 1), (80, 0.08, 1)],
         {"tracer": TRACER | {"position": [1.9, -2]}},
     ),
@@ -256,7 +263,7 @@ def test_lattices_are_sound(name):
 )
 def test_what_cannot_be_placed_ends_with_a_message(number, radius, placement, message):
     """Random insertion jams near phi = 0.547; in bounded time."""
-    scene = dense(box(3, 3, P), [(number, radius, 1), (50, 0.001, 1)], placement)
+    scene = dense(box(3, 3, PERIODIC), [(number, radius, 1), (50, 0.001, 1)], placement)
     assert placement == "lattice" or crowding(scene) > ALL_FAIL  # for the large ones
     with pytest.raises(RequestError, match=message):  # no run of it could be made
         simulate(scene, [0])
@@ -270,7 +277,7 @@ def test_only_a_placement_that_can_succeed_is_advised(sides, fits, placement):
     """
     number, phi = 144, 0.86
     unit = math.sqrt(number * math.pi * 0.25 / phi / (sides[0] * sides[1]))
-    where = box(sides[0] * unit, sides[1] * unit, P)
+    where = box(sides[0] * unit, sides[1] * unit, PERIODIC)
     scene = dense(where, [(number, 0.5, 1)], placement)
     with pytest.raises(PlacementError) as refusal:
         draw_state(scene, 3)
@@ -286,15 +293,15 @@ def test_only_a_placement_that_can_succeed_is_advised(sides, fits, placement):
 # side of the box, (number, radius, mass) of each species, and a tracer: packing fractions of 0.65
 # to 0.75
 GROWN = {
-    "tracer": (box(20.1, 20.1, P), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0}),
+    "tracer": (box(20.1, 20.1, PERIODIC), [(1300, 0.25, 1)], {"radius": 1.0, "mass": 20.0}),
     "tracer held, walls": (
-        box(20.1, 20.1, W),
+        box(20.1, 20.1, WALLS),
         [(1300, 0.25, 1)],
         {"radius": 1.0, "mass": 20.0, "position": [1, 2]},
     ),
-    "equal": (box(22.9, 22.9, P), [(500, 0.5, 1)], None),
-    "binary": (box(15.7, 15.7, P, (-5.0, 3.0)), [(80, 0.5, 1), (80, 0.7, 1)], None),
-    "one to ten": (box(10, 10, W), [(12, 1.0, 1), (950, 0.1, 1)], None),
+    "equal": (box(22.9, 22.9, PERIODIC), [(500, 0.5, 1)], None),
+    "binary": (box(15.7, 15.7, PERIODIC, (-5.0, 3.0)), [(80, 0.5, 1), (80, 0.7, 1)], None),
+    "one to ten": (box(10, 10, WALLS), [(12, 1.0, 1), (950, 0.1, 1)], None),
 }
 
 
@@ -316,7 +323,7 @@ def test_mixtures_too_dense_for_insertion_grow(name):
 @pytest.mark.slow
 def test_where_some_runs_find_no_place_these_grow():
     """Of equal disks at a packing fraction of 0.52 in a small box, 6 % get stuck."""
-    scenes = [dense(box(10, 10, P), [(66, 0.5, 1)], how) for how in ("auto", "random")]
+    scenes = [dense(box(10, 10, PERIODIC), [(66, 0.5, 1)], how) for how in ("auto", "random")]
     stuck = 0
     for seed in range(50):
         state = draw_state(scenes[0], seed)
@@ -344,13 +351,13 @@ class Watched:
 
 
 @pytest.mark.parametrize(("number", "phi"), [(40, 0.56), (120, 0.55), (250, 0.565)])
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", [WALLS, PERIODIC])
 def test_a_disk_without_room_is_not_tried_a_million_times(number, phi, boundary, monkeypatch):
     """Of a million tries that fail few are compared with other disks; where no room is left, none
     is made.
     """
     monkeypatch.setattr(initial_state, "insert_disks", watched := Watched())
-    side = (number * math.pi / 4 / phi) ** 0.5 + (0.34 if boundary == W else 0.0)
+    side = (number * math.pi / 4 / phi) ** 0.5 + (0.34 if boundary == WALLS else 0.0)
     scene = dense(box(side, side, boundary), [(number, 0.5, 1)], "random")
     stuck = 0
     for seed in range(6):
@@ -363,7 +370,7 @@ def test_a_disk_without_room_is_not_tried_a_million_times(number, phi, boundary,
     assert stuck
 
 
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", [WALLS, PERIODIC])
 def test_closed_fields_of_the_raster_have_no_room(boundary, monkeypatch):
     """Random points of closed fields against all disks; equal disks, and a mixture, got stuck."""
     monkeypatch.setattr(initial_state, "insert_disks", watched := Watched())
@@ -377,10 +384,10 @@ def test_closed_fields_of_the_raster_have_no_room(boundary, monkeypatch):
         closed = np.argwhere(~p.is_open)
         assert len(closed) > 0.9 * p.is_open.size
         share = (closed + stream.random(closed.shape)) / (columns, rows)
-        margin = p.radius[i] if boundary == W else 0.0
+        margin = p.radius[i] if boundary == WALLS else 0.0
         centre = margin + share * (p.size - 2 * margin)
         apart = centre[:, None] - p.position[:i]
-        if boundary == P:
+        if boundary == PERIODIC:
             apart -= p.size * np.rint(apart / p.size)
         gap = np.hypot(*np.moveaxis(apart, -1, 0)) - p.radius[i] - p.radius[:i]
         assert (gap.min(axis=1) < 0).all()
@@ -405,7 +412,7 @@ STATES_AFTER_FAILURE = {50: "732868fcab76a04e", 110: "b48427089fa4b300", 260: "7
 def test_states_that_grow_after_insertion_failed_are_those_of_a_million_tries(number):
     """As made by a million tries, one by one. Seeds name states, in files and papers."""
     side = (number * math.pi / 4 / 0.56) ** 0.5
-    positions = draw_state(dense(box(side, side, P), [(number, 0.5, 1)], "auto"), 2).position
+    positions = draw_state(dense(box(side, side, PERIODIC), [(number, 0.5, 1)], "auto"), 2).position
     assert hashlib.sha256(positions.tobytes()).hexdigest()[:16] == STATES_AFTER_FAILURE[number]
 
 
@@ -414,7 +421,7 @@ def test_tries_to_place_disks_are_near_those_forecast(phi, monkeypatch):
     monkeypatch.setattr(initial_state, "insert_disks", watched := Watched())
     monkeypatch.setattr(initial_state, "push_apart", sweeps := Mock(wraps=push_apart))
     side = (1000 * math.pi / 4 / phi) ** 0.5
-    draw_state(scene := dense(box(side, side, P), [(1000, 0.5, 1)], "auto"), 0)
+    draw_state(scene := dense(box(side, side, PERIODIC), [(1000, 0.5, 1)], "auto"), 0)
     compared = sum(progress[COMPARED] for progress in watched.insertions.values())
     tries = sum(progress[ROWS] for progress in watched.insertions.values())
     found = compared + (tries - compared) / ANSWERS_PER_TRY
@@ -429,7 +436,7 @@ def test_grown_disks_reach_the_pressure_of_the_fluid():
     """
     pressure = []
     for how in ("auto", "lattice"):
-        mapping = dense(box(15.54, 15.54, P), [(200, 0.5, 1)], how).replace(
+        mapping = dense(box(15.54, 15.54, PERIODIC), [(200, 0.5, 1)], how).replace(
             duration=20.0, equilibrate={"time": 20.0}
         )
         found = simulate(mapping, range(16), {"none"}).observables["virial"]

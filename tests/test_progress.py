@@ -22,11 +22,11 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError, RunError
 from brownpipe.processes import calculated
 from brownpipe.storage.trajectories import write_trajectories
-from scenes import P, box, make
+from scenes import PERIODIC, box, mixture
 from snakemake_logger_plugin_brownpipe import LogHandler
 from synthetic import render
 
-SCENE = make(box(6, 6, P), [(1, 0.6, 9), (30, 0.25, 1)], 4.0).replace(equilibrate=4.0)
+SCENE = mixture(box(6, 6, PERIODIC), [(1, 0.6, 9), (30, 0.25, 1)], 4.0).replace(equilibrate=4.0)
 EXACT, STEPS = engine_of_request("exact", {}), engine_of_request("timestep", {"time_step": 0.01})
 
 
