@@ -30,6 +30,7 @@ PAGES = {  # name on the site: file in the repository
     "benchmarks": "docs/benchmarks.md",
     "other_programs": "docs/other_programs.md",
     "decisions": "docs/decisions.md",
+    "compiled": "docs/compiled.md",
     "contributing": "CONTRIBUTING.md",
 }
 NAMES = {file: name for name, file in PAGES.items()}
