@@ -25,10 +25,14 @@ def pair_time(r, v, sigma):
     One departure: eq. (1) gives a negative time to an approaching pair that round-off left
     overlapped. It is 0 here.
     """
-    rv, vv, rr = dot(r, v), dot(v, v), dot(r, r)
+    rv = dot(r, v)
+    vv = dot(v, v)
+    rr = dot(r, r)
     root = rv**2 - vv * (rr - sigma**2)
-    t, meets = np.full(root.shape, np.inf), np.nonzero((rv < 0) & (root > 0))
-    t[meets] = np.maximum((-rv[meets] - np.sqrt(root[meets])) / vv[meets[-1]], 0)
+    meets = np.nonzero((rv < 0) & (root > 0))
+    first_root = (-rv[meets] - np.sqrt(root[meets])) / vv[meets[-1]]
+    t = np.full(root.shape, np.inf)
+    t[meets] = np.maximum(first_root, 0)
     return t
 
 
@@ -47,34 +51,37 @@ def collide(r, v_a, v_b, m_a, m_b):
     return v_a - 2 * m_b / (m_a + m_b) * f, v_b + 2 * m_a / (m_a + m_b) * f
 
 
+def displacements_of_images(box):
+    """The displacements (2, 1 or 9, 1) of the images of a disk, its own first."""
+    if not box.periodic:
+        return np.zeros((2, 1, 1))
+    size = np.array((box.width, box.height))
+    steps = np.array([*product((0, -1, 1), repeat=2)])
+    return (steps * size).T[..., None].copy()
+
+
 def run(state, box, duration, most=np.inf):
     """Return (events, position, velocity) at the duration, or after so many events; positions
     inside the box.
 
     events: a list of (time, a, b, impulse given to a), b a disk or a wall.
     """
-    x, v, radius, mass = (
-        np.array(each.T, dtype=float, order="C") for each in state
-    )  # (2, N), (N,)
-    (low, high), size = (
-        np.array((box.x, box.y)).T[..., None],
-        np.array((box.width, box.height)),
-    )  # (2, 1)
+    x, v = (np.array(column.T, dtype=float, order="C") for column in state[:2])  # (2, N)
+    radius, mass = (np.array(column, dtype=float) for column in state[2:])  # (N,)
+    low, high = np.array((box.x, box.y)).T[..., None]  # (2, 1)
     a, b = np.triu_indices(len(radius), 1)
     sigma = radius[a] + radius[b]
-    images = (
-        [np.zeros(2)]
-        if not box.periodic
-        else [size * step for step in product((0, -1, 1), repeat=2)]
-    )
-    images = np.array(images).T[..., None].copy()  # (2, 1 or 9, 1)
+    images = displacements_of_images(box)
     margin = 0.0 if box.periodic else radius
-    now, events = 0.0, []
+    now = 0.0
+    events = []
     while len(events) < most:
-        r, u = (each.take(a, axis=1) - each.take(b, axis=1) for each in (x, v))
+        r = x.take(a, axis=1) - x.take(b, axis=1)
+        u = v.take(a, axis=1) - v.take(b, axis=1)
         pairs = pair_time(r[:, None] + images, u, sigma)
         walls = wall_time(x, v, margin, low, high)
-        t_pair, t_wall = pairs.min(initial=np.inf), walls.min(initial=np.inf)
+        t_pair = pairs.min(initial=np.inf)
+        t_wall = walls.min(initial=np.inf)
         t = min(t_pair, t_wall)
         if now + t > duration:
             x += v * (duration - now)
@@ -83,11 +90,11 @@ def run(state, box, duration, most=np.inf):
         now += t
         if t_pair <= t_wall:
             image, pair = np.unravel_index(np.argmin(pairs), pairs.shape)
-            i, k = a[pair], b[pair]
+            i = a[pair]
+            k = b[pair]
             before = v[:, i].copy()
-            v[:, i], v[:, k] = collide(
-                x[:, i] - x[:, k] + images[:, image, 0], before, v[:, k], mass[i], mass[k]
-            )
+            separation = x[:, i] - x[:, k] + images[:, image, 0]
+            v[:, i], v[:, k] = collide(separation, before, v[:, k], mass[i], mass[k])
             events.append((now, i, k, mass[i] * (v[:, i] - before)))
             continue
         axis, i = np.unravel_index(np.argmin(walls), walls.shape)
@@ -97,7 +104,6 @@ def run(state, box, duration, most=np.inf):
             continue
         before = v[:, i].copy()
         v[axis, i] = -v[axis, i]  # eqs. (9)-(10)
-        events.append(
-            (now, i, (LEFT, RIGHT, BOTTOM, TOP)[2 * axis + upper], mass[i] * (v[:, i] - before))
-        )
+        wall = (LEFT, RIGHT, BOTTOM, TOP)[2 * axis + upper]
+        events.append((now, i, wall, mass[i] * (v[:, i] - before)))
     return events, x.T, v.T

@@ -24,7 +24,7 @@ from brownpipe.observables import OBSERVABLES
 from brownpipe.storage.files import read_checkpoint, write_checkpoint
 from brownpipe.storage.trajectories import write_trajectories
 from scenes import swarm
-from test_timestep import make
+from test_timestep import mixture_in_box
 
 SEEDS = [8, 9, 10]  # as texts 10 is the first
 W, P = "reflecting", "periodic"
@@ -33,23 +33,31 @@ TRACER = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
 
 def around_tracer(boundary, duration, **more):
     """A scene of the note's tracer among 39 disks, equilibrated before."""
-    return make(boundary, (6.0, 6.0), [(39, 0.1, 0.4)], duration, TRACER, **more)
+    return mixture_in_box(boundary, (6.0, 6.0), [(39, 0.1, 0.4)], duration, TRACER, **more)
 
 
 CASES = {  # some blocks each, and samples that do not fall on their ends
-    "walls": (make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer"}),
+    "walls": (mixture_in_box(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer"}),
     "walls-everything": (
-        make(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=4.0),
+        mixture_in_box(W, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=4.0),
         {"tracer", "all", "events"},
     ),
-    "periodic": (make(P, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0), {"tracer", "events"}),
+    "periodic": (
+        mixture_in_box(P, (3, 3), [(24, 0.2, 1)], 70.0, sample_interval=3.0),
+        {"tracer", "events"},
+    ),
     "periodic-mixture": (
-        make(P, (4, 3), [(12, 0.1, 1), (12, 0.14, 0.3), (8, 0.2, 4)], 30.0, sample_interval=1.0),
+        mixture_in_box(
+            P, (4, 3), [(12, 0.1, 1), (12, 0.14, 0.3), (8, 0.2, 4)], 30.0, sample_interval=1.0
+        ),
         {"tracer", "all", "events"},
     ),
-    "crowded": (make(W, (3, 2), [(60, 0.14, 1)], 10.0, placement="lattice"), {"tracer", "events"}),
+    "crowded": (
+        mixture_in_box(W, (3, 2), [(60, 0.14, 1)], 10.0, placement="lattice"),
+        {"tracer", "events"},
+    ),
     "crowded-mixture": (
-        make(
+        mixture_in_box(
             P,
             (2.5, 2),
             [(15, 0.2, 1), (14, 0.165, 0.3)],

@@ -5,6 +5,8 @@ and conservation.
 import json
 import math
 from functools import partial
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -19,13 +21,12 @@ from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.tradeoff.compare import departure_time
-from scenes import in_plain_python
+from scenes import PERIODIC, WALLS, in_plain_python
 
-W, P = "reflecting", "periodic"
 EPSILON = np.finfo(float).eps
 
 
-def make(boundary, side, kinds, duration, tracer=None, **more):
+def mixture_in_box(boundary, side, kinds, duration, tracer=None, **more):
     """A scene of species from (count, radius, mass) each, in a box, perhaps a square, around the
     origin.
     """
@@ -44,7 +45,7 @@ def make(boundary, side, kinds, duration, tracer=None, **more):
     return parse_scene(mapping | more, "made.yaml")
 
 
-def explicit(boundary, side, disks, duration, **more):
+def listed_disks(boundary, side, disks, duration, **more):
     """A scene of disks from (position, velocity, radius, mass) each."""
     rows = [
         dict(zip(("position", "velocity", "radius", "mass"), disk, strict=True)) for disk in disks
@@ -55,16 +56,16 @@ def explicit(boundary, side, disks, duration, **more):
 
 TRACER = {"radius": 0.5, "mass": 3.0, "position": [0.0, 0.0]}
 SCENES = {
-    "walls": make(W, 2.0, [(12, 0.125, 1)], 4.0),
-    "mixture": make(W, 2.0, [(8, 0.1, 1), (8, 0.14, 0.25)], 4.0),
-    "big": make(W, 4.0, [(40, 0.1, 0.5)], 4.0, TRACER),
-    "alone": make(W, 2.0, [(1, 0.25, 1)], 40.0),
-    "periodic": make(P, 2.0, [(12, 0.125, 1)], 1.0),
-    "periodic mixture": make(P, 2.0, [(8, 0.1, 1), (8, 0.14, 0.25)], 1.0),
-    "periodic big": make(
-        P, 2.0, [(16, 0.1, 0.5), (1, 0.5, 3.0)], 1.0
+    "walls": mixture_in_box(WALLS, 2.0, [(12, 0.125, 1)], 4.0),
+    "mixture": mixture_in_box(WALLS, 2.0, [(8, 0.1, 1), (8, 0.14, 0.25)], 4.0),
+    "big": mixture_in_box(WALLS, 4.0, [(40, 0.1, 0.5)], 4.0, TRACER),
+    "alone": mixture_in_box(WALLS, 2.0, [(1, 0.25, 1)], 40.0),
+    "periodic": mixture_in_box(PERIODIC, 2.0, [(12, 0.125, 1)], 1.0),
+    "periodic mixture": mixture_in_box(PERIODIC, 2.0, [(8, 0.1, 1), (8, 0.14, 0.25)], 1.0),
+    "periodic big": mixture_in_box(
+        PERIODIC, 2.0, [(16, 0.1, 0.5), (1, 0.5, 3.0)], 1.0
     ),  # last: the tracer is another one
-    "two cells a side": make(P, 1.0, [(4, 0.17, 1)], 2.0),
+    "two cells a side": mixture_in_box(PERIODIC, 1.0, [(4, 0.17, 1)], 2.0),
 }
 DT = 2.0**-7
 REPORTED = ("pair_collisions", "tracer_collisions", "wall_collisions", "virial", "wall_impulse")
@@ -73,85 +74,130 @@ REPORTED = ("pair_collisions", "tracer_collisions", "wall_collisions", "virial",
 # -- step by step ----------------------------------------------------------------------------------
 
 
-def twin(state, box, dt, steps, collisions):
-    """The algorithm as it reads, all pairs with all images: positions, velocities, and what is
-    REPORTED.
-    """
-    x, v, radius, mass = (column.copy() for column in state)
-    size, low = np.array((box.width, box.height)), np.array((box.x[0], box.y[0]))
-    images = [(a, u) for a in (-1, 0, 1) for u in (-1, 0, 1)] if box.periodic else [(0, 0)]
-    first, second = np.triu_indices(len(x), 1)
-    reported, course, late = np.zeros(5), np.zeros(len(x)), collisions == "late"
+class Meeting(NamedTuple):
+    """Disk k as seen from disk i."""
 
-    def meeting(i, k, image, now):
-        """Place and velocity of disk k as seen from i, whether they are to collide, and how long
-        ago they met.
-        """
-        (rx, ry), (ux, uy), sigma = x[k] + image * size - x[i], v[k] - v[i], radius[i] + radius[k]
-        approach, speed2, cross = rx * ux + ry * uy, ux * ux + uy * uy, rx * uy - ry * ux
+    place: tuple
+    velocity: tuple
+    collides: bool
+    since: float  # how long ago they met
+
+
+class Twin:
+    """The algorithm as it reads, all pairs with all images."""
+
+    def __init__(self, state, box, dt, collisions):
+        self.x, self.v, self.radius, self.mass = (column.copy() for column in state)
+        self.dt = dt
+        self.late = collisions == "late"
+        self.size = np.array((box.width, box.height))
+        self.low = np.array((box.x[0], box.y[0]))
+        self.periodic = box.periodic
+        self.images = np.array([(0, 0)])
+        if box.periodic:
+            self.images = np.array([*product((-1, 0, 1), repeat=2)])
+        self.course = np.zeros(len(self.x))  # when each disk last collided
+        self.reported = np.zeros(5)
+
+    def meeting(self, i, k, image, now):
+        """Whether and when disk i and an image of disk k met."""
+        rx, ry = self.x[k] + image * self.size - self.x[i]
+        ux, uy = self.v[k] - self.v[i]
+        sigma = self.radius[i] + self.radius[k]
+        approach = rx * ux + ry * uy
         overlapping = rx * rx + ry * ry < sigma * sigma
-        if late:
-            return rx, ry, ux, uy, overlapping and approach < 0, 0.0
-        since, root, free = (
-            -1.0,
-            speed2 * (sigma * sigma) - cross * cross,
-            now - max(course[i], course[k]),
-        )
+        if self.late:
+            return Meeting((rx, ry), (ux, uy), overlapping and approach < 0, 0.0)
+        speed2 = ux * ux + uy * uy
+        cross = rx * uy - ry * ux
+        root = speed2 * (sigma * sigma) - cross * cross
+        free = now - max(self.course[i], self.course[k])
+        since = -1.0
         if root > 0:
             root = math.sqrt(root)
-            apart = sigma * sigma - (rx * rx + ry * ry)
-            since = (approach + root) / speed2 if approach > 0 else apart / (root - approach)
+            gap = sigma * sigma - (rx * rx + ry * ry)
+            since = (approach + root) / speed2 if approach > 0 else gap / (root - approach)
         met = 0 <= since <= free
         if not met:
-            since, bx, by = free, rx - ux * free, ry - uy * free
+            since = free
+            bx = rx - ux * free
+            by = ry - uy * free
             met = bx * bx + by * by < sigma * sigma and bx * ux + by * uy < 0
-        return rx, ry, ux, uy, met and (since <= 2 * dt or overlapping), since
+        collides = met and (since <= 2 * self.dt or overlapping)
+        return Meeting((rx, ry), (ux, uy), collides, since)
 
+    def near_pairs(self):
+        """Pairs and images that may have met: such a pair overlaps, or met within two steps and has
+        not gone further since.
+        """
+        first, second = np.triu_indices(len(self.x), 1)
+        separation = (self.x[second] - self.x[first])[:, None] + self.images * self.size
+        distance = np.linalg.norm(separation, axis=-1)
+        path = 5 * self.dt * np.linalg.norm(self.v, axis=1).max()
+        furthest = self.radius[first] + self.radius[second] + path
+        for pair, image in np.argwhere(distance < furthest[:, None]):
+            yield first[pair], second[pair], tuple(self.images[image])
+
+    def collide(self, i, k, image, now):
+        """Let two disks collide where they met, if they did."""
+        (rx, ry), (ux, uy), collides, since = self.meeting(i, k, np.array(image), now)
+        if not collides:
+            return
+        r = rx - ux * since, ry - uy * since
+        f = np.array(exchange(*r, ux, uy))
+        whole_i, part_i, whole_k, part_k, _ = shares(self.mass[i], self.mass[k])
+        after_i = self.v[i] + whole_i * f + part_i * f
+        after_k = self.v[k] - whole_k * f - part_k * f
+        virial = self.mass[i] * (self.v[i] - after_i) @ r
+        self.reported += 1, i == 0, 0, virial, 0
+        for disk, velocity in ((i, after_i), (k, after_k)):
+            self.x[disk] += (velocity - self.v[disk]) * since
+            self.v[disk] = velocity
+        self.course[[i, k]] = now - since
+
+    def bounce(self, i, axis, now):
+        """Let a disk that reaches beyond a wall bounce, as often as it hit both."""
+        left = self.low[axis] - (self.x[i, axis] - self.radius[i])
+        right = self.x[i, axis] + self.radius[i] - (self.low + self.size)[axis]
+        beyond = left if self.v[i, axis] < 0 else right
+        speed = abs(self.v[i, axis])
+        if not (speed > 0 and beyond > 0):
+            return
+        hits = 1
+        if not self.late:
+            gap = self.size[axis] - 2 * self.radius[i]
+            inward = -np.sign(self.v[i, axis])
+            hits = int(beyond / gap) + 1
+            rest = beyond - (hits - 1) * gap
+            into_box = rest if hits % 2 else gap - rest
+            self.x[i, axis] = self.x[i, axis] + inward * beyond + inward * into_box
+            self.course[i] = max(self.course[i], now - rest / speed)
+        self.v[i, axis] *= (-1) ** hits
+        self.reported += 0, 0, hits, 0, 2 * self.mass[i] * speed * hits
+
+    def step(self, now):
+        """Advance by a step, to the time now."""
+        self.x += self.v * self.dt
+        if self.periodic:
+            self.x -= np.floor((self.x - self.low) / self.size) * self.size
+        met = []
+        for i, k, image in self.near_pairs():
+            meeting = self.meeting(i, k, np.array(image), now)
+            if meeting.collides or self.late:
+                met.append((-meeting.since, i, k, image))
+        for _, i, k, image in sorted(met):
+            self.collide(i, k, image, now)
+        if not self.periodic:
+            for i, axis in np.ndindex(self.x.shape):
+                self.bounce(i, axis, now)
+
+
+def twin(state, box, dt, steps, collisions):
+    """Positions and velocities after some steps of the plain twin, and what is REPORTED."""
+    plain = Twin(state, box, dt, collisions)
     for step in range(steps):
-        now = (step + 1) * dt
-        x += v * dt
-        if box.periodic:
-            x -= np.floor((x - low) / size) * size
-        # A pair that meets overlaps, or met within two steps and has not gone further since.
-        apart = np.linalg.norm((x[second] - x[first])[:, None] + np.array(images) * size, axis=-1)
-        furthest = (radius[first] + radius[second] + 5 * dt * np.linalg.norm(v, axis=1).max())[
-            :, None
-        ]
-        met = [
-            (first[pair], second[pair], images[image])
-            for pair, image in np.argwhere(apart < furthest)
-        ]
-        met = sorted(
-            (-since, *one) for one in met for *_, hit, since in [meeting(*one, now)] if hit or late
-        )
-        for _, i, k, image in met:
-            rx, ry, ux, uy, hit, since = meeting(i, k, image, now)
-            if hit:
-                r = rx - ux * since, ry - uy * since
-                f = np.array(exchange(*r, ux, uy))
-                whole_i, part_i, whole_k, part_k, _ = shares(mass[i], mass[k])
-                after = v[i] + whole_i * f + part_i * f, v[k] - whole_k * f - part_k * f
-                reported += 1, i == 0, 0, mass[i] * (v[i] - after[0]) @ r, 0
-                for disk, velocity in zip((i, k), after, strict=True):
-                    x[disk] += (velocity - v[disk]) * since
-                    v[disk] = velocity
-                course[[i, k]] = now - since
-        for i, axis in np.ndindex(x.shape) if not box.periodic else ():
-            left = low[axis] - (x[i, axis] - radius[i])
-            right = x[i, axis] + radius[i] - (low + size)[axis]
-            beyond, speed = left if v[i, axis] < 0 else right, abs(v[i, axis])
-            if speed > 0 and beyond > 0:
-                gap, inward, hits = size[axis] - 2 * radius[i], -np.sign(v[i, axis]), 1
-                if not late:
-                    hits = int(beyond / gap) + 1
-                    rest = beyond - (hits - 1) * gap
-                    x[i, axis] = (
-                        x[i, axis] + inward * beyond + inward * (rest if hits % 2 else gap - rest)
-                    )
-                    course[i] = max(course[i], now - rest / speed)
-                v[i, axis] *= (-1) ** hits
-                reported += 0, 0, hits, 0, 2 * mass[i] * speed * hits
-    return x, v, reported
+        plain.step((step + 1) * dt)
+    return plain.x, plain.v, plain.reported
 
 
 @pytest.mark.parametrize("collisions", ["at_contact", pytest.param("late", marks=pytest.mark.slow)])
@@ -212,7 +258,7 @@ def test_how_neighbours_are_found_changes_no_bit(name, collisions):
 
 
 @pytest.mark.parametrize(
-    "scene", [SCENES["mixture"], make(P, 2.0, [(20, 0.1, 0.5), (1, 0.5, 3)], 1.0)]
+    "scene", [SCENES["mixture"], mixture_in_box(PERIODIC, 2.0, [(20, 0.1, 0.5), (1, 0.5, 3)], 1.0)]
 )
 def test_no_step_depends_on_samples_batch_or_record(scene):  # the engine has the big one first
     more = parse_scene(
@@ -226,7 +272,9 @@ def test_no_step_depends_on_samples_batch_or_record(scene):  # the engine has th
 
 
 def test_a_sample_is_a_free_flight_after_the_step_before():
-    scene = explicit(P, 4.0, [((0.0, 0.0), (1.0, -0.5), 0.25, 1.0)], 3.0, sample_interval=0.37)
+    scene = listed_disks(
+        PERIODIC, 4.0, [((0.0, 0.0), (1.0, -0.5), 0.25, 1.0)], 3.0, sample_interval=0.37
+    )
     run = timestep.simulate(scene, [0], time_step=0.1)
     unwrapped = run.tracer.position[:, 0] + 4.0 * run.tracer.image[:, 0]
     assert np.abs(unwrapped - scene.times[:, None] * (1.0, -0.5)).max() < 1e-14
@@ -245,7 +293,7 @@ LONE_PAIR = [((-1.0, 0.1), (1.0, 0.05), 0.3, 1.0), ((0.2, 0.3), (-0.5, 0.0), 0.2
 
 def test_a_lone_pair_collides_at_contact_whatever_the_step():
     """To round-off of the steps: 1e5 additions of 1e-16 at most."""
-    scene = explicit(W, 8.0, LONE_PAIR, 2.0)
+    scene = listed_disks(WALLS, 8.0, LONE_PAIR, 2.0)
     there = exact.simulate(scene, [0], {"all"}).whole[0].position[-1]
     for dt in (1e-2, 0.7e-3, 2e-5):
         run = timestep.simulate(scene, [0], {"all"}, time_step=dt)
@@ -254,7 +302,9 @@ def test_a_lone_pair_collides_at_contact_whatever_the_step():
 
 
 def test_a_disk_meets_walls_in_time_whatever_the_step():
-    scene = explicit(W, 2.0, [((0.1, -0.3), (1.7, 0.9), 0.25, 1.0)], 20.0, sample_interval=0.1)
+    scene = listed_disks(
+        WALLS, 2.0, [((0.1, -0.3), (1.7, 0.9), 0.25, 1.0)], 20.0, sample_interval=0.1
+    )
     there = exact.simulate(scene, [0], {"all"})
     for dt in (1e-2, 1e-3, 1e-4):
         run = timestep.simulate(scene, [0], {"all"}, time_step=dt)
@@ -273,8 +323,8 @@ def test_a_disk_meets_walls_in_time_whatever_the_step():
     ("radius", "speed", "dt"), [(0.45, 1, 0.3), (0.45, 1, 0.15), (0.49, 0.3, 0.1), (0.3, 1, 0.05)]
 )
 def test_a_disk_in_a_narrow_gap_meets_both_walls_in_a_step(radius, speed, dt):
-    scene = explicit(
-        W, 1.0, [((0.01, 0.0), (0.3 * speed, speed), radius, 1.0)], 10.0, sample_interval=0.5
+    scene = listed_disks(
+        WALLS, 1.0, [((0.01, 0.0), (0.3 * speed, speed), radius, 1.0)], 10.0, sample_interval=0.5
     )
     there, run = (
         engine(scene, [0], {"all"})
@@ -292,7 +342,7 @@ def test_a_disk_in_a_narrow_gap_meets_both_walls_in_a_step(radius, speed, dt):
 
 
 def test_a_disk_without_room_stays():
-    scene = explicit(W, 1.0, [((0.0, 0.0), (0.0, 0.1), 0.5, 1.0)], 1.0, sample_interval=0.1)
+    scene = listed_disks(WALLS, 1.0, [((0.0, 0.0), (0.0, 0.1), 0.5, 1.0)], 1.0, sample_interval=0.1)
     run = timestep.simulate(scene, [0], {"all"}, time_step=0.01)
     assert not run.observables["failed"][0] and np.abs(run.whole[0].position).max() < 2e-3
 
@@ -301,7 +351,9 @@ def test_a_dense_fluid_loses_no_collisions_in_a_step_of_a_fiftieth():
     """phi = 0.72, steps of a fiftieth of the largest: pairs that third disks push together meet,
     too; 3 % at most.
     """
-    scene = make(P, 10.0, [(92, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0)
+    scene = mixture_in_box(
+        PERIODIC, 10.0, [(92, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0
+    )
     expected = exact.simulate(scene, range(10)).observables["pair_collisions"]
     found = timestep.simulate(scene, range(10), time_step=largest_step(scene) / 50).observables
     assert abs(found["pair_collisions"].sum() / expected.sum() - 1) < 0.03
@@ -313,7 +365,7 @@ def test_a_late_collision_is_late_by_up_to_a_step_so_the_error_is_of_first_order
 
     The delay is uniform in [0, dt], so the errors scatter about the line; false alarm 1 in 16,000.
     """
-    scene = explicit(W, 8.0, LONE_PAIR, 2.0)
+    scene = listed_disks(WALLS, 8.0, LONE_PAIR, 2.0)
     there = exact.simulate(scene, [0], {"all"}).whole[0].position[-1]
     steps = np.exp(np.random.default_rng(7).uniform(np.log(1e-5), np.log(1e-2), 100))
     error = []
@@ -328,7 +380,9 @@ def test_a_late_collision_is_late_by_up_to_a_step_so_the_error_is_of_first_order
 
 
 def test_a_wall_met_late_is_met_by_up_to_a_step_later_and_never_passed():
-    scene = explicit(W, 2.0, [((0.1, -0.3), (1.7, 0.9), 0.25, 1.0)], 20.0, sample_interval=0.1)
+    scene = listed_disks(
+        WALLS, 2.0, [((0.1, -0.3), (1.7, 0.9), 0.25, 1.0)], 20.0, sample_interval=0.1
+    )
     there = exact.simulate(scene, [0], {"all"})
     for dt in (1e-2, 1e-3, 1e-4):
         run = timestep.simulate(scene, [0], {"all"}, time_step=dt, collisions="late")
@@ -349,13 +403,13 @@ def test_a_short_encounter_is_missed_and_counted_where_collisions_are_late():
     late = {"collisions": "late"}
     sigma, height = 1.0, np.sqrt(1 - 0.014**2)
     disks = [((-1.05, height), (1.0, 0.0), 0.5, 1.0), ((0.0, 0.0), (0.0, 0.0), 0.5, 1.0)]
-    scene = explicit(W, 8.0, disks, 2.0)
+    scene = listed_disks(WALLS, 8.0, disks, 2.0)
     assert np.hypot(-1.05, height) > sigma
     coarse = timestep.simulate(scene, [0], time_step=0.1, **late).observables
     assert (coarse["pair_collisions"][0], coarse["missed_collisions"][0]) == (0, 1)
     fine = timestep.simulate(scene, [0], time_step=0.005, **late).observables
     assert (fine["pair_collisions"][0], fine["missed_collisions"][0]) == (1, 0)
-    past = explicit(W, 8.0, [((-1.05, 1.0001), *disks[0][1:]), disks[1]], 2.0)
+    past = listed_disks(WALLS, 8.0, [((-1.05, 1.0001), *disks[0][1:]), disks[1]], 2.0)
     assert (
         timestep.simulate(past, [0], time_step=0.1, **late).observables["missed_collisions"][0] == 0
     )
@@ -374,7 +428,9 @@ def test_late_collisions_are_fewer_by_an_amount_that_vanishes_with_the_step():
 
     At contact the long step loses less than half as many: 2.8(7) % instead of 12.1(8) %.
     """
-    scene = make(P, 10.0, [(70, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0)
+    scene = mixture_in_box(
+        PERIODIC, 10.0, [(70, 0.5, 1.0)], 1.0, placement="lattice", equilibrate=1.0
+    )
     seeds = np.arange(40)
     expected = exact.simulate(scene, seeds).observables["pair_collisions"]
     bias = []
@@ -396,8 +452,8 @@ def test_the_course_is_the_exact_one_until_errors_have_grown():
     with late ones.
     """
     tracer = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
-    scene = make(
-        W,
+    scene = mixture_in_box(
+        WALLS,
         6.0,
         [(99, 0.1, 0.4)],
         1.0,
@@ -470,7 +526,9 @@ def test_what_is_no_number_or_not_conserved_has_failed():
 @pytest.mark.parametrize("tracer", ["pinned", "free"])
 def test_runs_begin_where_the_exact_engine_begins(tracer):
     where = {"radius": 0.3, "mass": 2.0, "position": [0.1, 0.2]}
-    scene = make(P, 3.0, [(30, 0.1, 1.0)], 0.5, where, equilibrate={"time": 0.5, "tracer": tracer})
+    scene = mixture_in_box(
+        PERIODIC, 3.0, [(30, 0.1, 1.0)], 0.5, where, equilibrate={"time": 0.5, "tracer": tracer}
+    )
     runs = [engine(scene, [4], {"all"}).whole[4] for engine in (exact.simulate, stepping)]
     assert np.array_equal(runs[0].position[0], runs[1].position[0])
     assert np.array_equal(runs[0].velocity[0], runs[1].velocity[0])
@@ -525,7 +583,9 @@ def test_the_compiler_changes_no_bit():
 )
 def test_bad_settings_are_refused_in_one_line(time_step, more, message):
     with pytest.raises(RequestError, match=message) as refused:
-        timestep.simulate(make(W, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=time_step, **more)
+        timestep.simulate(
+            mixture_in_box(WALLS, 2.0, [(12, 0.1, 1)], 4.0), [0], time_step=time_step, **more
+        )
     assert "\n" not in str(refused.value)
     assert largest_step(SCENES["big"]) == pytest.approx(
         0.1 / math.sqrt(2 * 46 / 41)
