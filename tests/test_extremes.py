@@ -30,13 +30,10 @@ BOTH = pytest.mark.parametrize("boundary", [WALLS, PERIODIC])
 
 def state_of(disks, radius=0.125, mass=1.0):
     """A state from (x, y, vx, vy) of every disk; radius and mass common or one each."""
-    x = np.array(disks, dtype=float).reshape(-1, 4)
-    return State(
-        x[:, :2],
-        x[:, 2:],
-        np.broadcast_to(radius, len(x)).copy(),
-        np.broadcast_to(mass, len(x)).copy(),
-    )
+    rows = np.array(disks, dtype=float).reshape(-1, 4)
+    radii = np.broadcast_to(radius, len(rows)).copy()
+    masses = np.broadcast_to(mass, len(rows)).copy()
+    return State(rows[:, :2], rows[:, 2:], radii, masses)
 
 
 def outcome(where, state, duration, **more):
@@ -85,10 +82,11 @@ def test_behind_contact_with_a_wall_by_round_off():
     small = [(2.45 + 0.3 * (i % 5), 0.3 + 0.45 * (i // 5), 0, 0) for i in range(40)]
 
     def disks(edge, turn):
-        state = state_of(
-            [(edge * (1 - 3e-13), 2, 1, 0), *small], np.array([edge * (1 + 5e-13)] + [0.135] * 40)
-        )
-        return state._replace(position=(state.position - 2) * turn, velocity=state.velocity * turn)
+        large = (edge * (1 - 3e-13), 2, 1, 0)
+        radius = np.array([edge * (1 + 5e-13)] + [0.135] * 40)
+        state = state_of([large, *small], radius)
+        position = (state.position - 2) * turn
+        return state._replace(position=position, velocity=state.velocity * turn)
 
     def columns(edge):
         return prepare_scene(
@@ -136,9 +134,10 @@ def test_small_gaps(gap):
     """
     disks = state_of([(0.25 * (1 + gap) * i, 0, float(i == 0), 0) for i in range(6)])
     _, velocity, events, _ = outcome(box(6, 6, WALLS), disks, 0.5)
-    first = np.array(
-        [events.time[np.flatnonzero((events.a == i) | (events.b == i))[0]] for i in range(1, 6)]
-    )
+    first = []
+    for i in range(1, 6):
+        has_part = (events.a == i) | (events.b == i)
+        first.append(events.time[has_part][0])
     np.testing.assert_allclose(first, 0.25 * gap * np.arange(1, 6), rtol=0, atol=2e-15)
     np.testing.assert_allclose(velocity, [[0, 0]] * 5 + [[1, 0]], rtol=0, atol=1e-15)
 
@@ -149,10 +148,8 @@ def test_grazing(boundary, angle):
     """Impact parameter sigma (1 - 1e-12): f = v cos, with cos^2 = 2e-12; with 1 + 1e-12 they pass
     each other.
     """
-    along, across = (
-        np.array([math.cos(angle), math.sin(angle)]),
-        np.array([-math.sin(angle), math.cos(angle)]),
-    )
+    along = np.array([math.cos(angle), math.sin(angle)])
+    across = np.array([-math.sin(angle), math.cos(angle)])
     for side, collisions in ((-1e-12, 1), (1e-12, 0)):
         start = -0.8 * along + 0.25 * (1 + side) * across
         disks = state_of([(0, 0, 0, 0), (*start, *along)])
@@ -424,21 +421,23 @@ def test_a_disk_that_is_nowhere_fails_the_run_and_so_do_lost_energy_lost_momentu
     """
     scene = SMALL_SCENES["crowded"]
     prepared = prepare_scene(scene, scene.times)
-    w, first = prepared.workspace, motion_of(draw_state(scene, 3), prepared.frame)
+    w = prepared.workspace
+    first = motion_of(draw_state(scene, 3), prepared.frame)
     first[:, 2:] -= first[:, 2:].mean(axis=0)
-    disks, slower = (
-        w.disk.reshape(len(first), -1),
-        np.concatenate([first[:, :2], first[:, 2:] * (1 - 1e-8)], axis=1),
-    )
-    harms = [
-        (w.disk, index, value) for index in range(4) for value in (math.nan, math.inf, -math.inf)
-    ]
-    harms += [(disks, np.s_[:, :4], slower), (w.disk, 2, -first[0, 2]), (w.tally, NEAREST, -2e-8)]
+    disks = w.disk.reshape(len(first), -1)
+    slower = np.concatenate([first[:, :2], first[:, 2:] * (1 - 1e-8)], axis=1)
+    harms = []
+    for index in range(4):
+        for value in (math.nan, math.inf, -math.inf):
+            harms.append((w.disk, index, value))
+    harms.append((disks, np.s_[:, :4], slower))
+    harms.append((w.disk, 2, -first[0, 2]))
+    harms.append((w.tally, NEAREST, -2e-8))
     # Too long a time for an int32 to count images, by the shorter side, of a disk that has all the
     # energy.
-    harms += [
-        (w.tally, NOW, 2**31 * 1.45 / prepared.frame.length / math.sqrt(np.sum(first[:, 2:] ** 2)))
-    ]
+    speed = math.sqrt(np.sum(first[:, 2:] ** 2))
+    too_long = 2**31 * 1.45 / prepared.frame.length / speed
+    harms.append((w.tally, NOW, too_long))
     for array, where, value in harms:
         begin_run(w, first)
         w.count[CROSSINGS] = 2**31

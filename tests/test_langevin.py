@@ -35,25 +35,28 @@ def langevin_msd(t, friction_rate, initial_square_speed, equilibrium_square_spee
     """
     t = np.asarray(t, float)
     x = friction_rate * t
-    once, twice = (
-        exprel(-x),
-        hyp1f1(1, 3, -x) / 2,
-    )  # (1 - e)/x and (x - 1 + e)/x^2, without cancellation
+    # without cancellation
+    first_integral = exprel(-x)  # (1 - e)/x
+    second_integral = hyp1f1(1, 3, -x) / 2  # (x - 1 + e)/x^2
     excess = initial_square_speed - equilibrium_square_speed
-    return np.square(t) * (excess * once**2 + 2.0 * equilibrium_square_speed * twice)
+    of_start = excess * first_integral**2
+    of_noise = 2.0 * equilibrium_square_speed * second_integral
+    return np.square(t) * (of_start + of_noise)
 
 
 def scene_of(
     name="some", boundary="reflecting", width=6.0, particles=150, species=None, tracer=None, **more
 ):
     """The note's scene, with what a test changes."""
-    half = width / 2
+    side = [-width / 2, width / 2]
+    tracer_of_note = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
+    bath_of_note = {"name": "bath", "count": "rest", "radius": 0.1, "mass": 0.4}
     mapping = {
-        "box": {"x": [-half, half], "y": [-half, half], "boundary": boundary},
+        "box": {"x": side, "y": side, "boundary": boundary},
         "particles": particles,
         "disks": {
-            "tracer": {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]} | (tracer or {}),
-            "species": species or [{"name": "bath", "count": "rest", "radius": 0.1, "mass": 0.4}],
+            "tracer": tracer_of_note | (tracer or {}),
+            "species": species or [bath_of_note],
         },
         "velocities": {"standard_deviation": 2.0},
         "duration": 1.0,
@@ -113,12 +116,12 @@ def test_a_step_has_the_moments_of_the_langevin_equation(x):
     matrix, covariance = one_step(x / gamma, gamma, square_speed)
     msd = langevin_msd(x / gamma, gamma, 0.0, 2 * square_speed) / 2
     decay = math.exp(-x)
-    expected = [
-        [msd, square_speed / gamma * (1 - decay) ** 2],
-        [0, -square_speed * math.expm1(-2 * x)],
-    ]
+    of_place_and_velocity = square_speed / gamma * (1 - decay) ** 2
+    of_velocity = -square_speed * math.expm1(-2 * x)
+    expected = [[msd, of_place_and_velocity], [0, of_velocity]]
     assert np.allclose(np.triu(covariance), expected, rtol=1e-12, atol=1e-22)
-    assert np.allclose(matrix, [[1.0, -math.expm1(-x) / gamma], [0.0, decay]], rtol=1e-14, atol=0)
+    path = -math.expm1(-x) / gamma
+    assert np.allclose(matrix, [[1.0, path], [0.0, decay]], rtol=1e-14, atol=0)
 
 
 def free_path(gamma, square_speed, times, start, seed=1):
@@ -166,15 +169,17 @@ def reflected_by_small_steps(start, gamma, square_speed, duration, width, steps=
     """The obvious twin: Euler's step, and whoever is beyond a wall is put back with the velocity
     turned.
     """
-    rng, dt = np.random.default_rng(3), duration / steps
-    x, v = (part.copy() for part in start)
+    rng = np.random.default_rng(3)
+    dt = duration / steps
+    kick = math.sqrt(2 * gamma * square_speed * dt)
+    x, v = (column.copy() for column in start)
     for _ in range(steps):
-        v += -gamma * v * dt + math.sqrt(2 * gamma * square_speed * dt) * rng.standard_normal(
-            x.shape
-        )
+        v += -gamma * v * dt + kick * rng.standard_normal(x.shape)
         x += v * dt
         beyond = (x < 0) | (x > width)
-        x, v = np.where(beyond, np.where(x < 0, -x, 2 * width - x), x), np.where(beyond, -v, v)
+        mirrored = np.where(x < 0, -x, 2 * width - x)
+        x = np.where(beyond, mirrored, x)
+        v = np.where(beyond, -v, v)
     return x, v
 
 
@@ -412,11 +417,12 @@ def test_the_note_by_langevin_and_by_collisions():
         exact.simulate(scene, range(2400)),
     )
     for k, least, most in ((10, 0.0, 0.02), (100, 0.05, 0.17)):
-        (one, error), (other, more) = (
-            mean_and_error(np.square(unwrapped(scene, found)[k]).sum(axis=-1)) for found in runs
-        )
-        slack = FAR * math.hypot(error, more)
-        assert least * other - slack < other - one < most * other + slack
+        squares = [np.square(unwrapped(scene, ensemble)[k]).sum(axis=-1) for ensemble in runs]
+        approximate, approximate_error = mean_and_error(squares[0])
+        exactly, exact_error = mean_and_error(squares[1])
+        slack = FAR * math.hypot(approximate_error, exact_error)
+        missing = exactly - approximate
+        assert least * exactly - slack < missing < most * exactly + slack
 
 
 # -- units ---
@@ -424,17 +430,17 @@ def test_the_note_by_langevin_and_by_collisions():
 
 def in_units(length=0, time=0, mass=0, **more):
     """The note's scene in units smaller by these powers of two."""
-    tracer, bath = {"radius": 0.3, "mass": 1.0}, {"radius": 0.1, "mass": 0.4}
-    for kind in (tracer, bath):
-        kind["radius"], kind["mass"] = (
-            math.ldexp(kind["radius"], length),
-            math.ldexp(kind["mass"], mass),
-        )
+    tracer = {"position": [0.0, 0.0], "radius": 0.3, "mass": 1.0}
+    bath = {"name": "bath", "count": "rest", "radius": 0.1, "mass": 0.4}
+    for species in (tracer, bath):
+        species["radius"] = math.ldexp(species["radius"], length)
+        species["mass"] = math.ldexp(species["mass"], mass)
+    deviation = math.ldexp(2.0, length - time)
     return scene_of(
         width=math.ldexp(6.0, length),
-        tracer=tracer | {"position": [0.0, 0.0]},
-        species=[{"name": "bath", "count": "rest"} | bath],
-        velocities={"standard_deviation": math.ldexp(2.0, length - time)},
+        tracer=tracer,
+        species=[bath],
+        velocities={"standard_deviation": deviation},
         duration=math.ldexp(1.0, time),
         sample_interval=math.ldexp(0.125, time),
         **more,
