@@ -29,9 +29,12 @@ def aimed(rng, distance, impact, sigma, speed=1.0):
     direction.
     """
     angle = rng.uniform(0, 2 * np.pi)
-    cos, sin = math.cos(angle), math.sin(angle)
+    cos = math.cos(angle)
+    sin = math.sin(angle)
     along = math.sqrt(distance**2 - impact**2)
-    return -along * cos - impact * sin, -along * sin + impact * cos, speed * cos, speed * sin, sigma
+    x = -along * cos - impact * sin
+    y = -along * sin + impact * cos
+    return x, y, speed * cos, speed * sin, sigma
 
 
 def pair_time(x, y, u, v, sigma):
@@ -116,10 +119,11 @@ def test_a_disk_meets_the_wall_that_it_moves_to():
 
 def after(x, y, a, b, mass_a, mass_b):
     """Velocities after a collision by the kernels, r = (x, y) of b seen from a."""
-    fx, fy = exchange(x, y, b[0] - a[0], b[1] - a[1])
-    whole_a, part_a, whole_b, part_b, _ = shares(mass_a, mass_b)
-    after_a = a[0] + whole_a * fx + part_a * fx, a[1] + whole_a * fy + part_a * fy
-    return after_a, (b[0] - whole_b * fx - part_b * fx, b[1] - whole_b * fy - part_b * fy)
+    f = exchange(x, y, b[0] - a[0], b[1] - a[1])
+    whole_a, rest_a, whole_b, rest_b, _ = shares(mass_a, mass_b)
+    after_a = tuple(a[c] + whole_a * f[c] + rest_a * f[c] for c in (0, 1))
+    after_b = tuple(b[c] - whole_b * f[c] - rest_b * f[c] for c in (0, 1))
+    return after_a, after_b
 
 
 def test_a_collision_is_that_of_eqs_5_to_8():
@@ -168,15 +172,12 @@ def test_a_collision_conserves_momentum_and_energy(ratio, heavy_first):
     energies = []
     for _ in range(4000):
         x, y, *v = rng.standard_normal(6).tolist()
-        before = [
-            [component / math.sqrt(m) for component in v[i : i + 2]]
-            for i, m in zip((0, 2), masses, strict=True)
-        ]
+        first = [component / math.sqrt(masses[0]) for component in v[:2]]
+        second = [component / math.sqrt(masses[1]) for component in v[2:]]
+        before = [first, second]
         result = after(x, y, *before, *masses)
-        lost = [
-            abs(p - q) / UNITS**2
-            for p, q in zip(total(masses, before, 1), total(masses, result, 1), strict=True)
-        ]
+        momenta = zip(total(masses, before, 1), total(masses, result, 1), strict=True)
+        lost = [abs(p - q) / UNITS**2 for p, q in momenta]
         assert max(lost) < 4 * EPSILON * math.sqrt(ratio) * max(map(abs, v))
         energy, energy_after = (sum(total(masses, each, 2)) for each in (before, result))
         energies.append((energy_after - energy) / energy / EPSILON)

@@ -63,11 +63,12 @@ def contact_statistics(scene, seen):
     """Collisions per disk and time, and Z, of each run, at kT = 1; equal disks of mass and diameter
     1.
     """
-    n, time = scene.particles, scene.duration
+    n = scene.particles
+    time = scene.duration
     kT = seen["kinetic_energy"] / (n - 1)  # noqa: N806
-    return 2 * seen["pair_collisions"] / (n * time) / np.sqrt(kT), 1 + seen["virial"] / (
-        2 * n * kT * time
-    )
+    collisions = 2 * seen["pair_collisions"] / (n * time)
+    compressibility = 1 + seen["virial"] / (2 * n * kT * time)
+    return collisions / np.sqrt(kT), compressibility
 
 
 FLUIDS = [

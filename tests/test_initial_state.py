@@ -100,9 +100,8 @@ def test_zero_momentum():
         mixture(box(6, 6, PERIODIC), [(30, 0.1, 1.0), (20, 0.2, 7.0)], 1.0, velocities=velocities),
         1,
     )
-    assert np.abs(state.mass @ state.velocity).max() < 1e-15 * np.sum(
-        state.mass[:, None] * np.abs(state.velocity)
-    )
+    momenta = state.mass[:, None] * np.abs(state.velocity)
+    assert np.abs(state.mass @ state.velocity).max() < 1e-15 * np.sum(momenta)
 
 
 @pytest.mark.slow
@@ -457,10 +456,8 @@ def test_grown_disks_reach_the_pressure_of_the_fluid():
 )
 @settings(max_examples=300, deadline=None)
 def test_finds_an_overlap_where_all_pairs_do(disks, periodic):
-    position, radius = (
-        np.array([d[:2] for d in disks]).reshape(-1, 2),
-        np.array([d[2] for d in disks]),
-    )
+    position = np.array([disk[:2] for disk in disks]).reshape(-1, 2)
+    radius = np.array([disk[2] for disk in disks])
 
     def gap(a, b):
         apart = position[a] - position[b]
