@@ -173,12 +173,12 @@ def shadow(state, size):
     """The same state with positions and velocities changed by about `size`, relative to radii and
     speeds.
     """
-    position, velocity = np.random.default_rng(0).standard_normal((2, *state.position.shape))
-    position, velocity = (
-        size * state.radius.min() * position,
-        size * np.abs(state.velocity).max() * velocity,
-    )
-    return state._replace(position=state.position + position, velocity=state.velocity + velocity)
+    places, velocities = np.random.default_rng(0).standard_normal((2, *state.position.shape))
+    smallest = state.radius.min()
+    fastest = np.abs(state.velocity).max()
+    position = state.position + size * smallest * places
+    velocity = state.velocity + size * fastest * velocities
+    return state._replace(position=position, velocity=velocity)
 
 
 def tolerances(events, state, box):
@@ -191,15 +191,20 @@ def tolerances(events, state, box):
     takes another course or leaves by 1 % of a radius, or where two events are so near each other
     that round-off may exchange them.
     """
-    size, radius, speed = 1e-11, state.radius.min(), np.abs(state.velocity).max()
-    others = naive.run(shadow(state, size), box, events[-1][0], len(events))[0]
-    same = [
-        e[1:3] == o[1:3] and abs(e[0] - o[0]) * speed < 0.01 * radius
-        for e, o in zip(events, others, strict=False)
-    ]
-    n = same.index(False) if False in same else len(same)
-    time, other = (np.array([e[0] for e in run[:n]]) for run in (events, others))
-    growth = np.maximum.accumulate(np.maximum(np.abs(time - other) / (size * radius), 1 / speed))
+    size = 1e-11
+    radius = state.radius.min()
+    speed = np.abs(state.velocity).max()
+    others, *_ = naive.run(shadow(state, size), box, events[-1][0], len(events))
+    time = []
+    departure = []
+    for event, other in zip(events, others, strict=False):
+        later = abs(event[0] - other[0])
+        if event[1:3] != other[1:3] or later * speed >= 0.01 * radius:
+            break
+        time.append(event[0])
+        departure.append(later)
+    error = np.maximum(np.array(departure) / (size * radius), 1 / speed)
+    growth = np.maximum.accumulate(error)
     tolerance = 30 * EPSILON * max(*np.abs(box.x), *np.abs(box.y)) * growth
     near = np.flatnonzero(np.diff(time) < 2 * tolerance[1:])
     return tolerance[: near[0]] if len(near) else tolerance
@@ -287,7 +292,9 @@ def audit(scene, state, whole, events, seen):
     """Check what a run says of itself against what it recorded, by other means than the
     engine's.
     """
-    mass, first, last = state.mass, whole.velocity[0], whole.velocity[-1]
+    mass = state.mass
+    first = whole.velocity[0]
+    last = whole.velocity[-1]
     np.testing.assert_array_equal(whole.velocity[0], state.velocity)
     np.testing.assert_allclose(
         whole.position[0], state.position, rtol=0, atol=1e-14 * np.abs(state.position).max()

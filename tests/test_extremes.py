@@ -358,11 +358,9 @@ UNITS += [(300, 100, -200), (-300, -100, 200)]
 )
 def test_units_of_both_engines(name, units):
     """Trajectories and observables to the bit; NaN, or next to 0, where there is no such number."""
-    plain, other, (length, time, mass) = (
-        scaled(SMALL_SCENES[name], 3),
-        scaled(SMALL_SCENES[name], 3, *units),
-        units,
-    )
+    length, time, mass = units
+    plain = scaled(SMALL_SCENES[name], 3)
+    other = scaled(SMALL_SCENES[name], 3, *units)
     step = largest_step(plain) / 64
     powers = {"kinetic_energy": mass + 2 * (length - time), "virial": mass + 2 * length - time}
     powers |= {"initial_square_speed": 2 * (length - time), "wall_impulse": mass + length - time}
@@ -370,18 +368,20 @@ def test_units_of_both_engines(name, units):
         (simulate, {}, {}),
         (timestep.simulate, {"time_step": step}, {"time_step": math.ldexp(step, time)}),
     ):
-        one, two = engine(plain, [0], {"all"}, **short), engine(other, [0], {"all"}, **long)
-        assert np.array_equal(np.ldexp(one.whole[0].position, length), two.whole[0].position)
-        assert np.array_equal(np.ldexp(one.whole[0].velocity, length - time), two.whole[0].velocity)
-        for name, values in one.observables.items():
+        runs = engine(plain, [0], {"all"}, **short)
+        runs_in_units = engine(other, [0], {"all"}, **long)
+        track = runs.whole[0]
+        track_in_units = runs_in_units.whole[0]
+        assert np.array_equal(np.ldexp(track.position, length), track_in_units.position)
+        assert np.array_equal(np.ldexp(track.velocity, length - time), track_in_units.velocity)
+        for name, values in runs.observables.items():
             power = powers.get(name, 0)
-            value, found = float(values[0]), float(two.observables[name][0])
-            there = value == 0 or -1021 <= math.frexp(value)[1] + power <= 1024
-            assert (
-                found == math.ldexp(value, power)
-                if there
-                else math.isnan(found) or abs(found) < 1e-307
-            ), name
+            value = float(values[0])
+            value_in_units = float(runs_in_units.observables[name][0])
+            if value == 0 or -1021 <= math.frexp(value)[1] + power <= 1024:
+                assert value_in_units == math.ldexp(value, power), name
+            else:
+                assert math.isnan(value_in_units) or abs(value_in_units) < 1e-307, name
 
 
 @pytest.mark.parametrize(
@@ -509,22 +509,18 @@ def test_the_smallest_radius(place):
     of round-off of the largest coordinate in radii. Such a run may fail its check of overlaps,
     which is stricter.
     """
-    radius, rng = 6.0 * (1 + 1e-9) * SMALLEST_RADIUS, np.random.default_rng(1)
-    for angle in rng.uniform(0, 2 * math.pi, 40):
-        along, across = (
-            np.array([math.cos(angle), math.sin(angle)]),
-            np.array([-math.sin(angle), math.cos(angle)]),
-        )
+    radius = 6.0 * (1 + 1e-9) * SMALLEST_RADIUS
+    for angle in np.random.default_rng(1).uniform(0, 2 * math.pi, 40):
+        along = np.array([math.cos(angle), math.sin(angle)])
+        across = np.array([-math.sin(angle), math.cos(angle)])
         start = np.array((place - 1e-6, -place + 1e-6)) * 0.99
         other = start + radius * (1.2 * across - 10 * along)
-        scene = scene_of_state(
-            box(6, 6, WALLS), state_of([(*start, 0, 0), (*other, *along)], radius), 40 * radius
-        )
+        disks = state_of([(*start, 0, 0), (*other, *along)], radius)
+        scene = scene_of_state(box(6, 6, WALLS), disks, 40 * radius)
         run = simulate(scene, [0], {"all"})
         assert run.observables["pair_collisions"][0] == 1
-        assert (
-            abs(np.hypot(*run.whole[0].velocity[-1, 0]) - 0.8) <= np.finfo(float).eps * 3.0 / radius
-        )
+        speed = np.hypot(*run.whole[0].velocity[-1, 0])
+        assert abs(speed - 0.8) <= np.finfo(float).eps * 3.0 / radius
 
 
 def test_a_duration_of_1e_150():
