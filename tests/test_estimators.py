@@ -53,18 +53,18 @@ def block(seeds, tracer, seen):
     return Ensemble(seeds, np.zeros(0), tracer, seen, {}, {}, {}, {})
 
 
-def found_of(case, seen, *estimators):
+def averages_of(case, seen, *estimators):
     """What the arrays `seen`, (n, ...) each, add up to."""
     n, averages = len(next(iter(seen.values()))), estimator.Averages()
     for seeds in np.split(np.arange(n), range(1024, n, 1024)):
         part = block(seeds, None, {name: array[seeds] for name, array in seen.items()})
-        averages.add(seeds, estimator.columns_of(estimators, case, part))
+        averages.add(seeds, estimator.collect_columns(estimators, case, part))
     return averages
 
 
 def values_of(case, seen, *estimators):
     """The variables that estimators make of the arrays `seen`."""
-    return estimator.results_of(estimators, case, found_of(case, seen, *estimators))
+    return estimator.collect_results(estimators, case, averages_of(case, seen, *estimators))
 
 
 # --- real runs
@@ -182,7 +182,7 @@ def test_routes_to_d_have_no_error_of_the_sample_interval(start):
     scene = gas(duration=4.0, sample_interval=1.0)
     t, n = scene.times, 10_240
     seen = observed(*langevin_runs(t, 1.0, start, n, 11))
-    found = values_of(case_of(scene), seen, displacement, velocity)
+    found = values_of(case_of(scene), seen, displacement.ESTIMATOR, velocity.ESTIMATOR)
     growing = (start - 1) * np.exp(-t) * (1 - np.exp(-t)) + 1 - np.exp(-t)  # d<r^2>/dt / 4
     integral = start * (1 - np.exp(-t))
     off = {
@@ -214,7 +214,7 @@ def test_non_gaussian_parameter_and_its_control_variate():
     v2, r2 = np.random.default_rng(4).exponential(2.0, (2, n, 1))
     squared = np.where(late, r2, v2 * scene.times**2)
     seen = {"square_displacement": squared, "quartic_displacement": squared**2}
-    values = values_of(case, seen, displacement, distribution)
+    values = values_of(case, seen, displacement.ESTIMATOR, distribution.ESTIMATOR)
     found = {
         name.replace("non_gaussian_parameter", "alpha"): value for name, value in values.items()
     }
@@ -234,7 +234,10 @@ def test_non_gaussian_parameter_and_its_control_variate():
     assert found["alpha_controlled_standard_error"][early] == pytest.approx(0.0, abs=1e-4)
     assert found["alpha_controlled_standard_error"][-1] == pytest.approx(error[1], rel=0.1)
     few = values_of(
-        case, {name: array[:199] for name, array in seen.items()}, displacement, distribution
+        case,
+        {name: array[:199] for name, array in seen.items()},
+        displacement.ESTIMATOR,
+        distribution.ESTIMATOR,
     )
     assert not any("controlled" in name for name in few)
 
@@ -246,7 +249,7 @@ def decaying(scene, rate, runs=12):
 
 def slope_of(scene, seen):
     """The slope at 0, its stated error, and the ends of its interval."""
-    values = values_of(case_of(scene), seen, velocity)
+    values = values_of(case_of(scene), seen, velocity.ESTIMATOR)
     return [
         float(values[f"vacf_initial_slope{part}"])
         for part in ("", "_standard_error", "_low", "_high")
@@ -306,7 +309,7 @@ def test_expected_slope_is_enskogs_friction():
     case, n = case_of(gas(tracer={"radius": 1.0, "mass": 3.0})), 0.25
     rate = theory.collision_rate(n, 1.5, 1.3, 0.75, 1.0)
     correlation = np.full((12, len(case.times)), 2 / 3)
-    found = found_of(case, {"velocity_autocorrelation": correlation}, velocity)
+    found = averages_of(case, {"velocity_autocorrelation": correlation}, velocity.ESTIMATOR)
     assert np.isnan(velocity.expected_slope(case, found))
     both = {
         "tracer_collisions": np.full(12, rate * case.times[-1]),
@@ -380,10 +383,10 @@ def test_initial_slope_of_a_real_gas():
     stated = []
     for each in (2, 5, 10, 25):
         case = case_of(scene)._replace(times=scene.times[::each], average="disks")
-        found = found_of(
+        found = averages_of(
             case,
             {"velocity_autocorrelation": seen["velocity_autocorrelation"][:, ::each]},
-            velocity,
+            velocity.ESTIMATOR,
         )
         slope = velocity.initial_slope(case, found)
         stated.append(bool(np.isfinite(slope.mean)))
@@ -415,7 +418,7 @@ def snapshots(scene, held=None, runs=300):
 
 def g_of(scene, seen):
     """g(r) and its standard error (P, R)."""
-    values = values_of(case_of(scene), seen, pairs)
+    values = values_of(case_of(scene), seen, pairs.ESTIMATOR)
     return values["pair_distribution"], values["pair_distribution_standard_error"]
 
 
@@ -489,8 +492,8 @@ def test_contact_value_around_a_tracer_off_centre(off_centre):
     )
     counts = {"pair_collisions": number, "tracer_collisions": number, "kinetic_energy": 0.8 * 41}
     seen = seen | {name: np.full(1000, value) for name, value in counts.items()}
-    found = found_of(case_of(scene), seen, pairs)
-    values = estimator.results_of([pairs], case_of(scene), found)
+    found = averages_of(case_of(scene), seen, pairs.ESTIMATOR)
+    values = estimator.collect_results([pairs.ESTIMATOR], case_of(scene), found)
     assert values["contact_value_standard_error"][1] < 0.1
     assert values["contact_value"][1] == pytest.approx(
         1, abs=4 * values["contact_value_standard_error"][1]
@@ -566,7 +569,7 @@ def test_contact_value_of_the_fluid_is_that_of_its_collisions(phi, time, samples
     found = exact.simulate(
         scene, np.arange(16), frozenset({"none"}), observables=("pair_distribution",)
     ).observables
-    values = values_of(case_of(scene), found, pairs)
+    values = values_of(case_of(scene), found, pairs.ESTIMATOR)
     both = np.hypot(
         values["contact_value_standard_error"], values["contact_value_rate_standard_error"]
     )
@@ -588,7 +591,9 @@ def test_contact_values_from_rates_are_enskogs():
         "kinetic_energy": 0.8 * 16,
     }
     values = values_of(
-        case_of(scene), {name: np.full(12, value) for name, value in counts.items()}, pairs
+        case_of(scene),
+        {name: np.full(12, value) for name, value in counts.items()},
+        pairs.ESTIMATOR,
     )
     assert values["contact_value_rate"][1:] == pytest.approx([1.3, 1.2])
 
@@ -600,7 +605,7 @@ def test_few_pairs_have_an_interval_of_poissons():
     scene, counts = gas(), np.zeros((12, 1, 160))
     counts[:2, 0, 50] = 1
     values = values_of(
-        case_of(scene), {"pair_counts": counts, "pair_snapshots": np.ones(12)}, pairs
+        case_of(scene), {"pair_counts": counts, "pair_snapshots": np.ones(12)}, pairs.ESTIMATOR
     )
     one = 1 / (12 * pairs.ideal(scene, pairs.bin_edges(scene)))[0]
     low, high = values["pair_distribution_low"][0] / one, values["pair_distribution_high"][0] / one
@@ -621,12 +626,14 @@ def test_pair_virial_and_wall_pressure_differ_by_the_room_of_the_centres():
     """
     scene = gas("reflecting", number=24, duration=40.0)
     seen = exact.simulate(scene, np.arange(60), frozenset({"none"})).observables
-    means = thermodynamics.columns(case_of(scene), block(np.arange(60), None, seen)).means
+    means = thermodynamics.thermodynamic_columns(
+        case_of(scene), block(np.arange(60), None, seen)
+    ).means
     difference = means["compressibility"] - 7 / 8 * means["wall_compressibility"]
     error = difference.std(ddof=1) / np.sqrt(60)
     assert abs(difference.mean()) < 4 * error < 0.008 * means["compressibility"].mean()
     wide = case_of(scene.replace(box={"x": [0, 16], "y": [0, 8]}))
-    means = thermodynamics.columns(wide, block(np.arange(60), None, seen)).means
+    means = thermodynamics.thermodynamic_columns(wide, block(np.arange(60), None, seen)).means
     assert means["wall_pressure"] == pytest.approx(seen["wall_impulse"] / (2 * (16 + 8) * 40))
     assert means["wall_compressibility"] == pytest.approx(
         means["wall_pressure"] * 16 * 8 / seen["kinetic_energy"]
@@ -644,7 +651,7 @@ def test_rate_and_virial_of_four_disks_have_one_contact_value(boundary):
     seen = block(
         np.arange(100), None, exact.simulate(scene, np.arange(100), frozenset({"none"})).observables
     )
-    means = thermodynamics.columns(case_of(scene), seen).means
+    means = thermodynamics.thermodynamic_columns(case_of(scene), seen).means
     difference = means["compressibility_rate"] - means["compressibility"]
     error = difference.std(ddof=1) / np.sqrt(100)
     assert abs(difference.mean()) < 4 * error < 0.016 * (means["compressibility"].mean() - 1)
@@ -659,7 +666,7 @@ def test_what_is_alike_in_all_runs_has_no_error():
     seen = exact.simulate(
         scene, np.arange(12), frozenset({"none"}), observables=("density_profile",)
     ).observables
-    found = values_of(case_of(scene), seen, thermodynamics, pairs)
+    found = values_of(case_of(scene), seen, thermodynamics.ESTIMATOR, pairs.ESTIMATOR)
     assert [found[name] for name in names] == [0.0, 1.0, 0.0, 0.0] and found[
         "kinetic_temperature_standard_error"
     ] > 0

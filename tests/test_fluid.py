@@ -143,7 +143,7 @@ def test_collision_rate_at_the_temperature_of_the_scene():
     scene, seeds = fluid(0.14, 40.0, "random"), np.arange(150)
     case = estimator.Case(scene, Engine("exact"), scene.times)
     seen = reported(0.14, 40.0, "random", len(seeds))
-    means = thermodynamics.columns(
+    means = thermodynamics.thermodynamic_columns(
         case, Ensemble(seeds, scene.times, None, seen, {}, {}, {}, {})
     ).means
     raw, scaled = means["collision_rate"], means["collision_rate_at_temperature"]

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
         StorageError,
     )
     from brownpipe.interface import (
+        Columns,
+        Estimator,
         Scene,
+        Variable,
         analyse,
         mean,
         open,
@@ -45,8 +48,11 @@ __all__ = [
     "StorageError",
 ]
 __all__ += [
+    "Columns",
     "Definition",
+    "Estimator",
     "Scene",
+    "Variable",
     "analyse",
     "mean",
     "open",

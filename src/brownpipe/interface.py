@@ -21,7 +21,10 @@ from xarray import DataArray, Dataset, DataTree
 from brownpipe import progress
 from brownpipe.analysis import aggregate
 from brownpipe.analysis.dataset import ALWAYS, refuse_windows
+from brownpipe.analysis.estimator import Columns as Columns
+from brownpipe.analysis.estimator import Estimator
 from brownpipe.analysis.resampling import resample
+from brownpipe.analysis.variables import Variable as Variable
 from brownpipe.engines import DEFINITIONS, Engine, engine_of_request, read_record
 from brownpipe.engines.definition import Definition
 from brownpipe.engines.ensemble import Ensemble, failures, join_ensembles, select
@@ -176,6 +179,7 @@ def analyse(
     fit_windows: Sequence[Sequence[float]] | None = None,
     rings: Mapping | None = None,
     displacement_times: Sequence[float] = (),
+    estimators: Sequence[Estimator] = (),
     quiet: bool = False,
 ) -> Dataset:
     """Return mean squared displacements, fits, distributions and their errors over runs, as
@@ -188,12 +192,18 @@ def analyse(
     rings: {"dr": width [length], "count": number} of the displacement distribution, by default from
     the data.
     displacement_times: its times [time], by default the end of each run.
+    estimators: your own, `brownpipe.Estimator`, whose variables are added to those of brownpipe.
     quiet: no progress on stderr.
 
     The variables have the dimensions scene, particles, engine, and time, seed, r, ...;
     `result.msd.attrs` says what a variable means. Raises AnalysisError for runs that do not belong
-    together, or for times outside them.
+    together, for times outside them, and for estimators whose names are taken or whose values do
+    not fit their dimensions.
     """
+    own_estimators = [*estimators]
+    for estimator in own_estimators:
+        if not isinstance(estimator, Estimator):
+            raise RequestError(f"estimators: must be of brownpipe.Estimator, not {estimator!r:.60}")
     sources: list[Any] = [runs]
     if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord):
         sources = [*runs]
@@ -206,7 +216,7 @@ def analyse(
         inputs = [
             source if isinstance(source, str | Path) else from_tree(source) for source in sources
         ]
-        return aggregate(inputs, windows, width, count, times)
+        return aggregate(inputs, windows, width, count, times, estimators=own_estimators)
 
 
 def scan(

@@ -4,7 +4,7 @@ count, engine.
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,15 @@ from brownpipe.analysis import (
     variables,
     velocity,
 )
-from brownpipe.analysis.estimator import Averages, Case, columns_of, results_of
+from brownpipe.analysis.estimator import (
+    Averages,
+    Case,
+    Estimator,
+    collect_columns,
+    collect_results,
+)
 from brownpipe.analysis.goodness import holm
+from brownpipe.analysis.own_estimators import refuse_misshapen, refuse_unfit
 from brownpipe.analysis.runs import (
     Group,
     Source,
@@ -46,10 +53,18 @@ from brownpipe.storage.trajectories import Trajectories
 if TYPE_CHECKING:
     from xarray import Dataset
 
-# Results of one case: variable or coordinate -> array whose size is that of its dimensions.
-Part = dict[str, Any]
+# A piece of a dataset, most often of one case: variable or coordinate -> array, whose size is that
+# of its dimensions.
+Values = dict[str, Any]
 
-ESTIMATORS = displacement, distribution, velocity, pairs, thermodynamics, drift
+ESTIMATORS: tuple[Estimator, ...] = (
+    displacement.ESTIMATOR,
+    distribution.ESTIMATOR,
+    velocity.ESTIMATOR,
+    pairs.ESTIMATOR,
+    thermodynamics.ESTIMATOR,
+    drift.ESTIMATOR,
+)
 # These come first in a dataset, so that xarray shows them among its hundred variables; then other
 # physics, then health.
 FIRST = (
@@ -59,10 +74,10 @@ FIRST = (
     "contact_value",
     "velocity_autocorrelation",
 )
-MODULES = displacement, diffusive, *ESTIMATORS[1:], variables
-BY_NAME = with_uncertainties(
-    dict(chain.from_iterable(module.VARIABLES.items() for module in MODULES))
-)
+TABLES = [estimator.variables for estimator in ESTIMATORS]
+TABLES.insert(1, diffusive.VARIABLES)
+TABLES.append(variables.VARIABLES)
+BY_NAME = with_uncertainties(dict(chain.from_iterable(table.items() for table in TABLES)))
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
 LABELS_AND_HEALTH = {
     *displacement.COORDINATES,
@@ -77,11 +92,19 @@ ALWAYS = LABELS_AND_HEALTH.union(
     with_uncertainties(displacement.VARIABLES | diffusive.VARIABLES | distribution.AT_TIMES)
 )
 ALL_COORDINATES = {dim: Variable((dim,), axis.units, axis.long_name) for dim, axis in AXES.items()}
-for _module in (variables, displacement, distribution, drift):
-    ALL_COORDINATES |= _module.COORDINATES
+ALL_COORDINATES |= variables.COORDINATES
+for _estimator in ESTIMATORS:
+    ALL_COORDINATES |= _estimator.coordinates
 taken.update(ALL_VARIABLES, ALL_COORDINATES, VARIABLES)
-Table = Mapping[str, Variable]
+Table = dict[str, Variable]  # by name
 Axis = list | np.ndarray  # labels in order of appearance, or ascending numbers
+
+
+class Schema(NamedTuple):
+    """The variables and coordinates that a dataset may have, by name."""
+
+    variables: Table
+    coordinates: Table
 
 
 def aggregate(
@@ -92,6 +115,7 @@ def aggregate(
     displacement_times: Sequence[float] = (),
     vary: Sequence[str] = (),
     vary_together: bool = False,
+    estimators: Sequence[Estimator] = (),
 ) -> "Dataset":
     """Return all estimates from trajectory files, or runs in memory, as one dataset.
 
@@ -109,6 +133,7 @@ def aggregate(
     vary, vary_together: keys in which the scenes differ, each a dimension in place of a scene for
     each combination of their values; together, keys beyond the first are coordinates along the
     dimension of the first.
+    estimators: the user's own, whose variables are added.
 
     Raises AnalysisError for files that do not belong together, for windows that coincide, or
     windows and times that no run reaches or can use, and what `read_trajectories` raises for broken
@@ -126,41 +151,65 @@ def aggregate(
         _refuse_without_displacements(outlines)
     refuse_windows(windows or (), [case.times for case in cases])
     _refuse_times(cases)
-    own = _own_variables(groups)
+    schema = _schema_of(groups, estimators)
     pairs_of_windows: list[tuple[Window, Window]] = []
     if not windows:
         end = displacement.best_end(cases, groups)
         pairs_of_windows = candidate_windows(scenes, end)
         all_windows = tuple(dict.fromkeys(chain.from_iterable(pairs_of_windows)))
         cases = [case._replace(windows=all_windows) for case in cases]
-    parts: list[Part] = []
+    pieces: list[Values] = []
     runs_of_cases = [*zip(cases, groups, strict=True)]
     for case, group in tracked(runs_of_cases, "cases"):
-        parts += _results(case, group)
+        pieces += _pieces_of_case(case, group, estimators, schema.variables)
+    table = _variables_in(pieces, schema.variables)
+    spread_table, keys = _over_keys(table, scenes, vary, vary_together)
     settings = {
         "fit_windows": windows or None,
         "ring_width": dr,
         "rings": rings,
         "displacement_times": times,
     }
-    origins = ((group.pattern.contents, group.seeds) for group in groups)
-    averaged_disks = sorted({_followed(contents) for contents in outlines})
-    attributes: dict[str, Any] = {
-        **variables.ATTRIBUTES,
-        "msd_of": " or ".join(averaged_disks),
-        "average": cases[0].average,
-        **origin_attributes("aggregate", origins, settings),
-    }
-    table, keys = _over_keys(_variables_in(parts, own), scenes, vary, vary_together)
+    attributes = _attributes(groups, settings)
+    if estimators:
+        attributes["estimators"] = ", ".join(estimator.name for estimator in estimators)
     if keys:
         attributes[VARIED] = " ".join(keys)
-    dataset = joined(parts, table, {**ALL_COORDINATES, **keys}, attributes, (*EACH, *keys))
+    coordinates = schema.coordinates | keys
+    dataset = outer_join(pieces, spread_table, coordinates, attributes, (*EACH, *keys))
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value
         p.values = holm(p.values.ravel()).reshape(p.shape)
     if windows:
         return diffusive.marked(dataset)
     return diffusive.best_windows(dataset, pairs_of_windows)
+
+
+def _schema_of(groups: Sequence[Group], estimators: Sequence[Estimator]) -> Schema:
+    """Return the schema with the arrays of the user's own functions and of these estimators.
+
+    Raises AnalysisError for an estimator whose names are taken or whose dimensions are not known.
+    """
+    table = ALL_VARIABLES | with_uncertainties(_own_variables(groups))
+    coordinates = {**ALL_COORDINATES}
+    for estimator in estimators:
+        refuse_unfit(estimator, table, coordinates)
+        table |= with_uncertainties(estimator.variables)
+        coordinates |= estimator.coordinates
+    return Schema(table, coordinates)
+
+
+def _attributes(groups: Sequence[Group], settings: dict) -> dict[str, str]:
+    """Return the attributes of a dataset: its meaning, and what it is made from."""
+    outlines = [group.pattern.contents for group in groups]
+    averaged_disks = sorted({_followed(contents) for contents in outlines})
+    origins = [(group.pattern.contents, group.seeds) for group in groups]
+    return {
+        **variables.ATTRIBUTES,
+        "msd_of": " or ".join(averaged_disks),
+        "average": outlines[0].ensemble.average,
+        **origin_attributes("aggregate", origins, settings),
+    }
 
 
 def _case_of(
@@ -197,10 +246,9 @@ def _refuse_without_displacements(outlines: Sequence[Trajectories]) -> None:
         )
 
 
-def _variables_in(parts: Sequence[Part], own: Table) -> dict[str, Variable]:
-    """Return the variables of a dataset of some parts, with those of the user's own functions."""
-    names = ALWAYS.union(*parts)
-    table = ALL_VARIABLES | with_uncertainties(own)
+def _variables_in(pieces: Sequence[Values], table: Table) -> Table:
+    """Return the variables of a table that pieces of a dataset have, and those of every dataset."""
+    names = ALWAYS.union(*pieces)
     return {name: variable for name, variable in table.items() if name in names}
 
 
@@ -292,14 +340,17 @@ def _refuse_times(cases: Sequence[Case]) -> None:
             raise AnalysisError(f"displacement time {time:g}: must be a sample time of some run")
 
 
-def _results(case: Case, group: Group) -> list[Part]:
+def _pieces_of_case(
+    case: Case, group: Group, own_estimators: Sequence[Estimator], table: Table
+) -> list[Values]:
     """Return the values of all variables for a case, from its group.
 
-    Those of the displacement distributions come as a part for each time, since each may have rings
-    of its own.
+    Those of the runs that did not fail are a piece of their own, as there may be fewer, and so are
+    the displacement distributions at each time, which may have rings of their own.
     """
     first_runs = first_good_runs(group) if case.edges is None else []
     case = case._replace(rings=distribution.rings_of(case, first_runs))
+    estimators = (*ESTIMATORS, *own_estimators)
     averages = Averages()
     stopped: dict[int, str] = {}
     health = []
@@ -308,48 +359,54 @@ def _results(case: Case, group: Group) -> list[Part]:
         stopped.update(runs.stopped)
         good_runs = without_failed(runs)
         if len(good_runs.seeds):
-            averages.add(good_runs.seeds, columns_of(ESTIMATORS, case, good_runs))
+            averages.add(good_runs.seeds, collect_columns(estimators, case, good_runs))
     failed, *health_numbers = np.concatenate(health, axis=1)
     is_good = failed == 0
-    names = _labels_of(case)
-    part: Part = {
+    labels_of_case = _labels_of(case)
+    values: Values = {
+        **labels_of_case,
         "time": case.times,
         "seed": group.seeds,
         "runs": np.count_nonzero(is_good),
         "failed_runs": np.count_nonzero(failed),
         "run_status": np.where(is_good, variables.KEPT, variables.FAILED),
     }
-    part |= zip(HEALTH, health_numbers, strict=True)
+    values |= zip(HEALTH, health_numbers, strict=True)
     if stopped:
-        part["stopped"] = np.array([stopped.get(seed, "") for seed in group.seeds.tolist()], object)
-    part |= results_of(ESTIMATORS, case, averages)
-    part |= names
-    part |= _missing_coordinates(case, part)
-    good_runs_part = {
-        **names,
+        reasons = [stopped.get(seed, "") for seed in group.seeds.tolist()]
+        values["stopped"] = np.array(reasons, object)
+    values |= collect_results(estimators, case, averages)
+    values |= _missing_coordinates(case, values, table)
+    values_of_good_runs = {
+        **labels_of_case,
         "seed": group.seeds[is_good],
-        "window": part["window"],
-        **averages.kept,
+        "window": values["window"],
+        **averages.run_values,
     }
-    parts_of_times = [names | results for results in distribution.at_each_time(case, averages)]
-    return [part, good_runs_part, *parts_of_times]
+    for estimator in own_estimators:
+        refuse_misshapen(estimator, values)
+        refuse_misshapen(estimator, values_of_good_runs)
+    pieces = [values, values_of_good_runs]
+    for values_at_time in distribution.at_each_time(case, averages):
+        pieces.append(labels_of_case | values_at_time)
+    return pieces
 
 
-def _labels_of(case: Case) -> Part:
+def _labels_of(case: Case) -> Values:
     """Return the labels of a case: scene, count, engine and the varied keys of its scene."""
     name = case.scene.name.partition(",")[0] if case.varied else case.scene.name
-    names: Part = {
+    labels_of_case: Values = {
         "scene": [name],
         "particles": [case.scene.particles],
         "engine": [case.engine.label],
     }
     for path in case.varied:
-        names[short_name(path)] = [value_of(case.scene, path)]
-    return names
+        labels_of_case[short_name(path)] = [value_of(case.scene, path)]
+    return labels_of_case
 
 
-def _missing_coordinates(case: Case, part: Part) -> Part:
-    """Return the coordinates, such as species and bins, of dimensions for which a part has none.
+def _missing_coordinates(case: Case, values: Values, table: Table) -> Values:
+    """Return the coordinates, such as species and bins, of dimensions for which a case has none.
 
     Along dimensions of the user's own arrays they are 0, 1, ...
     """
@@ -357,13 +414,13 @@ def _missing_coordinates(case: Case, part: Part) -> Part:
     for array in case.own.values():
         own_sizes |= zip(array.dims, array.shape, strict=True)
     dims = set(own_sizes)
-    for name in part.keys() & ALL_VARIABLES.keys():
-        dims.update(ALL_VARIABLES[name].dims)
-    coordinates = {}
-    for dim in dims - part.keys():
+    for name in values.keys() & table.keys():
+        dims.update(table[name].dims)
+    coordinates: Values = {}
+    for dim in dims - values.keys():
         if dim in AXES:
             coordinates[dim] = AXES[dim].coordinates(case.scene)
-        else:
+        elif dim in own_sizes:
             coordinates[dim] = np.arange(own_sizes[dim])
     return coordinates
 
@@ -371,14 +428,14 @@ def _missing_coordinates(case: Case, part: Part) -> Part:
 # --- cases that differ in times, seeds, ...
 
 
-def joined(
-    parts: Sequence[Part],
+def outer_join(
+    pieces: Sequence[Values],
     variables: Table,
     coordinates: Table,
     attributes: dict,
     labels: Collection[str] = EACH,
 ) -> "Dataset":
-    """Return the outer join of `parts`; where a part has no value, a variable has its value
+    """Return the outer join of `pieces`; where no piece has a value, a variable has its value
     `absent`.
 
     Values of `labels` and texts come in order of appearance; other numbers ascend. Numbers that
@@ -394,38 +451,38 @@ def joined(
             table[name] = coordinate
     axes = {}
     for dim in dims:
-        values = [part[dim] for part in parts if dim in part]
+        values = [piece[dim] for piece in pieces if dim in piece]
         axes[dim] = _union(values, dim in labels)
     data = {}
     for name, variable in table.items():
-        array = axes[name] if name in axes else _filled(name, variable, parts, axes)
+        array = axes[name] if name in axes else _filled(name, variable, pieces, axes)
         data[name] = (variable.dims, array, variable.attributes)
     names = [name for name in coordinates if name in data]
     return xarray.Dataset(data, attrs=attributes).set_coords(names)
 
 
 def _filled(
-    name: str, variable: Variable, parts: Sequence[Part], axes: Mapping[str, Axis]
+    name: str, variable: Variable, pieces: Sequence[Values], axes: Mapping[str, Axis]
 ) -> np.ndarray:
-    """Return the array of a variable over the axes of its dimensions, filled from all parts."""
+    """Return the array of a variable over the axes of its dimensions, filled from all pieces."""
     shape = [len(axes[dim]) for dim in variable.dims]
     array: np.ndarray = np.full(shape, variable.absent, variable.dtype)
-    for part in parts:
-        if name in part:
-            positions = [_positions(part[dim], axes[dim]) for dim in variable.dims]
-            shape_of_part = [len(rows) for rows in positions]
-            array[np.ix_(*positions)] = np.reshape(part[name], shape_of_part)
+    for piece in pieces:
+        if name in piece:
+            positions = [_positions(piece[dim], axes[dim]) for dim in variable.dims]
+            shape_of_piece = [len(rows) for rows in positions]
+            array[np.ix_(*positions)] = np.reshape(piece[name], shape_of_piece)
     return array
 
 
-def _union(parts: Sequence[Any], in_order: bool) -> Axis:
+def _union(values: Sequence[Any], in_order: bool) -> Axis:
     """Return all labels in order of appearance, or all numbers ascending unless `in_order`, each
     once.
 
     >>> _union([[0.0, 1.0], [0.5, 1.0 + 1e-12]], in_order=False)
     array([0. , 0.5, 1. ])
     """
-    axis = np.concatenate(parts)
+    axis = np.concatenate(values)
     if in_order or axis.dtype.kind == "U":
         return list(dict.fromkeys(axis.tolist()))
     numbers = np.unique(axis)
@@ -436,7 +493,7 @@ def _union(parts: Sequence[Any], in_order: bool) -> Axis:
 
 
 def _positions(values: Any, axis: Axis) -> np.ndarray:
-    """Return the indices of a part's values in the union."""
+    """Return the indices of a piece's values in the union."""
     if isinstance(axis, list):
         return np.array([axis.index(label) for label in values])
     numbers = np.asarray(values)

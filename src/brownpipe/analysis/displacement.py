@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from brownpipe import theory
 from brownpipe.analysis.diffusive import FEWEST_RUNS, SMALL_FALL, SMALL_GROWTH, WALLS_FELT
-from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import Group, first_good_runs
 from brownpipe.analysis.variables import (
@@ -244,7 +244,7 @@ def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
     return np.ascontiguousarray(squared(tracks).T)
 
 
-def columns(case: Case, runs: Ensemble) -> Columns:
+def displacement_columns(case: Case, runs: Ensemble) -> Columns:
     """Return r^2 at all times, the lines in all windows and the friction of the langevin engine.
 
     Also keep r^2 at the end and D in all windows of every run.
@@ -262,11 +262,11 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     }
     if "friction_rate" in runs.observables:
         means["friction_rate"] = runs.observables["friction_rate"]
-    kept = {"run_msd": square[:, -1], "run_diffusion_coefficient": lines[:, 0] / 4}
-    return Columns(means, kept=kept)
+    run_values = {"run_msd": square[:, -1], "run_diffusion_coefficient": lines[:, 0] / 4}
+    return Columns(means, run_values=run_values)
 
 
-def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def displacement_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return windows, MSD and fits, and what is known of the scene before any run."""
     values = _scene_values(case, averages)
     if "msd" not in averages.places:
@@ -391,3 +391,11 @@ COORDINATES = {
     "window_start": Variable(("window",), "time", "start of the window"),
     "window_end": Variable(("window",), "time", "end of the window"),
 }
+
+ESTIMATOR = Estimator(
+    name="displacement",
+    variables=VARIABLES,
+    columns=displacement_columns,
+    results=displacement_results,
+    coordinates=COORDINATES,
+)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from brownpipe import theory
 from brownpipe.analysis import displacement, goodness, resampling
-from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
 from brownpipe.analysis.variables import (
     EACH,
@@ -102,7 +102,7 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
     return tuple(edges)
 
 
-def columns(case: Case, runs: Ensemble) -> Columns:
+def distribution_columns(case: Case, runs: Ensemble) -> Columns:
     """Return powers of r at the displacement times, counts in the rings, and moments for the
     non-Gaussian parameter.
     """
@@ -302,7 +302,7 @@ def _inverse_cube(
 MOMENTS = ("msd", "quartic_displacement", "square_times_quartic")
 
 
-def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def distribution_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return the non-Gaussian parameter; for the rest see `at_each_time`."""
     if "quartic_displacement" not in averages.places:
         return {}
@@ -400,3 +400,11 @@ COORDINATES = {
     "r_outer": Variable(("r",), "length", "outer radius of the ring"),
     "model": Variable(("model",), None, MODELS),
 }
+
+ESTIMATOR = Estimator(
+    name="distribution",
+    variables=VARIABLES,
+    columns=distribution_columns,
+    results=distribution_results,
+    coordinates=COORDINATES,
+)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.goodness import change_found_with_power
 from brownpipe.analysis.thermodynamics import compressibility, temperature
 from brownpipe.analysis.variables import EACH, ERROR, Variable
@@ -144,7 +144,7 @@ def in_percent(change: float, error: float) -> str:
     return f"{100 * change:+.{decimals}f}({uncertainty}) %"
 
 
-def columns(case: Case, runs: Ensemble) -> Columns:
+def drift_columns(case: Case, runs: Ensemble) -> Columns:
     """Return what is counted in the quarters of every run."""
     if not is_tested(case.scene, case.engine):
         return Columns()
@@ -152,15 +152,15 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     for name, values in runs.observables.items():
         if name.startswith(COUNTED) and name not in case.own:
             counted[name] = values
-    return Columns(kept=counted)
+    return Columns(run_values=counted)
 
 
-def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def drift_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return the drifts, and the time to try."""
     if not is_tested(case.scene, case.engine):
         return {}
     values: dict[str, ArrayLike] = {"time_to_try": time_to_try(case.scene)}
-    quarters = quarters_of(case.scene, case.times, averages.kept)
+    quarters = quarters_of(case.scene, case.times, averages.run_values)
     if quarters:
         drift = drift_of(quarters)
         values |= {
@@ -183,3 +183,11 @@ VARIABLES = {
     ),
 }
 COORDINATES = {"quantity": Variable(("quantity",), None, "quantity that may drift")}
+
+ESTIMATOR = Estimator(
+    name="drift",
+    variables=VARIABLES,
+    columns=drift_columns,
+    results=drift_results,
+    coordinates=COORDINATES,
+)

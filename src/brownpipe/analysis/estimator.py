@@ -1,28 +1,24 @@
-"""What an estimator is: a module that makes numbers from runs, one row per run, and variables from
-their averages.
+"""What an estimator is: a record of what makes variables of the dataset from the runs of each case.
 
-    VARIABLES, COORDINATES      what it adds to the dataset (`variables.Variable`)
-    columns(case, runs)         numbers of a block of runs, as `Columns`; none for runs that lack
-                                what it needs
-    results(case, averages)     variables and coordinates by name, from the averages over all runs
-                                with their errors
-
-A variable with the name of one of the means takes its values, unless it is in the `results`.
-Nothing else of a run stays in memory. To add one, enter it in `dataset.ESTIMATORS`.
+Its `columns` are numbers of every run of a block, its `results` follow from their averages over all
+runs; nothing else of a run stays in memory. Each module of an estimator has its record at the foot;
+`dataset.ESTIMATORS` lists them.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis import resampling
 from brownpipe.analysis.resampling import Estimate, Sums
-from brownpipe.analysis.variables import AVERAGED, with_intervals
+from brownpipe.analysis.variables import AVERAGED, Variable, with_intervals, with_uncertainties
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
+from brownpipe.errors import AnalysisError
 from brownpipe.observables.own import NO_OWN_ARRAYS, OwnArrays
 from brownpipe.scene import Scene
 
@@ -50,7 +46,7 @@ class Columns(NamedTuple):
 
     means: Mapping[str, np.ndarray] = {}  # name -> (n, ...): to be averaged over runs
     totals: Mapping[str, np.ndarray] = {}  # name -> (...): to be added up over runs
-    kept: Mapping[str, np.ndarray] = {}  # name -> (n, ...): to be kept of every run
+    run_values: Mapping[str, np.ndarray] = {}  # name -> (n, ...): to be kept of every run
 
 
 class Place(NamedTuple):
@@ -68,7 +64,7 @@ class Averages:
     sums: Sums | None = None  # None: no runs
     places: dict[str, Place] = field(default_factory=dict)  # by the name of the mean
     totals: dict[str, np.ndarray] = field(default_factory=dict)  # sums over runs
-    kept: dict[str, np.ndarray] = field(default_factory=dict)  # (runs, ...) of every run
+    run_values: dict[str, np.ndarray] = field(default_factory=dict)  # (runs, ...) of every run
 
     def add(self, seeds: np.ndarray, columns: Columns) -> "Averages":
         """Add the runs `seeds` (n,), n > 0, of the next block."""
@@ -83,11 +79,9 @@ class Averages:
         self.totals = {
             name: self.totals.get(name, 0) + values for name, values in columns.totals.items()
         }
-        kept = {}
-        for name, values in columns.kept.items():
-            kept_before = self.kept.get(name, values[:0])
-            kept[name] = np.concatenate([kept_before, values])
-        self.kept = kept
+        for name, values in columns.run_values.items():
+            earlier_runs = self.run_values.get(name, values[:0])
+            self.run_values[name] = np.concatenate([earlier_runs, values])
         self.runs += runs
         self.sums = resampling.add_block(self.sums, seeds, np.concatenate(flat, axis=1))
         return self
@@ -108,33 +102,96 @@ class Averages:
         return means.reshape(self.places[name].shape)
 
 
-def columns_of(estimators: Iterable[Any], case: Case, runs: Ensemble) -> Columns:
-    """Return the columns of some estimators, and the observables that are averaged as they are."""
-    means: dict[str, np.ndarray] = {}
-    totals: dict[str, np.ndarray] = {}
-    kept: dict[str, np.ndarray] = {}
-    for estimator in estimators:
-        columns = estimator.columns(case, runs)
-        means |= columns.means
-        totals |= columns.totals
-        kept |= columns.kept
+def no_results(case: Case, averages: Averages) -> Mapping[str, ArrayLike]:
+    """Return no values: the variables of an estimator are the means of its columns."""
+    return {}
+
+
+class Estimator(NamedTuple):
+    """What makes variables of a dataset from the runs of each case.
+
+    name: in error messages and, of an estimator of the user's own, in the dataset.
+    variables: what it adds to the dataset, by name, each with the dimensions scene, particles and
+    engine, and perhaps others.
+    columns: from a case and a block of its runs numbers of every run; none for runs that lack what
+    it needs.
+    results: from a case and the averages over all its runs the values of variables and coordinates,
+    by name. A variable with the name of one of the means has its values and errors unless it is in
+    the results.
+    coordinates: of dimensions that no other variable has, by name.
+    """
+
+    name: str
+    variables: Mapping[str, Variable]
+    columns: Callable[[Case, Ensemble], Columns]
+    results: Callable[[Case, Averages], Mapping[str, ArrayLike]] = no_results
+    coordinates: Mapping[str, Variable] = MappingProxyType({})
+
+
+def collect_columns(estimators: Sequence[Estimator], case: Case, runs: Ensemble) -> Columns:
+    """Return the columns of all estimators, and the observables that are averaged as they are.
+
+    Raises AnalysisError for a column that another estimator has already, and for one without a row
+    for each run.
+    """
+    averaged = {}
     for name in (*AVERAGED, *case.own):
         if name in runs.observables:
-            means[name] = runs.observables[name]
-    return Columns(means, totals, kept)
+            averaged[name] = runs.observables[name]
+    columns = Columns(averaged)
+    for estimator in estimators:
+        new_columns = estimator.columns(case, runs)
+        _refuse_misfits(estimator, new_columns, columns, len(runs.seeds))
+        columns = Columns(
+            {**columns.means, **new_columns.means},
+            {**columns.totals, **new_columns.totals},
+            {**columns.run_values, **new_columns.run_values},
+        )
+    return columns
 
 
-def results_of(estimators: Sequence[Any], case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    """Return the values of the variables and coordinates of some estimators, by name, and of the
+def _refuse_misfits(estimator: Estimator, new: Columns, known: Columns, runs: int) -> None:
+    """Refuse columns whose names are taken, and those of runs that have not a row for each run."""
+    names = {*known.means, *known.totals, *known.run_values}
+    for columns in new:
+        clashes = names & columns.keys()
+        if clashes:
+            raise AnalysisError(
+                f"estimator {estimator.name}: {min(clashes)} is a column of another estimator; "
+                "choose another name"
+            )
+    for name, values in (*new.means.items(), *new.run_values.items()):
+        shape = np.shape(values)
+        if shape[:1] != (runs,):
+            raise AnalysisError(
+                f"estimator {estimator.name}: column {name}: must have a row for each of {runs} "
+                f"runs, not the shape {shape}"
+            )
+
+
+def collect_results(
+    estimators: Sequence[Estimator], case: Case, averages: Averages
+) -> dict[str, ArrayLike]:
+    """Return the values of the variables and coordinates of all estimators, by name, and of the
     `AVERAGED`.
+
+    Raises AnalysisError for results that an estimator does not declare.
     """
-    values: dict[str, Any] = {}
+    values: dict[str, ArrayLike] = {}
     names = {*AVERAGED, *case.own}
     for estimator in estimators:
-        values |= estimator.results(case, averages)
-        names.update(estimator.VARIABLES)
+        results = with_intervals(estimator.results(case, averages))
+        declared = with_uncertainties(estimator.variables) | {**estimator.coordinates}
+        undeclared = results.keys() - declared.keys()
+        if undeclared:
+            raise AnalysisError(
+                f"estimator {estimator.name}: {min(undeclared)} is a result, but none of its "
+                "variables"
+            )
+        values |= results
+        names.update(estimator.variables)
     means = {}
     for name in averages.places:
         if name in names and name not in values:
             means[name] = averages.estimate(name).unless_alike()
-    return with_intervals(means | values)
+    return with_intervals(means) | values

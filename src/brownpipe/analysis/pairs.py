@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from brownpipe import theory
 from brownpipe.analysis import resampling
-from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.thermodynamics import temperature
 from brownpipe.analysis.variables import EACH, Mean, Variable
@@ -205,7 +205,7 @@ def weights_of(scene: Scene) -> np.ndarray:
     return np.stack(weights, axis=1)
 
 
-def columns(case: Case, runs: Ensemble) -> Columns:
+def pair_columns(case: Case, runs: Ensemble) -> Columns:
     """Return g(r), contact values, and the density at the walls; in the totals numbers of pairs."""
     seen = runs.observables
     means = _by_rate(case, runs)
@@ -293,7 +293,7 @@ def _at_contact(case: Case, averages: Averages, around_lone: np.ndarray) -> dict
     return values | {"contact_value": widened(values["contact_value"], following)}
 
 
-def results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
+def pair_results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estimate]:
     """Return g(r), the contact values and the density at the walls with the errors of
     extrapolation.
     """
@@ -327,3 +327,10 @@ VARIABLES = {
         SPECIES, "1/length^2", "density at the walls, extrapolated from up to 0.2 diameters"
     ),
 }
+
+ESTIMATOR = Estimator(
+    name="pairs",
+    variables=VARIABLES,
+    columns=pair_columns,
+    results=pair_results,
+)

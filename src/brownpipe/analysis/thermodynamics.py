@@ -8,7 +8,7 @@ sqrt(kT), its virial to kT. n runs. See docs/theory.md, section 3.
 import numpy as np
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.ensemble import Ensemble
@@ -94,7 +94,7 @@ def enskog(scene: Scene) -> dict[str, float]:
     }
 
 
-def columns(case: Case, runs: Ensemble) -> Columns:
+def thermodynamic_columns(case: Case, runs: Ensemble) -> Columns:
     """Return rates, temperatures and compressibility factors of the runs of hard disks."""
     scene = case.scene
     duration = case.times[-1]
@@ -125,7 +125,7 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     return Columns(means)
 
 
-def results(case: Case, _: Averages) -> dict[str, float]:
+def thermodynamic_results(case: Case, _: Averages) -> dict[str, float]:
     """Return Enskog's theory, and what the drift of the centre of mass adds to D, if anything."""
     values = enskog(case.scene)
     drift = drift_diffusion(case.scene)
@@ -184,3 +184,10 @@ VARIABLES = {
         EACH, RATE, "what the drift of the centre of mass adds to D by the end of a run"
     ),
 }
+
+ESTIMATOR = Estimator(
+    name="thermodynamics",
+    variables=VARIABLES,
+    columns=thermodynamic_columns,
+    results=thermodynamic_results,
+)

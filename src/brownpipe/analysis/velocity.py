@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe import theory
-from brownpipe.analysis.estimator import Averages, Case, Columns
+from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.thermodynamics import enskog
 from brownpipe.analysis.variables import (
@@ -135,7 +135,7 @@ def expected_slope(case: Case, averages: Averages) -> float:
     return -share * rate * square_speed
 
 
-def columns(case: Case, runs: Ensemble) -> Columns:
+def velocity_columns(case: Case, runs: Ensemble) -> Columns:
     """Return autocorrelation, its slope at 0, running D and densities."""
     seen = runs.observables
     means = {}
@@ -161,7 +161,7 @@ def columns(case: Case, runs: Ensemble) -> Columns:
     return Columns(means)
 
 
-def results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
+def velocity_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return the slope of the autocorrelation at 0, and its value in equilibrium."""
     if "velocity_autocorrelation" not in averages.places or len(case.times) < 3:
         return {}
@@ -197,3 +197,10 @@ VARIABLES = {
     ),
     "speed_density": Mean((*SPECIES, "speed_bin"), "1", "probability density of the speeds"),
 }
+
+ESTIMATOR = Estimator(
+    name="velocity",
+    variables=VARIABLES,
+    columns=velocity_columns,
+    results=velocity_results,
+)

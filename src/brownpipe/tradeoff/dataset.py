@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.analysis.dataset import joined
+from brownpipe.analysis.dataset import outer_join
 from brownpipe.analysis.runs import Source, groups_of
 from brownpipe.analysis.variables import ENDS, Mean, Variable, with_uncertainties
 from brownpipe.engines import Engine
@@ -136,7 +136,7 @@ def measure(
     options = {"instead_of": replaced, "fit_window": window}
     sources = ((group.pattern.contents, group.seeds) for group in groups)
     attributes = ATTRIBUTES | origin_attributes("tradeoff", sources, options)
-    return _with_front(joined(parts, VARIABLES, COORDINATES, attributes))
+    return _with_front(outer_join(parts, VARIABLES, COORDINATES, attributes))
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:

@@ -1,0 +1,59 @@
+"""An estimator of the user's own: what is refused, in one line that names it and its variable."""
+
+from collections.abc import Mapping
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from brownpipe.analysis.estimator import Estimator
+from brownpipe.analysis.variables import EACH, Variable, with_uncertainties
+from brownpipe.errors import AnalysisError
+
+
+def refuse_unfit(
+    estimator: Estimator, variables: Mapping[str, Variable], coordinates: Mapping[str, Variable]
+) -> None:
+    """Refuse an estimator whose names the `variables` and `coordinates` of a dataset have already,
+    and one whose variables have other dimensions than those of a case and of coordinates.
+    """
+    taken_names = {*variables, *coordinates}
+    own_variables = with_uncertainties(estimator.variables)
+    for name in (*own_variables, *estimator.coordinates):
+        if name in taken_names:
+            _refuse(estimator, name, "is a name in datasets; choose another")
+    for name in own_variables.keys() & estimator.coordinates.keys():
+        _refuse(estimator, name, "must be a variable or a coordinate, not both")
+    for name, coordinate in estimator.coordinates.items():
+        if len(coordinate.dims) != 1:
+            _refuse(estimator, name, f"must have one dimension, not {coordinate.dims}")
+    dimensions = {*coordinates, *estimator.coordinates}
+    for name, variable in estimator.variables.items():
+        if variable.dims[: len(EACH)] != EACH:
+            _refuse(estimator, name, f"dimensions must begin with {EACH}, not {variable.dims}")
+        for dimension in variable.dims:
+            if dimension not in dimensions:
+                _refuse(estimator, name, f"dimension {dimension} must be among its coordinates")
+
+
+def refuse_misshapen(estimator: Estimator, values: Mapping[str, ArrayLike]) -> None:
+    """Refuse values of an estimator's variables that are not as long as those of their dimensions,
+    among all `values` of a case.
+    """
+    for name, variable in with_uncertainties(estimator.variables).items():
+        if name not in values:
+            continue
+        for dimension in variable.dims:
+            if dimension not in values:
+                _refuse(estimator, name, f"{dimension}, its dimension, has no values")
+        expected = tuple(np.size(values[dimension]) for dimension in variable.dims[len(EACH) :])
+        shape = np.shape(values[name])
+        if shape != expected:
+            own_dimensions = variable.dims[len(EACH) :]
+            _refuse(
+                estimator, name, f"must have {expected} values along {own_dimensions}, not {shape}"
+            )
+
+
+def _refuse(estimator: Estimator, name: str, problem: str) -> NoReturn:
+    raise AnalysisError(f"estimator {estimator.name}: {name}: {problem}")
