@@ -15,7 +15,7 @@ from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.figures import own_observables
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.summary import summary
-from brownpipe.observables.own import taken
+from brownpipe.observables.reserved_names import RESERVED_NAMES
 from brownpipe.storage import layout
 from brownpipe.study import read_study, trial
 from brownpipe.study.run_sets import commands, files_of, run_sets
@@ -272,10 +272,13 @@ def test_check_calls_a_function_once_and_for_as_many_samples(here, capsys, monke
     assert whole == shorter and float(brief) < float(duration)
 
 
-def test_every_name_that_is_taken_is_listed_among_the_files():
-    """The page is made from these tables (docs/_ext/reference.py), to which the guide refers."""
+def test_names_of_runs_and_datasets_are_reserved():
+    """The page of files, to which the guide refers, is made from these tables
+    (docs/_ext/reference.py).
+    """
     listed = {*dataset.ALL_VARIABLES, *dataset.ALL_COORDINATES, *layout.VARIABLES}
-    assert taken == listed
+    assert listed - RESERVED_NAMES == set(), "enter them in observables/reserved_names.py"
+    assert RESERVED_NAMES - listed == set(), "gone: take them out of observables/reserved_names.py"
 
 
 def test_a_function_given_in_python_is_itself_alone_and_others_are_not_joined_with_it(here):

@@ -42,12 +42,10 @@ from brownpipe.engines.windows import Window, candidate_windows, window_labels
 from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES
 from brownpipe.observables.observable import RunArray
-from brownpipe.observables.own import taken
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.scene.variation import short_name, unit_of, value_of
 from brownpipe.storage.datasets import origin_attributes
-from brownpipe.storage.layout import VARIABLES
 from brownpipe.storage.trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -95,7 +93,6 @@ ALL_COORDINATES = {dim: Variable((dim,), axis.units, axis.long_name) for dim, ax
 ALL_COORDINATES |= variables.COORDINATES
 for _estimator in ESTIMATORS:
     ALL_COORDINATES |= _estimator.coordinates
-taken.update(ALL_VARIABLES, ALL_COORDINATES, VARIABLES)
 Table = dict[str, Variable]  # by name
 Axis = list | np.ndarray  # labels in order of appearance, or ascending numbers
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from brownpipe.errors import RequestError
 from brownpipe.observables.observable import Observable, RunArray
+from brownpipe.observables.reserved_names import RESERVED_NAMES
 from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import Scene
 
@@ -62,7 +63,6 @@ class Variable(NamedTuple):
     long_name: str
 
 
-taken: set[str] = set()  # names that no array and dimension may have: `analysis.dataset` knows them
 # given in Python, by `my_module:my_function@id`; none is ever removed
 _functions: dict[str, Function] = {}
 
@@ -217,7 +217,7 @@ def _refuse_misfit(name: str, variable: Variable, scene: Scene, axes: Mapping) -
         if length not in (None, size):
             raise ValueError(f"{name}: must have {lengths} values along {dims}, not {shape}")
     own_dims = {dim for dim in dims if dim not in axes}
-    clashes = taken & {name, *own_dims}
+    clashes = RESERVED_NAMES & {name, *own_dims}
     if clashes:
         raise ValueError(f"{name}: {min(clashes)} is a name in runs or datasets; choose another")
 

@@ -23,8 +23,6 @@ def refuse_mistakes(study: Study) -> None:
     cases = [use.case for use in study.uses if use.engine.moves_all_disks]
     if not own or not cases:
         return
-    from brownpipe.analysis import dataset  # noqa: F401  # it knows which names are taken; to import it takes 0.2 s
-
     exact = Engine(EXACT.name)
     seconds = [exact.forecast(case, (), own, study.average).seconds for case in cases]
     cheapest = seconds.index(min(seconds))

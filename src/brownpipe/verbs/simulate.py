@@ -21,7 +21,7 @@ from brownpipe.engines.definition import Checkpoints
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
-from brownpipe.observables.own import identity, is_own
+from brownpipe.observables.own import identity
 from brownpipe.provenance import made_with
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import Count, Positive, read_yaml, validated
@@ -140,8 +140,6 @@ def simulate_to_file(arguments: Namespace) -> int:
         say(caution, DONE)
     checkpoint = f"{output}.checkpoint"
     checkpoints = _checkpoints(arguments, checkpoint, scene, seeds, record)
-    if any(map(is_own, arguments.observables)):
-        from brownpipe.analysis import dataset  # noqa: F401  # it knows which names are taken; to import it takes 0.2 s
     with progress.shown("simulate"):
         ensemble = engine.simulate(scene, seeds, record, checkpoints=checkpoints, **measures)
     write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
