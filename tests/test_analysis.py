@@ -15,8 +15,8 @@ from brownpipe.engines import DEFINITIONS, Engine, engine_of_request
 from brownpipe.engines.ensemble import Track
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import AnalysisError
-from brownpipe.observables.displacement import displacement as moved
 from brownpipe.observables.displacement import squared
+from brownpipe.observables.trajectory import displacement as moved
 from brownpipe.scene import parse_scene
 from ensembles import DIFFUSION, make_runs, make_scene, study, write
 

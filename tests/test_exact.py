@@ -15,7 +15,7 @@ from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import State
-from brownpipe.observables.displacement import displacement
+from brownpipe.observables.trajectory import displacement
 from brownpipe.scene import parse_scene
 from brownpipe.scene.scene import overlap
 from scenes import (

@@ -40,7 +40,7 @@ from brownpipe.errors import (
     RunError,
     StorageError,
 )
-from brownpipe.observables.displacement import displacement
+from brownpipe.observables.trajectory import displacement
 from brownpipe.scene import parse_scene
 from synthetic import render
 from test_workflow import ROOT, environment

@@ -36,7 +36,8 @@ from brownpipe.engines.windows import (
     times_in_window,
     window_labels,
 )
-from brownpipe.observables.displacement import displacement, squared
+from brownpipe.observables.displacement import squared
+from brownpipe.observables.trajectory import displacement
 from brownpipe.scene import Scene, motion
 
 # relative distance from the centre, or difference of the sides, that counts as round-off

@@ -41,8 +41,9 @@ DISKS_PER_EVENT = 30
 SECONDS_PER_VELOCITY = 2e-7
 SECONDS_PER_TRY = 1.1e-7  # CPU seconds to find out whether a disk fits in a place
 SECONDS_PER_DISK_SAMPLE = 1.3e-7  # CPU seconds to record one disk at one sample time
-# CPU seconds of an observable in a run, and of each lag of an average over origins, at least
-SECONDS_TO_MEASURE = 2e-5
+SECONDS_TO_MEASURE = 2e-5  # CPU seconds of an observable in a run, at least
+# with averages over time origins: times as long at least, and for each sample
+LAGS_ONE_BY_ONE, TRANSFORMS = 40, 50
 SECONDS_PER_BYTE = 3e-8  # CPU seconds to compress, write and verify a byte of a file
 PROCESS = 140e6  # bytes of memory of a process besides its runs: Python, packages, kernels
 BYTES_PER_DISK = 600  # to draw its initial state, and working memory of the engine
@@ -164,8 +165,9 @@ def seconds_to_measure(scene: Scene, names: Collection[str], average: str) -> fl
 def _seconds_of_observable(scene: Scene, name: str, average: str) -> float:
     """Return the CPU seconds to measure an observable in a run.
 
-    An average over time origins has a step for each lag, over half of all samples in the mean;
-    others have one step.
+    An average over time origins has some lags one by one, others by Fourier transforms whose number
+    grows so slowly with that of the samples that it is taken to be constant
+    (`observables.averages`).
     """
     observable = measures.observable_named(name)
     samples = len(scene.times)
@@ -174,13 +176,10 @@ def _seconds_of_observable(scene: Scene, name: str, average: str) -> float:
         disks = len(equal_disks(scene)) if average == "disks" else 1
     elif observable.is_over_samples and not is_stationary(scene):
         samples = 1
-    lags = 1
-    samples_per_lag = float(samples)
+    seconds = samples * disks * observable.seconds_per_disk_sample
     if average == "origins" and observable.tracks_needed != "all":
-        lags = samples
-        samples_per_lag = samples / 2
-    step = samples_per_lag * disks * observable.seconds_per_disk_sample
-    return lags * max(SECONDS_TO_MEASURE, step)
+        return min(samples, LAGS_ONE_BY_ONE) * SECONDS_TO_MEASURE + TRANSFORMS * seconds
+    return max(SECONDS_TO_MEASURE, seconds)
 
 
 def most_runs(cost: Cost, available: float) -> int:

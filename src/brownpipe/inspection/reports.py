@@ -27,8 +27,7 @@ from brownpipe.figures.cases import aligned
 from brownpipe.figures.cases import in_words as label_in_words
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
-from brownpipe.observables.displacement import displacement
-from brownpipe.observables.trajectory import Track
+from brownpipe.observables.trajectory import Track, displacement
 from brownpipe.provenance import made_with
 from brownpipe.report.description import setup_in_words
 from brownpipe.scene import Scene

@@ -153,5 +153,8 @@ def problems(
         yield "average", f"{average} needs runs that are stationary from t = 0, but {why}"
     if average == "disks" and len(equal_disks(scene)) < 2:
         yield "average", "disks needs disks of the tracer's radius and mass, and there is no other"
-    if average == "origins" and (why := equilibrium.why_no_origins(scene)):
-        yield "average", why
+    if average == "origins" and scene.samples is not None:
+        yield (
+            "average",
+            "origins needs sample_interval, not samples: lags are differences of sample times",
+        )

@@ -2,11 +2,9 @@
 times, M disks.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
-from brownpipe.observables.equilibrium import lags
+from brownpipe.observables.averages import Factors, Product, Samples, averaged
 from brownpipe.observables.observable import Observable, RunArray
 from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
@@ -20,11 +18,7 @@ def square_displacement(scene: Scene, track: Track, average: str) -> dict[str, n
     = 0 (`runs`), of the tracer from every sample as time origin (`origins`; Frenkel and Smit,
     Understanding Molecular Simulation, section 4.4.2), or of all disks equal to it (`disks`).
     """
-
-    def square_and_growth(r: np.ndarray, _: slice, later: slice) -> tuple[np.ndarray, np.ndarray]:
-        return squared(r), dot(r, track.velocity[later])
-
-    square, growth = averaged(scene, track, average, square_and_growth)
+    square, growth = averaged(scene, track, average, (SQUARE, GROWTH))
     return {"square_displacement": square, "displacement_velocity": growth}
 
 
@@ -34,50 +28,50 @@ def quartic_displacement(scene: Scene, track: Track, average: str) -> dict[str, 
 
     Means over runs of both make up the non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1.
     """
-    (quartic,) = averaged(scene, track, average, lambda r, *_: (squared(r) ** 2,))
+    (quartic,) = averaged(scene, track, average, (QUARTIC,))
     return {"quartic_displacement": quartic}
 
 
-def averaged(scene: Scene, track: Track, average: str, products: Callable) -> np.ndarray:
-    """Return K functions of time (K, T), averaged over the M disks of a track and, for `origins`,
-    over time origins.
+# -- products of two samples: displacements a and b from one point, r = b - a ----------------------
 
-    `products(r, earlier, later)` returns K arrays (T', M) from the displacements r (T', M, 2)
-    between two samples, and the slices of the earlier samples and of the later ones, such as for
-    velocities.
+
+def _square_factors(earlier: Samples, later: Samples) -> Factors:
+    """r^2 = |a|^2 + |b|^2 - 2 a.b."""
+    a_x, a_y = earlier.displacement
+    b_x, b_y = later.displacement
+    yield earlier.square, later.present
+    yield earlier.present, later.square
+    yield -2 * a_x, b_x
+    yield -2 * a_y, b_y
+
+
+def _growth_factors(earlier: Samples, later: Samples) -> Factors:
+    """v.r = v.b - v.a, with the velocity v of the later sample."""
+    a_x, a_y = earlier.displacement
+    b_x, b_y = later.displacement
+    v_x, v_y = later.velocity
+    yield earlier.present, v_x * b_x + v_y * b_y
+    yield -a_x, v_x
+    yield -a_y, v_y
+
+
+def _quartic_factors(earlier: Samples, later: Samples) -> Factors:
+    """r^4 = |a|^4 + |b|^4 + 4 |a|^2 |b|^2 + 2 (a_x^2 - a_y^2)(b_x^2 - b_y^2) + 8 a_x a_y b_x b_y -
+    4 |a|^2 a.b - 4 |b|^2 a.b.
     """
-    size = (scene.box.width, scene.box.height)
-    if average != "origins":
-        start = slice(0, 1)
-        samples = slice(None)
-        moved = displacement(track.position, track.image, size, start, samples)
-        return np.stack([product.mean(axis=1) for product in products(moved, start, samples)])
-    means = []
-    for earlier, later in lags(scene):
-        moved = displacement(track.position, track.image, size, earlier, later)
-        means.append([product.mean() for product in products(moved, earlier, later)])
-    return np.array(means).T
-
-
-def displacement(
-    position: np.ndarray,
-    image: np.ndarray | None,
-    size: tuple[float, float],
-    earlier: slice = slice(0, 1),
-    later: slice = slice(None),
-) -> np.ndarray:
-    """Return displacements (T, M, 2) between samples, by default from the first, of tracks (T, M,
-    2).
-
-    `size` is (width, height) of the box; `image` counts the periodic images crossed, None between
-    walls. Differences of positions and of images are taken before they are added, so that a disk
-    far from its first image loses no digits.
-    """
-    moved = position[later] - position[earlier]
-    if image is None:
-        return moved
-    crossings = image[later] - image[earlier]
-    return moved + crossings * np.asarray(size, float)
+    a_x, a_y = earlier.displacement
+    b_x, b_y = later.displacement
+    a2 = earlier.square
+    b2 = later.square
+    yield a2 * a2, later.present
+    yield earlier.present, b2 * b2
+    yield 4 * a2, b2
+    yield 2 * (a_x * a_x - a_y * a_y), b_x * b_x - b_y * b_y
+    yield 8 * a_x * a_y, b_x * b_y
+    yield -4 * a2 * a_x, b_x
+    yield -4 * a2 * a_y, b_y
+    yield -4 * a_x, b2 * b_x
+    yield -4 * a_y, b2 * b_y
 
 
 def dot(moved: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -94,6 +88,9 @@ def squared(moved: np.ndarray) -> np.ndarray:
     return squares[..., 0] + squares[..., 1]
 
 
+SQUARE = Product(lambda pairs: squared(pairs.displacement), _square_factors)
+GROWTH = Product(lambda pairs: dot(pairs.displacement, pairs.later_velocity), _growth_factors)
+QUARTIC = Product(lambda pairs: squared(pairs.displacement) ** 2, _quartic_factors)
 SQUARE_DISPLACEMENT = Observable(
     square_displacement,
     {

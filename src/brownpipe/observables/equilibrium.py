@@ -4,15 +4,11 @@ In a stationary run every sample is as good a time origin as t = 0. In a scene t
 equilibrium the quarters of the runs are compared: they must not drift (`analysis.drift`).
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from brownpipe.observables.observable import Axis, RunArray
 from brownpipe.scene import Scene, motion
-from brownpipe.scene.scene import SAME
 
-MOST_ORIGINS = 20_000  # which have 2e8 pairs
 AXES = {
     "quarter": Axis(
         "1", "quarter of the run, between the samples next to its ends", lambda _: np.arange(1, 5)
@@ -79,32 +75,3 @@ def ends_of_quarters(times: np.ndarray) -> np.ndarray:
     between_samples = (times[1:] + times[:-1]) / 2
     ends = np.searchsorted(between_samples, times[-1] * np.arange(5) / 4)
     return ends if (np.diff(ends) > 0).all() else ends[:0]
-
-
-# -- time origins ----------------------------------------------------------------------------------
-
-
-def why_no_origins(scene: Scene) -> str | None:
-    """Return why a stationary scene has no average over time origins, None if it has one."""
-    if scene.samples is not None:
-        return "origins needs sample_interval, not samples: lags are differences of sample times"
-    if len(scene.times) > MOST_ORIGINS:
-        return f"origins needs at most {MOST_ORIGINS} samples; there are {len(scene.times)}"
-    return None
-
-
-def lags(scene: Scene) -> Iterator[tuple[slice, slice]]:
-    """For each sample time t yield the slices (earlier, later) of all pairs of samples that are t
-    apart.
-
-    Sample times are multiples of the sample interval; a duration that is not has t = 0 as its only
-    time origin.
-    """
-    interval = scene.sample_interval
-    count = len(scene.times)
-    is_multiple = abs(scene.duration - (count - 1) * interval) <= SAME * interval
-    equidistant = count if is_multiple else count - 1
-    for lag in range(equidistant):
-        yield slice(0, equidistant - lag), slice(lag, equidistant)
-    if not is_multiple:
-        yield slice(0, 1), slice(equidistant, count)

@@ -42,7 +42,7 @@ class Observable(NamedTuple):
     # (scene, track, average): values by array
     measure: Callable[[Scene, Track, str], Mapping[str, np.ndarray]]
     arrays: dict[str, RunArray]  # by name; the first is measured in every scene
-    # CPU seconds for each disk in each sample, or each pair of samples of an average
+    # CPU seconds for each disk in each sample, without averages over time origins
     seconds_per_disk_sample: float
     # of the tracer alone (all AVERAGES apply), of the bath (which may be averaged over origins) or
     # of all disks; for the last two the track has all disks

@@ -22,9 +22,39 @@ class Track(NamedTuple):
         """Return the tracks of some of the disks: indices or a mask (M,), a slice, or one index."""
         return Track(*(None if values is None else values[:, disks] for values in self))
 
+    @property
+    def disks(self) -> int:
+        """Their number M."""
+        return self.position.shape[1]
+
+    def first_samples(self, count: int) -> "Track":
+        """Return the tracks at the first samples, T = count."""
+        return Track(*(None if values is None else values[:count] for values in self))
+
     def last_sample(self) -> "Track":
         """Return the tracks at the last sample, T = 1."""
         return Track(*(None if values is None else values[-1:] for values in self))
+
+
+def displacement(
+    position: np.ndarray,
+    image: np.ndarray | None,
+    size: tuple[float, float],
+    earlier: slice | np.ndarray = slice(0, 1),
+    later: slice | np.ndarray = slice(None),
+) -> np.ndarray:
+    """Return displacements (T, M, 2) between samples, by default from the first, of tracks (T, M,
+    2).
+
+    `size` is (width, height) of the box; `image` counts the periodic images crossed, None between
+    walls. Differences of positions and of images are taken before they are added, so that a disk
+    far from its first image loses no digits.
+    """
+    moved = position[later] - position[earlier]
+    if image is None:
+        return moved
+    crossings = image[later] - image[earlier]
+    return moved + crossings * np.asarray(size, float)
 
 
 class Events(NamedTuple):

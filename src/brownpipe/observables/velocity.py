@@ -4,8 +4,14 @@ species.
 
 import numpy as np
 
-from brownpipe.observables.displacement import averaged, dot
-from brownpipe.observables.equilibrium import lags
+from brownpipe.observables.averages import (
+    Factors,
+    Product,
+    Samples,
+    averaged,
+    averaged_over_origins,
+)
+from brownpipe.observables.displacement import dot
 from brownpipe.observables.observable import Axis, Observable, RunArray
 from brownpipe.observables.species import bath_disks, species_table
 from brownpipe.observables.trajectory import Track
@@ -26,12 +32,12 @@ def autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.nd
     The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half
     its mean (Green-Kubo). `average` as in `displacement.square_displacement`.
     """
-    correlation = _correlation(scene, track.velocity, average)
-
-    def integral_of(r: np.ndarray, earlier: slice, _: slice) -> tuple[np.ndarray]:
-        return (dot(r, track.velocity[earlier]),)
-
-    (integral,) = averaged(scene, track, average, integral_of)
+    if average == "origins":
+        products = (VELOCITY_PRODUCT, VELOCITY_DISPLACEMENT)
+        correlation, integral = averaged_over_origins(scene, track, products)
+    else:
+        correlation = _correlation_with_start(track.velocity)
+        (integral,) = averaged(scene, track, average, (VELOCITY_DISPLACEMENT,))
     return {"velocity_autocorrelation": correlation, "velocity_displacement": integral}
 
 
@@ -41,23 +47,36 @@ def bath_autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, 
 
     `average`: from t = 0, or for `origins` from every sample as time origin.
     """
-    velocity = track.velocity[:, bath_disks(scene)]
-    return {"bath_velocity_autocorrelation": _correlation(scene, velocity, average)}
+    disks = bath_disks(scene)
+    if average == "origins":
+        (correlation,) = averaged_over_origins(scene, track.select(disks), (VELOCITY_PRODUCT,))
+    else:
+        correlation = _correlation_with_start(track.velocity[:, disks])
+    return {"bath_velocity_autocorrelation": correlation}
 
 
-def _correlation(scene: Scene, velocity: np.ndarray, average: str) -> np.ndarray:
-    """Return v(0).v(t) (T,), averaged over M disks and, for `origins`, over time origins; velocity:
-    (T, M, 2).
-    """
+def _correlation_with_start(velocity: np.ndarray) -> np.ndarray:
+    """Return v(0).v(t) (T,), averaged over M disks; velocity: (T, M, 2)."""
     disks = velocity.shape[1]
     flat = velocity.reshape(len(velocity), -1)
-    if average != "origins":
-        return np.einsum("tm,m->t", flat, flat[0]) / disks
-    means = []
-    for earlier, later in lags(scene):
-        products = np.einsum("tm,tm->t", flat[earlier], flat[later])
-        means.append(products.mean() / disks)
-    return np.array(means)
+    return np.einsum("tm,m->t", flat, flat[0]) / disks
+
+
+def _velocity_factors(earlier: Samples, later: Samples) -> Factors:
+    """v.v', of the velocities v of the earlier and v' of the later sample."""
+    yield from zip(earlier.velocity, later.velocity, strict=True)
+
+
+def _velocity_displacement_factors(earlier: Samples, later: Samples) -> Factors:
+    """v.r = v.b - v.a of displacements a and b from one point, with the velocity v of the earlier
+    sample.
+    """
+    a_x, a_y = earlier.displacement
+    b_x, b_y = later.displacement
+    v_x, v_y = earlier.velocity
+    yield v_x, b_x
+    yield v_y, b_y
+    yield -(v_x * a_x + v_y * a_y), later.present
 
 
 def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
@@ -120,6 +139,12 @@ def _count(counts: np.ndarray, species_index: np.ndarray, value: np.ndarray) -> 
     counts += np.bincount(flat, minlength=counts.size).reshape(counts.shape)
 
 
+VELOCITY_PRODUCT = Product(
+    lambda pairs: dot(pairs.earlier_velocity, pairs.later_velocity), _velocity_factors
+)
+VELOCITY_DISPLACEMENT = Product(
+    lambda pairs: dot(pairs.displacement, pairs.earlier_velocity), _velocity_displacement_factors
+)
 AUTOCORRELATION = Observable(
     autocorrelation,
     {

@@ -15,7 +15,7 @@ from brownpipe.analysis.variables import with_intervals
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble, join_ensembles, select
 from brownpipe.errors import AnalysisError
-from brownpipe.observables.displacement import displacement
+from brownpipe.observables.trajectory import displacement
 from brownpipe.scene import Scene
 from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Pairs
