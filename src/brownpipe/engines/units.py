@@ -90,7 +90,7 @@ def engine_frame(scene: Scene) -> Frame:
 def _origin_of_axis(low: float, high: float) -> float:
     """Return the origin of coordinates for a side of the box: 0 if that is in it, else its middle.
 
-    >>> _origin(-1.0, 3.0), _origin(10.0, 12.0)
+    >>> _origin_of_axis(-1.0, 3.0), _origin_of_axis(10.0, 12.0)
     (0.0, 11.0)
     """
     return 0.0 if low <= 0.0 <= high else low + (high - low) / 2

@@ -163,7 +163,7 @@ def resume(arrays: dict[str, np.ndarray] | None, batch: Batch) -> tuple[int, Run
 def _nested(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     """Return named arrays in nested dictionaries, one for each word of their names.
 
-    >>> _grouped({"run.slots": 8, "runs.whole.7.position": 0.5})
+    >>> _nested({"run.slots": 8, "runs.whole.7.position": 0.5})
     {'run': {'slots': 8}, 'runs': {'whole': {'7': {'position': 0.5}}}}
     """
     groups: dict[str, Any] = {}
