@@ -16,8 +16,8 @@ from brownpipe.engines import DEFINITIONS
 
 LAYERS = [  # each may import those before it
     *("text", "errors", "provenance", "progress", "processes", "theory"),
-    *("scene", "observables", "engines", "storage", "analysis", "tradeoff", "figures", "report"),
-    *("inspection", "study", "interface", "verbs", "cli", "__main__"),
+    *("scene", "observables", "needs", "engines", "storage", "analysis", "tradeoff"),
+    *("figures", "report", "inspection", "study", "interface", "verbs", "cli", "__main__"),
 ]
 FILES = sorted(provenance.PACKAGE.rglob("*.py"))
 HELPERS = (
@@ -117,7 +117,6 @@ SILENT = (  # what a step imports and what decides no number and no byte of its 
     *(
         f"engines/{engine}/__init__.py" for engine in DEFINITIONS
     ),  # refusals; settings are arguments
-    "figures/catalogue.py",  # names that a study may have
 )
 MAKERS = {  # what makes and writes the results of a step
     "simulate": (

@@ -3,8 +3,8 @@
 import csv
 import re
 import warnings
+from dataclasses import replace
 from functools import partial
-from importlib import import_module
 
 import matplotlib
 import numpy as np
@@ -22,26 +22,30 @@ from brownpipe.figures import (
     cases,
     displacement_distribution,
     pair_distribution,
+    scan,
     style,
+    thermodynamics,
     velocity_distribution,
 )
-from brownpipe.figures.catalogue import COLLISIONS, ENDS, FIGURES, FOLLOWED, SPREADING
+from brownpipe.figures import msd as msd_figure
+from brownpipe.figures.figure import Columns, figure_named
+from brownpipe.figures.render import cases_shown, draw_into
 from brownpipe.figures.render import draw as draw_figure
-from brownpipe.figures.render import draw_into
 from brownpipe.figures.summary import FIT, SHAPE, TESTED, answer, summary, summary_table
+from brownpipe.needs import COUNTED_COLLISIONS, DISPLACEMENTS, FIGURES, FOLLOWED_DISK, SPREADING
 from brownpipe.observables.trajectory import Track
 from ensembles import make_runs, make_scene, study, write
 from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures
 
 NAMES = tuple(FIGURES)
 OF_ALL = {"summary.csv", "summary.txt", "provenance.json"}  # written beside the figures
-OF_TRAJECTORIES = [
-    name for name in NAMES if {FOLLOWED, COLLISIONS, ENDS, SPREADING} >= set(FIGURES[name].needs)
-]
+RECORDS = {name: figure_named(name) for name in NAMES}
+WITH_TRAJECTORIES = {FOLLOWED_DISK, COUNTED_COLLISIONS, DISPLACEMENTS, SPREADING}
+OF_TRAJECTORIES = [name for name in NAMES if set(FIGURES[name]) <= WITH_TRAJECTORIES]
 OF_OBSERVABLES = {
-    name: FIGURES[name].variables
+    name: tuple(RECORDS[name].variables)
     for name in NAMES
-    if any(need.startswith("the observable ") for need in FIGURES[name].needs)
+    if any(need.text.startswith("the observable ") for need in FIGURES[name])
 }
 
 
@@ -163,17 +167,13 @@ def test_same_picture_whatever_the_user_has_set_and_that_is_put_back(hot, pictur
     assert first == again
 
 
-def test_the_catalogue_lists_every_figure_there_is():
+def test_every_figure_there_is_has_a_name_that_studies_may_use():
     """A module that draws cases but is not listed would never run; one that lacks a part or its
     caption would fail.
     """
     folder = provenance.PACKAGE / "figures"
     modules = {file.stem: file.read_text() for file in folder.glob("*.py")}
-    drawing = {
-        name
-        for name, text in modules.items()
-        if "\ndef draw(cases" in text or "\ndef curves(axes" in text
-    }
+    drawing = {name for name, text in modules.items() if "\nFIGURE = Figure(" in text}
     assert drawing == set(NAMES)
     assert {path.stem for path in folder.glob("*.rst")} >= drawing
     documents = (
@@ -188,7 +188,7 @@ def test_figure_of_an_observable_that_was_not_asked_for(dataset, name, tmp_path)
     without = dataset.drop_vars(
         [var for var in dataset.data_vars if var.startswith(OF_OBSERVABLES[name])]
     )
-    with pytest.raises(FigureError, match=f"^{name}: .*{FIGURES[name].needs[0]}"):
+    with pytest.raises(FigureError, match=f"^{name}: .*{FIGURES[name][0].text}"):
         render(without, tmp_path, [name])
 
 
@@ -199,8 +199,8 @@ def test_figures_and_particle_count_asked_for(plain, dataset, tmp_path):
             for case in cases.one_count(cases.cases_of(data), particles)
         ]
 
-    assert [*cases.cases_shown(dataset, names=["health", "msd"])] == ["health", "msd"]
-    assert [*cases.cases_shown(plain.sel(particles=[10]))] == OF_TRAJECTORIES
+    assert [*cases_shown(dataset, names=["health", "msd"])] == ["health", "msd"]
+    assert [*cases_shown(plain.sel(particles=[10]))] == OF_TRAJECTORIES
     with pytest.raises(FigureError, match=r"^scan: .*two particle counts"):
         render(dataset.sel(particles=[10]), tmp_path / "other", ["health", "scan"])
     assert not (tmp_path / "other").exists()
@@ -217,7 +217,7 @@ def test_figures_and_particle_count_asked_for(plain, dataset, tmp_path):
         ("thermal", 10),
     ]
     walled = dataset.assign(contact_density=dataset.contact_density.where(dataset.scene == "hot"))
-    assert [one.scene for one in cases.cases_shown(walled)["density_profile"]] == ["hot"]
+    assert [one.scene for one in cases_shown(walled)["density_profile"]] == ["hot"]
     only = (dataset.scene == "hot") == (dataset.particles == 10)
     with_own = dataset.assign(
         runs=dataset.runs.where(only, 0), failed_runs=dataset.failed_runs.where(only, 0)
@@ -390,7 +390,7 @@ def test_depletion_of_large_disks_among_small_ones_survives_pooling():
     pair = xarray.Dataset(mean, {"distance": distance, "species_pair": "large:large"})
     pair = pair.assign_coords({"scene": "s", "particles": 9, "engine": "exact"})
     axes = style.grid(1, 1, 4, 3)[1]
-    pair_distribution.curves(axes[0, 0], [pair])
+    pair_distribution.draw_pair_distributions(axes[0, 0], [pair])
     (line,) = [line for line in axes[0, 0].lines if "bins of 0.03" in line.get_label()]
     r, drawn = line.get_data()
     in_well = (r > large) & (r < large + 0.45 * small)
@@ -527,12 +527,12 @@ def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(hot):
     """
 
     def claimed(data):
-        (case,) = cases.cases_shown(data, names=["msd"])["msd"]
-        msd, label = MODULES["msd"]._diffusion(case, case.time.values)
+        (case,) = cases_shown(data, names=["msd"])["msd"]
+        msd, label = msd_figure._diffusion(case, case.time.values)
         assert (
             np.isfinite(msd).all()
             == bool(label)
-            == MODULES["msd"].table([case]).diffusion.notna().all()
+            == msd_figure.table_of_msd([case]).diffusion.notna().all()
         )
         return label
 
@@ -591,9 +591,9 @@ def test_cases_share_a_panel_with_colours_and_words_that_tell_them_apart(dataset
             and "hot, N = 20" in title(axes).get_text()
         )
     shown, part, variable = (
-        cases.cases_shown(data, names=[name])[name],
-        FIGURES[name].part,
-        FIGURES[name].variables[0],
+        cases_shown(data, names=[name])[name],
+        RECORDS[name].component,
+        RECORDS[name].variables[0],
     )
     apart = cases.panels_of(shown, ["tracer_mass"], part, variable)
     assert len(apart) == (6 if name == "pair_distribution" else 3)
@@ -613,9 +613,9 @@ def test_a_correlation_at_rest_has_no_initial_slope_and_cases_without_a_common_l
     )
 
 
-def test_of_many_cases_some_are_drawn_unless_the_figure_is_that_of_a_scan(dataset, monkeypatch):
-    monkeypatch.setattr("brownpipe.figures.render.MOST_CASES", 3)
-    some, scan = (draw_figure(in_densities(dataset, 5), name) for name in ("msd", "scan"))
+def test_of_many_cases_some_are_drawn_unless_the_figure_is_that_of_a_scan(dataset):
+    of_three = replace(RECORDS["msd"], most_cases=3)
+    some, scan = (draw_figure(in_densities(dataset, 5), name) for name in (of_three, "scan"))
     drawn = [
         line.get_label()[:15] for line in some.axes[0].lines if "tracer_mass" in line.get_label()
     ]
@@ -716,7 +716,7 @@ def test_points_are_the_values_with_their_intervals_beside_theory(dataset, as_it
     """
     end, panels = dataset.isel(time=-1, window=0, engine=0), as_it_is[name][1]
     assert name != "scan" or title(panels[1]).get_text() == "diffusion coefficient over [0.1, 1] °"
-    for k, variable in enumerate(MODULES[name].PANELS):
+    for k, variable in enumerate({"scan": scan, "thermodynamics": thermodynamics}[name].PANELS):
         dashed = [line.get_ydata() for line in panels[k].lines if line.get_linestyle() == "--"]
         expected = f"enskog_{'diffusion' if variable == 'diffusion_coefficient' else variable}"
         for j, case in enumerate(end.sel(scene=scene) for scene in ("hot", "thermal")):
@@ -827,15 +827,17 @@ def test_lines_are_those_of_the_dataset_and_their_legend_has_its_numbers(dataset
 # -- tables and the summary ------------------------------------------------------------------------
 
 
-MODULES = {name: import_module(f"brownpipe.figures.{name}") for name in NAMES}
+DATASET_TABLES = {
+    name: record.table for name, record in RECORDS.items() if isinstance(record.table, Columns)
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [name for name, module in MODULES.items() if hasattr(module, "TABLE")]
-)
+@pytest.mark.parametrize("name", DATASET_TABLES)
 def test_table_of_a_measure_is_the_dataset(dataset, folder, name):
-    (along, variables), table = MODULES[name].TABLE, rows(folder / f"{name}.csv")
+    along = DATASET_TABLES[name].dims
+    variables = DATASET_TABLES[name].variables
+    table = rows(folder / f"{name}.csv")
     for variable in (variable for variable in variables if f"{variable}_low" in table[0]):
         for row in (row for row in table[:: 1 + len(table) // 30] if row[f"{variable}_low"]):
             at = {
@@ -849,7 +851,7 @@ def test_table_of_a_measure_is_the_dataset(dataset, folder, name):
             for part in cases.PARTS:
                 assert float(row[variable + part]) == case[variable + part].item()
         expected = (
-            dataset[variable] if FIGURES[name].every_count else dataset[variable].sel(particles=20)
+            dataset[variable] if RECORDS[name].every_count else dataset[variable].sel(particles=20)
         )
         assert sum(bool(row[variable]) for row in table) == np.isfinite(expected).sum()
 
@@ -957,14 +959,9 @@ def test_scenes_share_no_pair(dataset, tmp_path, run_through):
 
 
 def test_rows_of_every_table_name_their_case_with_its_varied_keys(dataset):
-    shown = cases.cases_shown(in_densities(dataset, 2))
+    shown = cases_shown(in_densities(dataset, 2))
     for name, of_name in shown.items():
-        module = MODULES[name]
-        frame = (
-            module.table(of_name)
-            if hasattr(module, "table")
-            else cases.frame_of(of_name, *module.TABLE)
-        )
+        frame = RECORDS[name].table_of(of_name)
         assert [*frame.columns[:4]] == ["scene", "tracer_mass", "particles", "engine"]
         assert {*frame.tracer_mass} == {1.0, 2.0}
     assert {*shown} == {*NAMES}
@@ -1128,7 +1125,7 @@ def test_distributions_in_rings_of_different_widths_keep_their_own_axes(tmp_path
         trajectories.ensemble.tracer.position[...] *= size
         paths.append(write(tmp_path, trajectories))
     shown = cases.cases_of(aggregate(paths, displacement_times=(0.2, 1.0)))
-    figure = displacement_distribution.draw(shown)
+    figure = displacement_distribution.draw_distributions(shown)
     mains, lows = (
         figure.axes[:4] + figure.axes[8:10],
         figure.axes[4:8] + figure.axes[10:],
@@ -1140,7 +1137,9 @@ def test_distributions_in_rings_of_different_widths_keep_their_own_axes(tmp_path
             f"beyond $r$ = {edge:g}" in words for words in main.get_legend_handles_labels()[1]
         )
     saturated = make_runs(make_scene("saturated"), range(100), diffusion=4.0)
-    assert displacement_distribution.draw(cases.cases_of(aggregate([write(tmp_path, saturated)])))
+    assert displacement_distribution.draw_distributions(
+        cases.cases_of(aggregate([write(tmp_path, saturated)]))
+    )
 
 
 def test_the_summary_of_averages_has_no_distribution():

@@ -81,7 +81,7 @@ def test_the_example_of_the_guide_is_measured_and_averaged_without_reading_its_m
     assert (result.left_disks_low <= result.left_disks).all() and result.turned_low.notnull().all()
     bp.save(bp.open(files[0]), "again.h5")
     xr.testing.assert_equal(bp.open("again.h5").left_disks, bp.open(files[0]).left_disks)
-    rows = own_observables.table(
+    rows = own_observables.table_of_own_observables(
         [*cases_of(result), *cases_of(result.assign(left_disks=np.nan * result.left_disks))]
     )
     assert {"time", "left_disks", "left_disks_low", "turned", "turned_standard_error"} <= {

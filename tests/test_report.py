@@ -279,12 +279,13 @@ def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
 
 DRAWS_LONG = """\
 import os, sys, time
+from dataclasses import replace
 from brownpipe.cli import main
 from brownpipe.figures import health
 def draw(cases):
     open(f"drawing.{os.getpid()}", "w").close()
     time.sleep(60)
-health.draw = draw
+health.FIGURE = replace(health.FIGURE, draw=draw)
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from brownpipe.engines import Engine, forecast
-from brownpipe.figures.catalogue import FIGURES
+from brownpipe.needs import FIGURES
 from brownpipe.provenance import source_digest
 from brownpipe.scene.reading import validated
 from brownpipe.scene.seeds import Seeds, ranges, seed_text
@@ -195,9 +195,8 @@ def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     assert study.scenes == (tmp_path / "scenes" / "one.yaml",)
     (told,) = commands(study).values()
     assert told.startswith(str(tmp_path / "scenes" / "one.yaml").lstrip("/"))  # seen from here
-    assert study.figures == tuple(
-        name for name, figure in FIGURES.items() if not figure.needs
-    )  # nothing moves
+    without_needs = tuple(name for name, needs in FIGURES.items() if not needs)
+    assert study.figures == without_needs  # nothing moves
     assert study.fit_windows == ((0.1, 1.0), (0.5, 1.0))
     assert study.displacement_times == ()
 

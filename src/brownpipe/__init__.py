@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from brownpipe.interface import (
         Columns,
         Estimator,
+        Figure,
         Scene,
         Variable,
         analyse,
@@ -51,6 +52,7 @@ __all__ += [
     "Columns",
     "Definition",
     "Estimator",
+    "Figure",
     "Scene",
     "Variable",
     "analyse",

@@ -29,10 +29,11 @@ from brownpipe.engines import DEFINITIONS, Engine, engine_of_request, read_recor
 from brownpipe.engines.definition import Definition
 from brownpipe.engines.ensemble import Ensemble, failures, join_ensembles, select
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, RunError
-from brownpipe.figures.catalogue import FIGURES
+from brownpipe.figures.figure import Figure
 from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import SHAPE, summary_table
+from brownpipe.needs import FIGURES
 from brownpipe.observables.own import observable_name
 from brownpipe.processes import calculated
 from brownpipe.provenance import source_digest
@@ -51,8 +52,8 @@ from brownpipe.study.study import Rings, Windows
 from brownpipe.study.workflow import from_command_line
 
 if TYPE_CHECKING:
+    from matplotlib import figure as matplotlib_figure
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 # of seeds for each core: cores then finish together even if run times differ, and progress is shown
@@ -367,19 +368,18 @@ def table(result: Dataset) -> "DataFrame":
 
 def plot(
     result: Dataset,
-    figure: str = "msd",
+    figure: str | Figure = "msd",
     *,
     particles: int | None = None,
     panel: str | Iterable[str] = (),
     ax: "Axes | None" = None,
     **looks: Any,
-) -> "Figure | Axes":
+) -> "matplotlib_figure.Figure | Axes":
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation,
     velocity_distribution, pair_distribution, density_profile, orientational_order, energy,
-    own_observables,
-    thermodynamics, scan or health.
+    own_observables, thermodynamics, scan or health; or one of your own, a `bp.Figure`.
     particles: show the runs with this many disks; by default each scene's largest number.
     panel: dimensions, such as scene or tracer_mass: cases that differ in them are drawn in panels
     of their own.
@@ -388,7 +388,8 @@ def plot(
 
     Notebooks show a figure by themselves. Raises FigureError if the dataset has no data for it.
     """
-    validated(Literal[tuple(FIGURES)], figure, key="figure")
+    if not isinstance(figure, Figure):
+        validated(Literal[tuple(FIGURES)], figure, key="figure")
     _refuse_part(result, FigureError)
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")

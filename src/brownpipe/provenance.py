@@ -32,7 +32,7 @@ STEPS = {
     "simulate": (*RUNS, "engines/exact/*"),
     "aggregate": (*RUNS, "analysis/*"),
     "tradeoff": (*RUNS, "analysis/*", "tradeoff/*"),
-    "figures": (*RUNS, "analysis/*", "tradeoff/*", "figures/*", "report/*"),
+    "figures": (*RUNS, "needs.py", "analysis/*", "tradeoff/*", "figures/*", "report/*"),
 }
 
 

@@ -1,6 +1,6 @@
 """The figures and the summary of a study, from its dataset alone.
 
-`catalogue` lists the figures, one module each, and `render` draws them. `cases` selects the parts
-of a dataset that are shown, `style` sets the one style of all figures. Bands and bars are 95 %
-intervals over runs. The same dataset gives the same bytes.
+`needs.FIGURES` has the names of the figures, one module each with its record, `FIGURE`; `render`
+draws them. `cases` splits a dataset into its cases, `style` sets the one style of all figures.
+Bands and bars are 95 % intervals over runs. The same dataset gives the same bytes.
 """

@@ -17,7 +17,6 @@ import numpy as np
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
 from brownpipe.errors import FigureError
-from brownpipe.figures.catalogue import FIGURES, OWN, SCAN, Figure
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -79,51 +78,6 @@ def own_names(cases: list[Dataset]) -> list[str]:
         if is_own and any(has(case, name) for case in cases):
             names.append(name)
     return names
-
-
-def cases_shown(
-    dataset: Dataset, particles: int | None = None, names: Sequence[str] | None = None
-) -> dict[str, list[Dataset]]:
-    """Return the cases that each figure shows: those with data for it, of one particle count or of
-    all.
-
-    `names` selects the figures; the default is every figure that the dataset has data for. Most
-    figures show one particle count of each scene: `particles`, or by default its largest.
-
-    Raise FigureError for a figure of `names` that the dataset has no data for, and for a particle
-    count that it lacks.
-    """
-    cases = cases_of(dataset)
-    counts = sorted({int(case.particles) for case in cases})
-    if particles not in (None, *counts):
-        raise FigureError(f"particles: {particles} is not in the dataset; choose one of {counts}")
-    shown: dict[str, list[Dataset]] = {}
-    for name in names or FIGURES:
-        figure = FIGURES[name]
-        selected = _selected(cases, figure, particles)
-        if selected:
-            shown[name] = selected
-        elif names:
-            needed = "; ".join(figure.needs) or "runs"
-            raise FigureError(
-                f"{name}: cannot be drawn from this dataset, whose study must have {needed}"
-            )
-    return shown
-
-
-def _selected(cases: list[Dataset], figure: Figure, particles: int | None) -> list[Dataset]:
-    """Return the cases that a figure shows, none if it needs what they do not have."""
-    selected = [case for case in cases if has(case, *figure.variables)]
-    if figure.variables:
-        selected = [defined(case, figure.variables[0]) for case in selected]
-    if not figure.every_count:
-        selected = one_count(selected, particles)
-    if OWN in figure.needs:
-        selected = [case for case in selected if own_names([case])]
-    is_scan = bool(selected) and axis_of(selected) in differing(selected)
-    if SCAN in figure.needs and not is_scan:
-        return []
-    return selected
 
 
 def one_count(cases: list[Dataset], particles: int | None = None) -> list[Dataset]:

@@ -11,15 +11,14 @@ from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures.cases import fits_of, fitted_diffusion, has
-from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, time_axis, told_apart
+from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, styled_cases, time_axis
 
-LABELS = ("diffusion coefficient $D(t)$, 95 % bands",)
 ROUTES = {
     "diffusion_running": "d$\\langle r^2 \\rangle$/d$t$ / 4",
     "msd_over_4t": "$\\langle r^2 \\rangle$ / 4$t$",
     "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
 }  # variable: label
-TABLE = (("time",), ROUTES)
 # Shown in every case; they set the limits of the axis
 FROM_MSD = ("diffusion_running", "msd_over_4t")
 # Shown in equilibrium, up to REACH times the largest value from the MSD
@@ -29,7 +28,7 @@ REACH = 2.0
 ENSKOG = "Enskog's theory"
 
 
-def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_diffusion(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw D(t) with its 95 % band, Enskog's D, and slope/4 across its window, of a single case by
     every route.
 
@@ -38,7 +37,7 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     if len(cases) == 1 and not looks:
         _routes(axes, cases[0])
     else:
-        for case, line in told_apart(cases, fitted_diffusion, looks):
+        for case, line in styled_cases(cases, fitted_diffusion, looks):
             name = next(name for name in FROM_MSD if has(case, name))
             band(axes, case.isel(time=case.time.values > 0), name, **line)
             _bar(axes, case, color=line["color"])
@@ -82,3 +81,11 @@ def _bar(axes: Axes, case: Dataset, **looks: Any) -> None:
         ends = [float(fit.window_start), float(fit.window_end)]
         diffusion = float(fit.diffusion_coefficient)
         axes.plot(ends, [diffusion] * 2, linewidth=1.2, marker="|", markersize=9, **looks)
+
+
+FIGURE = Figure(
+    curves=draw_diffusion,
+    labels=("diffusion coefficient $D(t)$, 95 % bands",),
+    variables=("msd",),
+    table=Columns(("time",), tuple(ROUTES)),
+)

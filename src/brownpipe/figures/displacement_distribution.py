@@ -5,13 +5,14 @@ This is the self part of the van Hove function, integrated over rings around the
 """
 
 import numpy as np
+from matplotlib import figure as matplotlib_figure
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe.analysis import goodness
 from brownpipe.figures.cases import distributions_of, label_of, parts_of, title_of
+from brownpipe.figures.figure import Figure
 from brownpipe.figures.style import (
     DASHED,
     DATA,
@@ -37,7 +38,7 @@ HEIGHTS = (4.4, 2.0)  # of the counts and of their residuals [inch]
 LEAST_VARIANCE = 1e-4  # of a count: keeps the residual finite in a ring where no runs are expected
 
 
-def draw(cases: list[Dataset]) -> Figure:
+def draw_distributions(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw one column per case and time: observed and expected counts per ring above, their
     residuals below.
     """
@@ -119,7 +120,7 @@ def _width(case: Dataset) -> float:
     return float(case.r_outer[0] - case.r_inner[0])
 
 
-def table(cases: list[Dataset]) -> DataFrame:
+def table_of_counts(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, time and ring; the last one holds all displacements beyond the
     rings.
     """
@@ -136,3 +137,10 @@ def table(cases: list[Dataset]) -> DataFrame:
             columns[f"expected, {name}"] = _all_counts(case.sel(model=name), "expected")
         frames.append(DataFrame(columns))
     return concat(frames)
+
+
+FIGURE = Figure(
+    draw=draw_distributions,
+    variables=("displacement_counts", "displacement_overflow"),
+    table=table_of_counts,
+)

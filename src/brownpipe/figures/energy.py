@@ -10,23 +10,34 @@ from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures.cases import defined, estimate_of, has
-from brownpipe.figures.style import DOTTED, INK, band, highest, time_axis, told_apart
+from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.style import DOTTED, INK, band, highest, styled_cases, time_axis
 
 NAME = "species_energy"
-LABELS = ("kinetic energy per disk",)
-TABLE = (("species", "time"), (NAME,))
 
 
-def curves(axes: Axes, parts: list[Dataset], **looks: Any) -> None:
+def draw_energies(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw the energy of each species with its 95 % band, and the mean over all disks."""
-    parts = [defined(part, NAME) for part in parts]
-    for part, line in told_apart(
-        parts, lambda part: f"{estimate_of(part.isel(time=-1), NAME)} at the end", looks
-    ):
-        band(axes, part, NAME, **line)
-    for mean in dict.fromkeys(
-        float(part.kinetic_temperature) for part in parts if has(part, "kinetic_temperature")
-    ):
+    cases = [defined(species, NAME) for species in cases]
+    for species, line in styled_cases(cases, _last_energy, looks):
+        band(axes, species, NAME, **line)
+    with_mean = [species for species in cases if has(species, "kinetic_temperature")]
+    means = [float(species.kinetic_temperature) for species in with_mean]
+    for mean in dict.fromkeys(means):
         axes.axhline(mean, color=INK, linestyle=DOTTED, label=f"equipartition, $kT$ = {mean:.4g}")
-    axes.set_ylim(0, 1.05 * highest(parts, NAME) or 1.0)
-    time_axis(axes, parts)
+    axes.set_ylim(0, 1.05 * highest(cases, NAME) or 1.0)
+    time_axis(axes, cases)
+
+
+def _last_energy(species: Dataset) -> str:
+    """Return the energy of a species at the end in words, for the legend."""
+    return f"{estimate_of(species.isel(time=-1), NAME)} at the end"
+
+
+FIGURE = Figure(
+    curves=draw_energies,
+    labels=("kinetic energy per disk",),
+    variables=(NAME,),
+    component="species",
+    table=Columns(("species", "time"), (NAME,)),
+)

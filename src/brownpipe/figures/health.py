@@ -5,11 +5,12 @@ engine round-off.
 import textwrap
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib import figure as matplotlib_figure
 from pandas import DataFrame, Series
 from xarray import Dataset
 
 from brownpipe.figures.cases import label_of, title_of
+from brownpipe.figures.figure import Figure
 from brownpipe.figures.style import DASHED, DATA, FIT, grid
 
 # Axis label, and the bound below which round-off is expected; a run fails only far beyond
@@ -26,7 +27,7 @@ BOX = ("whislo", "q1", "med", "q3", "whishi")  # matplotlib's names of the QUANT
 QUANTILES = {"least": 0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "greatest": 1}
 
 
-def draw(cases: list[Dataset]) -> Figure:
+def draw_health(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw one panel per measure, one box per case: all runs (whiskers), the central 90 % (box),
     the median (line).
     """
@@ -73,7 +74,7 @@ def _quantiles(case: Dataset, name: str) -> np.ndarray:
     return Series(np.abs(case[name].values)).quantile([*QUANTILES.values()]).values
 
 
-def table(cases: list[Dataset]) -> DataFrame:
+def table_of_health(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and measure: its bound, and minimum, quantiles and maximum over the
     runs.
     """
@@ -85,3 +86,6 @@ def table(cases: list[Dataset]) -> DataFrame:
                 label_of(case, "runs", "failed_runs") | {"measure": name, "bound": bound} | sizes
             )
     return DataFrame(rows)
+
+
+FIGURE = Figure(draw=draw_health, table=table_of_health, every_count=True)

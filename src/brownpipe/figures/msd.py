@@ -20,23 +20,23 @@ from brownpipe.figures.cases import (
     frame_of,
     has,
 )
+from brownpipe.figures.figure import Figure
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
 # One at every fiftieth of the length of a curve
 DOTS = {"linestyle": "", "marker": "o", "markersize": 3, "markevery": 0.02}
-LABELS = ("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$")
 # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
 FORGOTTEN = 0.5
 
 
-def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_msd(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise
     with models.
     """
     single = len(cases) == 1 and not looks
     number = _last_in_words if single else fitted_diffusion
-    for case, line in style.told_apart(cases, number, looks):
+    for case, line in style.styled_cases(cases, number, looks):
         if single:
             line |= DOTS  # models are lines
         style.band(axes, case, "msd", **line)
@@ -115,7 +115,7 @@ def _diffusion(case: Dataset, t: np.ndarray) -> tuple[np.ndarray, str]:
     return theory.diffusive_msd(t, value), f"free diffusion, $4Dt$: {source}"
 
 
-def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
+def draw_logarithmic_msd(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     """Draw MSD(t) on logarithmic axes, where ballistic flight has slope 2 and diffusion slope 1; of
     one case both.
     """
@@ -127,7 +127,7 @@ def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
         moving = [case.isel(time=(case.time.values > 0) & (case.msd.values > 0)) for case in group]
         moving = [case for case in moving if case.sizes["time"] > 1]
         if moving:
-            for case, line in style.told_apart(moving, lambda _: "", {}):
+            for case, line in style.styled_cases(moving, lambda _: "", {}):
                 style.band(panel, case, "msd", **line)
             start = min(case.time.values[0] for case in moving)
             end = max(case.time.values[-1] for case in moving)
@@ -146,7 +146,7 @@ def _fitted(fit: Dataset, t: np.ndarray) -> np.ndarray:
     return np.where(inside, float(fit.intercept) + float(fit.slope) * t, np.nan)
 
 
-def table(cases: list[Dataset]) -> DataFrame:
+def table_of_msd(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and time: the curves of the figure. Fitted lines are empty outside
     their windows.
     """
@@ -161,3 +161,12 @@ def table(cases: list[Dataset]) -> DataFrame:
             frame[f"fit over {window}"] = _fitted(case.sel(window=window), t)
         frames.append(frame)
     return concat(frames)
+
+
+FIGURE = Figure(
+    curves=draw_msd,
+    labels=("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$"),
+    variables=("msd",),
+    below=draw_logarithmic_msd,
+    table=table_of_msd,
+)

@@ -9,14 +9,13 @@ from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures.cases import axis_label, axis_of, series_of
+from brownpipe.figures.figure import Columns, Figure
 from brownpipe.figures.style import MARKS, points
 
 NAME = "orientational_order"
-LABELS = ("bond-orientational order $|\\psi_6|$",)
-TABLE = ((), ("packing_fraction", NAME, f"{NAME}_squared"))
 
 
-def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_order(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw a point per case against a varied key, the packing fraction or the number of disks, by
     what else differs.
     """
@@ -36,3 +35,12 @@ def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
         )
     axes.set_ylim(bottom=0)
     axes.set_xlabel(axis_label(cases[0], axis))
+
+
+FIGURE = Figure(
+    curves=draw_order,
+    labels=("bond-orientational order $|\\psi_6|$",),
+    variables=(NAME,),
+    every_count=True,
+    table=Columns((), ("packing_fraction", NAME, f"{NAME}_squared")),
+)

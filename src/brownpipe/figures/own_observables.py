@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from functools import partial
 from itertools import islice, product
 
-import pandas
-from matplotlib.figure import Figure
+from matplotlib import figure as matplotlib_figure
+from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.figures.cases import (
@@ -15,15 +15,15 @@ from brownpipe.figures.cases import (
     SPECIES,
     axis_label,
     defined,
-    frame_of,
     has,
     in_words,
     own_names,
 )
-from brownpipe.figures.style import MARKS, WIDTH, band, grid, heads, points, told_apart
+from brownpipe.figures.figure import Figure, table_of_variables
+from brownpipe.figures.style import MARKS, WIDTH, band, grid, heads, points, styled_cases
 
 
-def draw(cases: list[Dataset]) -> Figure:
+def draw_own_observables(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw each array of all cases against its first dimension, with its 95 % band; numbers as
     points.
 
@@ -36,7 +36,7 @@ def draw(cases: list[Dataset]) -> Figure:
         along, *others = map(str, cases[0][name].dims or ("case",))
         dims = [dim for dim in others if dim not in SPECIES]  # species are told apart anyway
         place = partial(in_words, names=dims)
-        for k, (part, line) in enumerate(told_apart(parts, place, {})):
+        for k, (part, line) in enumerate(styled_cases(parts, place, {})):
             if cases[0][name].dims:
                 band(panel, defined(part, name), name, **line)
             else:
@@ -69,8 +69,19 @@ def _parts(case: Dataset, name: str) -> Iterator[Dataset]:
         yield numbered.isel(dict(zip(dims, place, strict=True)))
 
 
-def table(cases: list[Dataset]) -> pandas.DataFrame:
+def table_of_own_observables(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, array and point along its dimensions."""
-    return pandas.concat(
-        [frame_of(cases, [*map(str, cases[0][name].dims)], [name]) for name in own_names(cases)]
-    )
+    return table_of_variables(cases, own_names(cases))
+
+
+def _with_own_observables(cases: list[Dataset]) -> list[Dataset]:
+    """Return the cases that have an array of an observable of the user's own."""
+    return [case for case in cases if own_names([case])]
+
+
+FIGURE = Figure(
+    draw=draw_own_observables,
+    every_count=True,
+    selection=_with_own_observables,
+    table=table_of_own_observables,
+)

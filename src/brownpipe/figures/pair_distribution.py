@@ -15,11 +15,10 @@ from brownpipe import theory
 from brownpipe.analysis.pairs import NORMAL
 from brownpipe.figures import style
 from brownpipe.figures.cases import estimate_of, has
+from brownpipe.figures.figure import Columns, Figure
 from brownpipe.observables.pairs import BINS_PER_CONTACT
 
 NAME = "pair_distribution"
-LABELS = ("pair distribution function $g(r)$",)
-TABLE = (("species_pair", "distance"), (NAME,))
 # Label, colour, marker
 CONTACTS = {
     "contact_value": ("at contact, by extrapolation", style.FIT, "o"),
@@ -32,21 +31,22 @@ MOST_POOLED = BINS_PER_CONTACT // 10
 DILUTE = 0.2  # packing fraction below which the first order in the density is drawn
 
 
-def curves(axes: Axes, pairs: list[Dataset], **looks: Any) -> None:
+def draw_pair_distributions(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw g(r) of each pair of species with its 95 % band, and theory.
 
     Of several pairs or with `looks` it is drawn with its value at contact, of a single one with
     both values.
     """
-    pairs = [
-        pair.isel(distance=pair.distance.values > float(pair.contact_distance)) for pair in pairs
-    ]
+    pairs = []
+    for pair in cases:
+        is_apart = pair.distance.values > float(pair.contact_distance)
+        pairs.append(pair.isel(distance=is_apart))
     contacts = [float(pair.contact_distance) for pair in pairs]
     axes.axhline(1, color=style.GREY, linewidth=0.8)
     for contact in {*contacts}:
         axes.axvline(contact, color=style.GREY, linestyle=style.DOTTED, linewidth=1)
     single = len(pairs) == 1 and not looks
-    for pair, line in style.told_apart(pairs, partial(_in_words, single), looks):
+    for pair, line in style.styled_cases(pairs, partial(_in_words, single), looks):
         style.band(axes, _pooled(pair, _bins_pooled(pair)), NAME, **line)
         for name in (name for name in CONTACTS if has(pair, name)):
             words, colour, marker = CONTACTS[name]
@@ -126,3 +126,12 @@ def _pooled(pair: Dataset, number: int) -> Dataset:
     mean = total / areas
     reach = NORMAL * np.sqrt(variance) / areas
     return Dataset({NAME: mean, f"{NAME}_low": mean - reach, f"{NAME}_high": mean + reach})
+
+
+FIGURE = Figure(
+    curves=draw_pair_distributions,
+    labels=("pair distribution function $g(r)$",),
+    variables=(NAME,),
+    component="species_pair",
+    table=Columns(("species_pair", "distance"), (NAME,)),
+)

@@ -2,12 +2,13 @@
 of disks.
 """
 
+import sys
 from collections.abc import Mapping
 from itertools import chain, cycle, pairwise
 
 import numpy as np
+from matplotlib import figure as matplotlib_figure
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame
 from xarray import Dataset
 
@@ -17,6 +18,7 @@ from brownpipe.figures.cases import (
     PARTS,
     axis_label,
     axis_of,
+    differing,
     diffusion_ring,
     frame_of,
     quantities_of,
@@ -24,11 +26,13 @@ from brownpipe.figures.cases import (
     varied_with,
     with_value,
 )
+from brownpipe.figures.figure import Figure
 from brownpipe.figures.style import DASHED, MARKS, WIDTH, grid, heads, log_axis, points
 from brownpipe.scene.variation import is_number
 
 # ratio of the largest value to the smallest, beyond which an axis is logarithmic
 LOGARITHMIC = 30.0
+ALL_CASES = sys.maxsize
 MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
 END = "msd"
 D = "diffusion_coefficient"
@@ -45,7 +49,7 @@ PANELS = {  # title, label of the axis, Enskog's theory
 }
 
 
-def draw(cases: list[Dataset]) -> Figure:
+def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw a panel per quantity: its values along the axis of the scan, a series for each value of
     what else differs.
 
@@ -108,7 +112,7 @@ def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str
             log_axis(axes, direction, low / MARGIN, high * MARGIN)
 
 
-def table(cases: list[Dataset]) -> DataFrame:
+def table_of_scan(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and fit window: D and the quantities of the case, theory, and
     differences.
 
@@ -155,3 +159,18 @@ def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
         for part, value in zip(PARTS, estimate, strict=True):
             differences[f"{name}_difference{part}"] = float(value)
     return differences
+
+
+def _cases_of_scan(cases: list[Dataset]) -> list[Dataset]:
+    """Return the cases if they differ in a number that can be the axis; otherwise none."""
+    return cases if axis_of(cases) in differing(cases) else []
+
+
+FIGURE = Figure(
+    draw=draw_scan,
+    variables=(END,),
+    every_count=True,
+    selection=_cases_of_scan,
+    most_cases=ALL_CASES,
+    table=table_of_scan,
+)

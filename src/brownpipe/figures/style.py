@@ -10,6 +10,7 @@ import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import cycle
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -159,8 +160,10 @@ def _legend_size(labels: Sequence[str]) -> float:
     return KEY_SIZE * min(1, MOST_LEGEND / max(widths, default=MOST_LEGEND))
 
 
-def told_apart(
-    cases: list[Dataset], number: Callable[[Dataset], str], looks: Mapping[str, Any]
+def styled_cases(
+    cases: list[Dataset],
+    number: Callable[[Dataset], str] = lambda case: "",
+    looks: Mapping[str, Any] = MappingProxyType({}),
 ) -> Iterator[tuple[Dataset, dict[str, Any]]]:
     """Yield the cases, or parts of cases, of one panel, each with the looks of its line, as for
     `axes.plot`.

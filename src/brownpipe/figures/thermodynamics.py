@@ -8,13 +8,14 @@ Theory is Luding's equation of state for equal disks, and Enskog's for rates and
 from itertools import cycle
 
 import numpy as np
+from matplotlib import figure as matplotlib_figure
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from xarray import Dataset
 
 from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import has, quantities_of, series_of, title_of
+from brownpipe.figures.figure import Columns, Figure
 from brownpipe.figures.style import DASHED, GREY, INK, MARKS, WIDTH, grid, heads, points
 
 Z = "compressibility"
@@ -27,10 +28,9 @@ PANELS = {
 }
 RATES = (RATE, f"{RATE}_at_temperature", TRACER, f"{TRACER}_at_temperature")
 MEASURED = (Z, f"{Z}_rate", f"wall_{Z}", *RATES, "wall_pressure", "kinetic_temperature")
-TABLE = ((), ("packing_fraction", *MEASURED, *(f"enskog_{name}" for name in PANELS)))
 
 
-def draw(cases: list[Dataset]) -> Figure:
+def draw_thermodynamics(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw one column per quantity: its values against the packing fraction above, deviations from
     theory below.
 
@@ -114,3 +114,11 @@ def _equations_of_state(main: Axes, low: Axes, ends: tuple[float, float]) -> Non
         label="Henderson (1975), equal disks",
     )
     low.plot(phi, 100 * (henderson / luding - 1), color=GREY, linestyle=DASHED, linewidth=1)
+
+
+FIGURE = Figure(
+    draw=draw_thermodynamics,
+    variables=(RATE,),
+    every_count=True,
+    table=Columns((), ("packing_fraction", *MEASURED, *(f"enskog_{name}" for name in PANELS))),
+)

@@ -14,16 +14,15 @@ from xarray import Dataset
 
 from brownpipe.figures import style
 from brownpipe.figures.cases import PARTS, has, plus_minus
+from brownpipe.figures.figure import Columns, Figure
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
 SLOPE = "vacf_initial_slope"
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
-LABELS = (f"velocity autocorrelation\n{LABEL}", LABEL)
-TABLE = (("time",), (TRACER, BATH))
 
 
-def curves(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_autocorrelations(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     """Draw the correlation of the tracer; of a single case also that of the bath, and the initial
     slope.
 
@@ -58,7 +57,7 @@ def _curves(
     curves = []
     for case in cases:
         curves += [_normalised(case, name) for name in names if has(case, name)]
-    return style.told_apart(curves, _rate_in_words, looks)
+    return style.styled_cases(curves, _rate_in_words, looks)
 
 
 def _normalised(case: Dataset, name: str) -> Dataset:
@@ -86,7 +85,7 @@ def _rate_in_words(curve: Dataset) -> str:
     return f"initial decay $1 - \\gamma t$, $\\gamma$ = {rate}"
 
 
-def below(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
+def draw_decays(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     """Draw the decays on logarithmic axes as far as they are resolved."""
     for (upper, lower), group in zip(axes.T, groups, strict=True):
         _tails(upper, lower, group)
@@ -129,3 +128,12 @@ def _guide(upper: Axes, axes: Axes, tail: Dataset) -> None:
     amplitude = float((tail[TRACER] * tail.time).sel(time=t).mean())
     axes.plot(t, 2.5 * amplitude / t, color=style.INK, linewidth=1)
     upper.plot([], [], color=style.INK, linewidth=1, label="decay as $1/t$ (lower panel)")
+
+
+FIGURE = Figure(
+    curves=draw_autocorrelations,
+    labels=(f"velocity autocorrelation\n{LABEL}", LABEL),
+    variables=(TRACER,),
+    below=draw_decays,
+    table=Columns(("time",), (TRACER, BATH)),
+)

@@ -5,13 +5,14 @@ Maxwell-Boltzmann.
 from itertools import cycle
 
 import numpy as np
+from matplotlib import figure as matplotlib_figure
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pandas import DataFrame, concat
 from scipy.special import ndtr
 from xarray import Dataset
 
 from brownpipe.figures.cases import PARTS, frame_of, parts_of, title_of
+from brownpipe.figures.figure import Figure
 from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
 
 FEWEST_COUNTS = 5  # expected independent counts of a bin whose residual is shown
@@ -41,7 +42,7 @@ SHOWN = {
 }
 
 
-def draw(cases: list[Dataset]) -> Figure:
+def draw_velocities(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw one column per case: components and then speeds, each as densities above and their
     residuals below.
     """
@@ -113,7 +114,7 @@ def _expected(centres: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     return edges, np.diff(cumulative) / width
 
 
-def table(cases: list[Dataset]) -> DataFrame:
+def table_of_velocities(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, species and bin, components first and then speeds, with the expected
     density.
     """
@@ -125,3 +126,10 @@ def table(cases: list[Dataset]) -> DataFrame:
         maxwell = dict(zip(centres, _expected(centres, name)[1], strict=True))
         frames.append(frame.assign(of=dim.removesuffix("_bin"), maxwell=frame.value.map(maxwell)))
     return concat(frames)
+
+
+FIGURE = Figure(
+    draw=draw_velocities,
+    variables=("velocity_density",),
+    table=table_of_velocities,
+)

@@ -14,7 +14,6 @@ from xarray import Dataset
 
 from brownpipe.errors import FigureError, WrongFileError
 from brownpipe.figures import render, tradeoff
-from brownpipe.figures.cases import cases_shown
 from brownpipe.figures.origin import (
     RECORD,
     Record,
@@ -23,7 +22,7 @@ from brownpipe.figures.origin import (
     read_record,
     record_text,
 )
-from brownpipe.figures.render import Drawing
+from brownpipe.figures.render import Drawing, cases_shown
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.processes import calculated
 from brownpipe.report.page import page_of_study, page_of_tradeoff

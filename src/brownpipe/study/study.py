@@ -28,16 +28,7 @@ from brownpipe.engines.exact import EXACT
 from brownpipe.engines.units import rms_speed
 from brownpipe.engines.windows import default_windows, times_in_window
 from brownpipe.errors import RequestError
-from brownpipe.figures.catalogue import (
-    COLLISIONS,
-    ENDS,
-    FIGURES,
-    FOLLOWED,
-    OWN,
-    SCAN,
-    SPREADING,
-    WALLS,
-)
+from brownpipe.needs import DISPLACEMENTS, FIGURES, SPREADING, RunContents
 from brownpipe.observables.own import is_own, relative_name
 from brownpipe.provenance import digest_of
 from brownpipe.scene import Scene, reading
@@ -303,17 +294,17 @@ class Study(Section):
         """Refuse figures and settings without data; by default there are all figures whose needs
         are met.
         """
-        conditions = self._conditions()
+        runs = self._contents_of_runs()
         for name, need in (
             ("fit_windows", SPREADING),
-            ("rings", ENDS),
-            ("displacement_times", ENDS),
+            ("rings", DISPLACEMENTS),
+            ("displacement_times", DISPLACEMENTS),
         ):
-            if name in self.model_fields_set and not conditions[need]:
-                refuse(f"must go with {need}", name)
+            if name in self.model_fields_set and not need.is_met(runs):
+                refuse(f"must go with {need.text}", name)
         unmet = {}
-        for name, figure in FIGURES.items():
-            unmet[name] = [need for need in figure.needs if not conditions[need]]
+        for name, needs in FIGURES.items():
+            unmet[name] = [need.text for need in needs if not need.is_met(runs)]
         for name in self.figures or ():
             if unmet[name]:
                 refuse(f"{name} needs {unmet[name][0]}", "figures")
@@ -323,28 +314,23 @@ class Study(Section):
         refuse_others(self.panel, ("scene", "particles", "engine", *self.vary), "panel")
         refuse_others({self.shown_particles} - {None}, counts, "shown_particles")
 
-    def _conditions(self) -> dict[str, bool]:
-        """Return whether the runs have what figures and settings need, by the needs of the
-        catalogue of figures.
-        """
+    def _contents_of_runs(self) -> RunContents:
+        """Return what the runs have of what figures and settings may need."""
         moves_all = any(engine.moves_all_disks for engine in self.engines)
         measured = self.observables if moves_all else measures.tracer_observables(self.observables)
-        records_tracer = self.record == "tracer"
-        averages_runs = self.average == "runs"
-        measures_squares = "square_displacement" in measured
-        collides = any(use.case.particles and use.engine.moves_all_disks for use in self.uses)
-        has_walls = any(not case.box.periodic for case in self.cases)
-        conditions = {}
-        for name in measures.OBSERVABLES:
-            conditions[f"the observable {name}"] = name in measured
-        conditions[OWN] = any(map(is_own, measured))
-        conditions[FOLLOWED] = any(case.particles for case in self.cases)
-        conditions[COLLISIONS] = collides
-        conditions[SCAN] = self._is_scan()
-        conditions[ENDS] = records_tracer or (measures_squares and averages_runs)
-        conditions[WALLS] = "density_profile" in measured and has_walls
-        conditions[SPREADING] = records_tracer or measures_squares
-        return conditions
+        counts_collisions = any(
+            use.case.particles and use.engine.moves_all_disks for use in self.uses
+        )
+        return RunContents(
+            observables=frozenset(measured),
+            has_own_observable=any(map(is_own, measured)),
+            has_disks=any(case.particles for case in self.cases),
+            records_tracer=self.record == "tracer",
+            averages_over_runs=self.average == "runs",
+            counts_collisions=counts_collisions,
+            has_walls=any(not case.box.periodic for case in self.cases),
+            is_scan=self._is_scan(),
+        )
 
     def _is_scan(self) -> bool:
         """Return whether the cases differ in a number that a figure can have as its axis: particle

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from brownpipe import analysis, progress
+from brownpipe import analysis, needs, progress
 from brownpipe import tradeoff as comparison
 from brownpipe.analysis.dataset import refuse_windows
 from brownpipe.errors import RequestError, RunError
-from brownpipe.figures import catalogue
 from brownpipe.scene.reading import AtLeastOne, Positive
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import seal_of, write_file
@@ -116,10 +115,10 @@ def _figures_options(add: AddOption) -> None:
         help="folder for the figures, tables and the summary",
     )
     add("--page", metavar="FILE.html", help="also write a page with all results, in one file")
-    names = f"names joined by commas, some of {', '.join(catalogue.FIGURES)} (default: all)"
+    names = f"names joined by commas, some of {', '.join(needs.FIGURES)} (default: all)"
     add(
         "--figures",
-        type=several(typed(Literal[tuple(catalogue.FIGURES)])),
+        type=several(typed(Literal[tuple(needs.FIGURES)])),
         metavar="NAMES",
         help=names,
     )
