@@ -60,18 +60,17 @@ def make(boundary=P, kinds=BATH, tracer=TRACER, **more):
 
 def made_up(scene, seed=1):
     """A run of random positions, some outside the box by round-off, images and velocities."""
-    rng, shape = np.random.default_rng(seed), (len(scene.times), scene.particles, 2)
+    rng = np.random.default_rng(seed)
+    shape = (len(scene.times), scene.particles, 2)
     size = np.array([scene.box.width, scene.box.height])
     position = scene.box.origin + rng.random(shape) * size
     if scene.box.periodic:
-        position[:, 1], position[:, 2] = (
-            scene.box.origin - np.array([1e-16, 1e-17]),
-            scene.box.origin + size,
-        )
+        position[:, 1] = scene.box.origin - np.array([1e-16, 1e-17])
+        position[:, 2] = scene.box.origin + size
     velocity = rng.normal(size=shape) * np.sqrt(1.5 / scene.mass)[:, None]
     image = rng.integers(-3, 4, shape).astype(np.int32) if scene.box.periodic else None
     whole = Track(position, velocity, image)
-    return Run(Track(*(None if one is None else one[:, :1] for one in whole)), whole)
+    return Run(whole.select(slice(0, 1)), whole)
 
 
 # -- against plain loops ---------------------------------------------------------------------------
@@ -79,22 +78,26 @@ def made_up(scene, seed=1):
 
 def plain_pair_counts(scene, positions):
     """All pairs, all images, one by one."""
-    kinds, place = list(dict.fromkeys(zip(scene.radius, scene.mass, strict=True))), {}
-    label = [kinds.index(one) for one in zip(scene.radius, scene.mass, strict=True)]
+    disks = list(zip(scene.radius, scene.mass, strict=True))
+    kinds = list(dict.fromkeys(disks))
+    kind_of_disk = [kinds.index(disk) for disk in disks]
+    row = {}
     for a in range(len(kinds)):
         for b in range(a, len(kinds)):
-            place[a, b] = len(place)
+            row[a, b] = len(row)
     middles = AXES["distance"].coordinates(scene)
     width = middles[1] - middles[0]
-    counts = np.zeros((len(place), len(middles)), int)
-    images = list(product((0, -1, 1, -2, 2), repeat=2)) if scene.box.periodic else [(0, 0)]
-    images = np.array(images) * [scene.box.width, scene.box.height]
+    counts = np.zeros((len(row), len(middles)), int)
+    boxes = list(product((0, -1, 1, -2, 2), repeat=2)) if scene.box.periodic else [(0, 0)]
+    images = np.array(boxes) * [scene.box.width, scene.box.height]
     for position in positions:
         for i in range(len(position)):
             for j in range(i):
-                r = np.sqrt(((position[i] - position[j] + images) ** 2).sum(axis=1)).min()
+                between = position[i] - position[j] + images
+                r = np.sqrt((between**2).sum(axis=1)).min()
                 if r < width * len(middles):
-                    counts[place[tuple(sorted((label[i], label[j])))], int(r / width)] += 1
+                    a, b = sorted((kind_of_disk[i], kind_of_disk[j]))
+                    counts[row[a, b], int(r / width)] += 1
     return counts
 
 
@@ -107,11 +110,9 @@ def test_pairs_are_counted_as_one_by_one(boundary, tracer, kinds):
     found = observe(scene, run, ("pair_distribution",))
     assert found["pair_snapshots"] == len(scene.times)
     expected = plain_pair_counts(scene, run.whole.position)
-    assert (
-        200
-        < expected.sum()
-        == pytest.approx(run.whole.position[..., 0].size * pairs.pairs_in_reach(scene), rel=0.5)
-    )
+    disk_samples = scene.particles * len(scene.times)
+    assert expected.sum() > 200
+    assert expected.sum() == pytest.approx(disk_samples * pairs.pairs_in_reach(scene), rel=0.5)
     assert np.array_equal(found["pair_counts"], expected)
 
 
@@ -123,10 +124,11 @@ def test_many_pairs_are_counted_in_small_blocks(boundary, at_once, monkeypatch):
     scene = make(boundary, kinds, TRACER | {"radius": 0.9})
     run = made_up(scene)
     expected = observe(scene, run, ("pair_distribution",))["pair_counts"]
-    distances, blocks = pairs._distances, []
+    distances = pairs._distances
+    pairs_in_blocks = []
 
     def noted(scene, inside, pair):
-        blocks.append(len(pair))
+        pairs_in_blocks.append(len(pair))
         return distances(scene, inside, pair)
 
     monkeypatch.setattr(pairs, "_distances", noted)
@@ -134,7 +136,9 @@ def test_many_pairs_are_counted_in_small_blocks(boundary, at_once, monkeypatch):
     counts = observe(scene, run, ("pair_distribution",))["pair_counts"]
     assert np.array_equal(counts, expected)
     per_disk = 2 * pairs.pairs_in_reach(scene)  # with fewer pairs at once, a disk is a block
-    assert sum(blocks) > 20 * max(blocks) and max(blocks) <= 2 * max(at_once, per_disk)
+    most = max(pairs_in_blocks)
+    assert sum(pairs_in_blocks) > 20 * most
+    assert most <= 2 * max(at_once, per_disk)
     assert pairs.working_memory(scene) == pairs.BYTES_PER_PAIR * at_once
 
 
@@ -143,68 +147,63 @@ def test_pairs_expected_around_the_tracer_are_those_of_many_points(small):
     """In all samples, against 20,000 points a sample; with 0.5 it is nearer the walls than the
     others can be.
     """
-    scene = make(W, [BATH[0] | {"radius": small}, BATH[1]], {"radius": 0.3, "mass": 2.0})
-    run, rng = made_up(scene), np.random.default_rng(3)
+    bath = BATH[0] | {"radius": small}
+    scene = make(W, [bath, BATH[1]], {"radius": 0.3, "mass": 2.0})
+    run = made_up(scene)
+    rng = np.random.default_rng(3)
     found = observe(scene, run, ("pair_distribution",))["pair_expected"]
     assert np.isnan(found[[0, 3, 4, 5]]).all()  # pairs without the tracer
     middles = AXES["distance"].coordinates(scene)
     edges = np.append(middles - middles[0], middles[-1] + middles[0])
     for number, radius, expected in ((12, small, found[1]), (3, 0.1, found[2])):
-        counts = 0
-        for at in run.whole.position[:, 0]:
-            points = [1.5, 4.0] + (rng.random((20_000, 2)) - 0.5) * [5 - 2 * radius, 4 - 2 * radius]
-            counts = counts + np.histogram(np.hypot(*(points - at).T), edges)[0]
+        accessible = [5 - 2 * radius, 4 - 2 * radius]
+        counts = np.zeros(len(middles), int)
+        for tracer in run.whole.position[:, 0]:
+            points = [1.5, 4.0] + (rng.random((20_000, 2)) - 0.5) * accessible
+            distance = np.hypot(*(points - tracer).T)
+            counts += np.histogram(distance, edges)[0]
         points_expected = expected / number * 20_000
-        assert (
-            1e5 < points_expected.sum() == pytest.approx(counts.sum(), rel=0.02)
-        )  # 6 standard errors
-        assert (np.abs(counts - points_expected) < SIGMAS * np.sqrt(points_expected) + 4).all()
+        assert points_expected.sum() > 1e5
+        assert counts.sum() == pytest.approx(points_expected.sum(), rel=0.02)  # 6 standard errors
+        errors = np.sqrt(points_expected)
+        assert (np.abs(counts - points_expected) < SIGMAS * errors + 4).all()
 
 
 def test_reach_of_the_pair_distribution():
     """The smallest contact distance is the 40th edge; the last edge is where a pair may have two
     distances.
     """
+    low = make(W, BATH[:1], box={"x": [0, 3.0], "y": [0, 2.0]})
+    small_tracer = {"radius": 0.12, "mass": 1}
+    wide = make(P, BATH[:1], small_tracer, box={"x": [0, 9], "y": [0, 9], "boundary": P})
     for scene, contact, reach in (
         (make(P), 0.2, 2.0),  # half the shorter side, below 5 * 0.5
         (make(W), 0.2, 2.5),  # 5 * 0.5, below the accessible 4 - 0.6
-        (
-            make(W, BATH[:1], box={"x": [0, 3.0], "y": [0, 2.0]}),
-            0.4,
-            1.4,
-        ),  # accessible to the largest
-        (
-            make(
-                P,
-                BATH[:1],
-                {"radius": 0.12, "mass": 1},
-                box={"x": [0, 9], "y": [0, 9], "boundary": P},
-            ),
-            0.32,
-            2.0,
-        ),
+        (low, 0.4, 1.4),  # accessible to the largest
+        (wide, 0.32, 2.0),
     ):
         middles = AXES["distance"].coordinates(scene)
         width = contact / 40
         assert middles[:2] == pytest.approx([width / 2, 3 * width / 2], rel=1e-14)
         assert middles[-1] + width / 2 == pytest.approx(reach, rel=1e-14)
-    assert (
-        len(AXES["wall_distance"].coordinates(scene)) == 333
-    )  # of 0.006, 40 to the smallest diameter, up to 5 * 0.4
+    # of 0.006, 40 to the smallest diameter, up to 5 * 0.4
+    assert len(AXES["wall_distance"].coordinates(wide)) == 333
 
 
 def plain_mean_over(scene, average, product_of):
     """For each sample time the mean of a product of two samples, by the definition of the
     average.
     """
-    last, multiple = len(scene.times) - 1, scene.duration == 2.0
-    if average == "origins":
-        pairs = {
-            lag: [(i, i + lag) for i in range(last + multiple - lag)] for lag in range(last)
-        } | {last: [(0, last)]}
-    else:
-        pairs = {lag: [(0, lag)] for lag in range(last + 1)}
-    return [np.mean([product_of(i, k) for i, k in pairs[lag]]) for lag in range(last + 1)]
+    last = len(scene.times) - 1
+    equidistant = last + 1 if scene.duration == 2.0 else last
+    means = []
+    for lag in range(last + 1):
+        origins = 1
+        if average == "origins" and lag < last:
+            origins = equidistant - lag
+        products = [product_of(origin, origin + lag) for origin in range(origins)]
+        means.append(np.mean(products))
+    return means
 
 
 @pytest.mark.parametrize("boundary", [W, P])
@@ -213,19 +212,20 @@ def test_density_profile_is_that_of_plain_loops(boundary):
     walls.
     """
     scene = make(boundary, sample_interval=0.03)  # 70 samples, of which 64 are counted at a time
-    run, width, number = (
-        made_up(scene),
-        0.005,
-        340 if boundary == W else 400,
-    )  # to the middle for the largest
-    low, high = np.array([-1.0, 2.0]), np.array([4.0, 6.0])
+    run = made_up(scene)
+    width = 0.005
+    number = 340 if boundary == W else 400  # to the middle for the largest
+    low = np.array([-1.0, 2.0])
+    high = np.array([4.0, 6.0])
     expected = np.zeros((3, number))
-    for k, (radius, disks) in enumerate(((0.3, [0]), (0.2, range(1, 13)), (0.1, range(13, 16)))):
+    species = ((0.3, [0]), (0.2, range(1, 13)), (0.1, range(13, 16)))
+    for k, (radius, disks) in enumerate(species):
         margin = radius if boundary == W else 0.0
+        area = 2 * width * (9 - 4 * margin)
         for position, i in product(run.whole.position, disks):
             for gap in np.minimum(position[i] - low, high - position[i]) - margin:
                 if gap < number * width:
-                    expected[k, max(int(gap / width), 0)] += 1 / (2 * width * (9 - 4 * margin))
+                    expected[k, max(int(gap / width), 0)] += 1 / area
     found = observe(scene, run, ("density_profile",))["density_profile"]
     assert (expected > 0).sum() > 100
     np.testing.assert_allclose(found, expected / len(scene.times), rtol=1e-13)
@@ -234,20 +234,12 @@ def test_density_profile_is_that_of_plain_loops(boundary):
 @pytest.mark.parametrize("average", observables.AVERAGES)
 @pytest.mark.parametrize("boundary", [W, P])
 def test_averages_are_those_of_plain_loops(boundary, average):
-    same = {
-        "name": "same",
-        "count": 13,
-        "radius": 0.2,
-        "mass": 4,
-    }  # others have this radius, or this mass
-    kinds = (
-        same,
-        *BATH[::-1],
-        same | {"name": "more", "count": 2},
-    )  # the bath, most of the others, is not first
-    scene = make(
-        boundary, kinds, None, duration=2.0 if boundary == W else 2.05
-    )  # a multiple of 0.1, or none
+    # others have this radius, or this mass
+    same = {"name": "same", "count": 13, "radius": 0.2, "mass": 4}
+    more = same | {"name": "more", "count": 2}
+    kinds = (same, *BATH[::-1], more)  # the bath, most of the others, is not first
+    duration = 2.0 if boundary == W else 2.05  # a multiple of 0.1, or none
+    scene = make(boundary, kinds, None, duration=duration)
     run = made_up(scene)
     found = observe(scene, run, (*TRACER_ALONE, "bath_velocity_autocorrelation"), average)
     unwrapped = run.whole.position
@@ -255,7 +247,7 @@ def test_averages_are_those_of_plain_loops(boundary, average):
         unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
     followed = [*range(13), 28, 29] if average == "disks" else [0]
     both = np.stack([unwrapped, run.whole.velocity], axis=2)  # (T, N, 2, 2)
-    for name, disks, values, what in (
+    for name, disks, tracks, product_of in (
         ("square_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2)),
         ("quartic_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2) ** 2),
         ("displacement_velocity", followed, both, lambda a, b: np.vdot(b[1], b[0] - a[0])),
@@ -263,12 +255,14 @@ def test_averages_are_those_of_plain_loops(boundary, average):
         ("velocity_displacement", followed, both, lambda a, b: np.vdot(a[1], b[0] - a[0])),
         ("bath_velocity_autocorrelation", range(16, 28), run.whole.velocity, np.vdot),
     ):
-        by_disk = [
-            plain_mean_over(
-                scene, average, lambda i, k, one=values[:, disk], what=what: what(one[i], one[k])
-            )
-            for disk in disks
-        ]
+        by_disk = []
+        for disk in disks:
+            values = tracks[:, disk]
+
+            def of_samples(i, k, values=values, product_of=product_of):
+                return product_of(values[i], values[k])
+
+            by_disk.append(plain_mean_over(scene, average, of_samples))
         # sums of some 100 products of size 100: round-off below 1e-12; fourth powers are larger and
         # do not cancel
         np.testing.assert_allclose(
@@ -321,7 +315,7 @@ def test_averages_over_many_origins_are_plain_sums(boundary, duration, monkeypat
         value, scale = extended_means(scene, bath, lag)["velocity_autocorrelation"]
         assert abs(found["bath_velocity_autocorrelation"][lag] - value) <= 1e-13 * scale
     if duration > 30:
-        alone = Track(*(None if one is None else one[[0, 301]] for one in run.tracer))
+        alone = Track(*(None if values is None else values[[0, 301]] for values in run.tracer))
         for name, (value, scale) in extended_means(scene, alone, 1).items():
             assert abs(found[name][301] - value) <= 1e-13 * scale
     monkeypatch.setattr(averages, "VALUES_AT_ONCE", 100)
@@ -393,55 +387,52 @@ def plain_bonds(scene, position):
     boxes; walls: the sides cut it, too.
     """
     size = np.array([scene.box.width, scene.box.height])
-    shifts = np.array(
-        sorted(product(range(-2, 3), repeat=2), key=lambda shift: shift != (0, 0))
-    )  # its own box first
+    boxes = product(range(-2, 3), repeat=2)
+    shifts = np.array(sorted(boxes, key=lambda shift: shift != (0, 0)))  # its own box first
     sites = position - scene.box.origin
-    every = (
-        np.concatenate([sites + shift * size for shift in shifts]) if scene.box.periodic else sites
-    )
-    for i, j in product(range(len(sites)), range(len(every))):
+    points = sites
+    if scene.box.periodic:
+        points = np.concatenate([sites + shift * size for shift in shifts])
+    for i, j in product(range(len(sites)), range(len(points))):
         if i == j:
             continue
-        bond, middle = every[j] - sites[i], (every[j] + sites[i]) / 2
+        bond = points[j] - sites[i]
+        middle = (points[j] + sites[i]) / 2
         along = np.array([-bond[1], bond[0]])
-        others = np.delete(every, (i, j), axis=0)
+        others = np.delete(points, (i, j), axis=0)
         # |middle + t along - other|^2 >= |middle + t along - site|^2 for each other
-        slope, limit = (
-            2 * (others - sites[i]) @ along,
-            ((others - middle) ** 2).sum(axis=1) - bond @ bond / 4,
-        )
+        slope = 2 * (others - sites[i]) @ along
+        limit = ((others - middle) ** 2).sum(axis=1) - bond @ bond / 4
         if not scene.box.periodic:
             slope = np.concatenate([slope, along, -along])
             limit = np.concatenate([limit, size - middle, middle])
-        low, high = (limit[side] / slope[side] for side in (slope < 0, slope > 0))
-        if (
-            np.max(low, initial=-np.inf) < np.min(high, initial=np.inf)
-            and (limit[slope == 0] >= 0).all()
-        ):
+        falls = slope < 0
+        rises = slope > 0
+        begin = np.max(limit[falls] / slope[falls], initial=-np.inf)
+        end = np.min(limit[rises] / slope[rises], initial=np.inf)
+        if begin < end and (limit[slope == 0] >= 0).all():
             yield i, bond
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("boundary", [W, P])
 def test_orientational_order_is_that_of_neighbours_one_by_one(boundary, monkeypatch):
-    monkeypatch.setattr(
-        orientation, "MARGIN", 0.1
-    )  # of images at first; it is to grow until there are enough
+    # of images at first; it is to grow until there are enough
+    monkeypatch.setattr(orientation, "MARGIN", 0.1)
     scene = make(boundary, duration=0.4)
     run = made_up(scene)
     if boundary == P:
         run.whole.position[:, 2] -= 0.5  # it is an image of disk 1
-    found, roots = observe(scene, run, ("orientational_order",)), []
+    found = observe(scene, run, ("orientational_order",))
+    roots = []
     for position in run.whole.position:
         angles = [[] for _ in range(16)]
         for disk, (x, y) in plain_bonds(scene, position):
             angles[disk].append(np.exp(6j * np.arctan2(y, x)))
-        assert boundary == W or np.mean([len(one) for one in angles]) == 6  # Euler's formula
-        roots.append(abs(np.mean([np.mean(one) for one in angles])))
-    assert found["orientational_order_squared"] == pytest.approx(
-        np.mean(np.square(roots)), rel=1e-10
-    )
+        assert boundary == W or np.mean([len(bonds) for bonds in angles]) == 6  # Euler's formula
+        roots.append(abs(np.mean([np.mean(bonds) for bonds in angles])))
+    squares = np.square(roots)
+    assert found["orientational_order_squared"] == pytest.approx(squares.mean(), rel=1e-10)
     assert found["orientational_order"] == pytest.approx(np.mean(roots), rel=1e-10)
     assert found["quarter_order"] == pytest.approx(roots[1:], rel=1e-10)  # a sample each
 
@@ -486,22 +477,23 @@ def test_energies_and_the_temperature_of_a_scene_without_one():
     energy = 0.5 * scene.mass * np.sum(run.whole.velocity**2, axis=-1)
     plain = [energy[:, 0], energy[:, 1:13].mean(axis=1), energy[:, 13:].mean(axis=1)]
     np.testing.assert_allclose(found["species_energy"].T, plain, rtol=1e-14)
-    scaled = run.whole.velocity[-1] / np.sqrt(energy[-1].mean() / scene.mass)[:, None]
-    for name, values in (("velocity", scaled), ("speed", np.hypot(*scaled.T)[:, None])):
+    # of the last sample, as the scene is not stationary
+    thermal_speed = np.sqrt(energy[-1].mean() / scene.mass)
+    scaled = run.whole.velocity[-1] / thermal_speed[:, None]
+    speed = np.hypot(scaled[:, 0], scaled[:, 1])
+    species_index = [0, *[1] * 12, *[2] * 3]
+    for name, values in (("velocity", scaled), ("speed", speed[:, None])):
         middles = AXES[f"{name}_bin"].coordinates(scene)
         counts = np.zeros((3, len(middles)), int)
-        for label, value in zip([0, *[1] * 12, *[2] * 3], values, strict=True):
-            for component in value:
-                counts[label, np.argmin(abs(middles - component))] += 1
-        assert np.array_equal(
-            found[f"{name}_counts"], counts
-        )  # of the last sample, as the scene is not stationary
+        for species, components in zip(species_index, values, strict=True):
+            for component in components:
+                counts[species, np.argmin(abs(middles - component))] += 1
+        assert np.array_equal(found[f"{name}_counts"], counts)
 
 
 def test_what_lies_beyond_the_bins_is_in_the_outermost(monkeypatch):
-    monkeypatch.setattr(
-        "brownpipe.observables.velocity.VALUES_AT_ONCE", 100
-    )  # three samples of these disks
+    # three samples of these disks
+    monkeypatch.setattr("brownpipe.observables.velocity.VALUES_AT_ONCE", 100)
     scene = make()
     run = made_up(scene)
     run.whole.velocity[:, :2] = [[1e3, -1e3], [1e300, 0.0]]
@@ -515,34 +507,26 @@ def test_what_lies_beyond_the_bins_is_in_the_outermost(monkeypatch):
 
 def test_kinds_in_a_list_of_disks():
     kinds = [(0.1, 1.0), (0.2, 1.0), (0.1, 1.0), (0.1, 3.0)]
-    disks = [
-        {"position": [i, 3.0], "velocity": [i, 0.0], "radius": radius, "mass": mass}
-        for i, (radius, mass) in enumerate(kinds)
-    ]
-    scene = make(
-        W, disks=disks, velocities=None, equilibrate=None, duration=1e-3, sample_interval=None
-    )
-    found = simulate(
-        scene, [0], {"none"}, observables=("species_energy", "pair_distribution")
-    ).observables
+    disks = []
+    for i, (radius, mass) in enumerate(kinds):
+        motion = {"position": [i, 3.0], "velocity": [i, 0.0]}
+        disks.append(motion | {"radius": radius, "mass": mass})
+    short = {"duration": 1e-3, "sample_interval": None}
+    scene = make(W, disks=disks, velocities=None, equilibrate=None, **short)
+    names = ("species_energy", "pair_distribution")
+    found = simulate(scene, [0], {"none"}, observables=names).observables
     assert AXES["species"].coordinates(scene) == ["kind-1", "kind-2", "kind-3"]
     assert found["species_energy"][0, 0].tolist() == [1.0, 0.5, 13.5]
-    pairs = dict(
-        zip(
-            AXES["species_pair"].coordinates(scene),
-            found["pair_counts"][0].sum(axis=1).tolist(),
-            strict=True,
-        )
-    )
-    expected = {
-        "1:1": 0,
-        "1:2": 2,
-        "1:3": 1,
-        "2:2": 0,
-        "2:3": 0,
-        "3:3": 0,
-    }  # nearer than 5 * 0.3 = 1.5
-    assert pairs == {f"kind-{name[0]}:kind-{name[2]}": count for name, count in expected.items()}
+    pairs_of_kinds = found["pair_counts"][0].sum(axis=1).tolist()
+    pair_names = AXES["species_pair"].coordinates(scene)
+    assert dict(zip(pair_names, pairs_of_kinds, strict=True)) == {  # nearer than 5 * 0.3 = 1.5
+        "kind-1:kind-1": 0,
+        "kind-1:kind-2": 2,
+        "kind-1:kind-3": 1,
+        "kind-2:kind-2": 0,
+        "kind-2:kind-3": 0,
+        "kind-3:kind-3": 0,
+    }
 
 
 # -- against nature --------------------------------------------------------------------------------
@@ -554,41 +538,33 @@ def test_ballistic_flight():
     """
     lone = [{"name": "bath", "count": 1, "radius": 1e-4, "mass": 1.0}]
     scene = make(kinds=lone, tracer={"radius": 1e-4, "mass": 2.0})
-    found = simulate(
-        scene, range(20), {"none"}, observables=("square_displacement", "velocity_autocorrelation")
-    ).observables
+    names = ("square_displacement", "velocity_autocorrelation")
+    found = simulate(scene, range(20), {"none"}, observables=names).observables
     assert not found["pair_collisions"].any()
     v2 = found["initial_square_speed"][:, None]
-    np.testing.assert_allclose(
-        found["velocity_autocorrelation"], np.tile(v2, len(scene.times)), rtol=1e-14
-    )
-    np.testing.assert_allclose(
-        found["square_displacement"], v2 * scene.times**2, rtol=1e-12, atol=1e-14
-    )
-    for name in (
-        "displacement_velocity",
-        "velocity_displacement",
-    ):  # positions of size 6 have round-off 1e-15
-        np.testing.assert_allclose(
-            found[name], v2 * scene.times, rtol=1e-12, atol=1e-14 * np.sqrt(v2.max())
-        )
+    unchanged = np.tile(v2, len(scene.times))
+    np.testing.assert_allclose(found["velocity_autocorrelation"], unchanged, rtol=1e-14)
+    square = v2 * scene.times**2
+    np.testing.assert_allclose(found["square_displacement"], square, rtol=1e-12, atol=1e-14)
+    rounding = 1e-14 * np.sqrt(v2.max())  # positions of size 6 have round-off 1e-15
+    for name in ("displacement_velocity", "velocity_displacement"):
+        growth = v2 * scene.times
+        np.testing.assert_allclose(found[name], growth, rtol=1e-12, atol=rounding)
 
 
 def test_logarithmic_samples_see_the_same_run():
     """From ballistic flight on: the run does not know when it is looked at."""
-    log = make(
-        sample_interval=None,
-        samples={"per_decade": 4, "first": 1e-6},
-        equilibrate=None,
-        duration=2.0,
-    )
-    lin = make(sample_interval=None, equilibrate=None, duration=2.0)
-    seen, once = (simulate(scene, range(4), {"tracer"}, observables=SQUARE) for scene in (log, lin))
-    assert seen.times.tolist() == log.times.tolist() and len(log.times) > 25
-    assert seen.tracer.position[-1].tobytes() == once.tracer.position[-1].tobytes()
-    early = seen.observables["square_displacement"][:, 1]
+    ends = {"sample_interval": None, "equilibrate": None, "duration": 2.0}
+    logarithmic = make(**ends, samples={"per_decade": 4, "first": 1e-6})
+    runs = simulate(logarithmic, range(4), {"tracer"}, observables=SQUARE)
+    runs_at_ends = simulate(make(**ends), range(4), {"tracer"}, observables=SQUARE)
+    assert runs.times.tolist() == logarithmic.times.tolist()
+    assert len(runs.times) > 25
+    assert runs.tracer.position[-1].tobytes() == runs_at_ends.tracer.position[-1].tobytes()
+    first = runs.observables["square_displacement"][:, 1]
+    flight = runs.observables["initial_square_speed"] * 1e-12
     # positions of size 6 have round-off 1e-15, so that of a path of 1e-6 is 1e-9
-    np.testing.assert_allclose(early, seen.observables["initial_square_speed"] * 1e-12, rtol=1e-7)
+    np.testing.assert_allclose(first, flight, rtol=1e-7)
 
 
 # -- the same however runs are batched and recorded ------------------------------------------------
@@ -597,51 +573,53 @@ def test_logarithmic_samples_see_the_same_run():
 @pytest.mark.parametrize("average", ["runs", "origins"])
 @pytest.mark.parametrize("boundary", [W, P])
 def test_the_same_to_the_bit(boundary, average):
-    scene, asked = make(boundary), {"observables": ALL, "average": average}
-    once = simulate(scene, range(5), {"none"}, **asked)
-    assert (once.tracer, once.whole, once.average) == (None, {}, average)
-    parts = [simulate(scene, seeds, {"tracer"}, **asked) for seeds in ([0, 1], [2, 3, 4])]
-    kept = simulate(scene, range(5), {"tracer", "all"}, **asked)
-    assert list(kept.whole) == list(range(5))
-    for name, values in once.observables.items():
-        assert values.tobytes() == kept.observables[name].tobytes()
-        assert (
-            values.tobytes() == np.concatenate([part.observables[name] for part in parts]).tobytes()
-        )
+    scene = make(boundary)
+    measured = {"observables": ALL, "average": average}
+    unrecorded = simulate(scene, range(5), {"none"}, **measured)
+    assert (unrecorded.tracer, unrecorded.whole, unrecorded.average) == (None, {}, average)
+    batches = [simulate(scene, seeds, {"tracer"}, **measured) for seeds in ([0, 1], [2, 3, 4])]
+    recorded = simulate(scene, range(5), {"tracer", "all"}, **measured)
+    assert list(recorded.whole) == list(range(5))
+    for name, values in unrecorded.observables.items():
+        assert values.tobytes() == recorded.observables[name].tobytes()
+        in_batches = np.concatenate([batch.observables[name] for batch in batches])
+        assert values.tobytes() == in_batches.tobytes()
     case = Case(scene, Engine("exact"), scene.times)
-    assert squared_of(case, kept) is kept.observables["square_displacement"]
+    square = recorded.observables["square_displacement"]
+    assert squared_of(case, recorded) is square
     if average == "runs":
-        from_track = tracer_square_displacement(case, kept)
-        assert from_track.tobytes() == once.observables["square_displacement"].tobytes()
-    speed = [np.sum(kept.whole[seed].velocity[0, 0] ** 2) for seed in range(5)]
-    assert speed == once.observables["initial_square_speed"].tolist()
+        from_track = tracer_square_displacement(case, recorded)
+        assert from_track.tobytes() == square.tobytes()
+    square_speed = [np.sum(recorded.whole[seed].velocity[0, 0] ** 2) for seed in range(5)]
+    assert square_speed == unrecorded.observables["initial_square_speed"].tolist()
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_an_observable_alone_is_what_it_is_among_all(name):
     """Whether the tracks of all disks are kept for it or that of the tracer alone."""
     for scene in (make(), make(kinds=[{"name": "same", "count": 4, **TRACER}], tracer=None)):
-        every = [one for one in ALL if OBSERVABLES[one].why_unfit(scene) is None]
-        if name not in every:
+        names = [other for other in ALL if OBSERVABLES[other].why_unfit(scene) is None]
+        if name not in names:
             continue
-        alone, among = (
-            simulate(scene, [0, 1], {"none"}, observables=names).observables
-            for names in ((name,), every)
-        )
-        found = [array for array in OBSERVABLES[name].arrays if array in alone]
-        assert found == [array for array in MEASURED if array in alone]
-        assert all(np.array_equal(alone[array], among[array], equal_nan=True) for array in found)
+        alone = simulate(scene, [0, 1], {"none"}, observables=(name,)).observables
+        among_all = simulate(scene, [0, 1], {"none"}, observables=names).observables
+        arrays = [array for array in OBSERVABLES[name].arrays if array in alone]
+        assert arrays == [array for array in MEASURED if array in alone]
+        for array in arrays:
+            assert np.array_equal(alone[array], among_all[array], equal_nan=True)
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_histograms_are_of_the_last_sample_unless_the_scene_is_stationary(name):
     """Two runs with the same last sample have the same arrays exactly if the record says so."""
     for scene in (make(), make(equilibrate={"time": 1.0, "tracer": "pinned"})):
-        run, other = made_up(scene), made_up(scene, seed=2)
-        for values, last in zip(other.whole, run.whole, strict=True):
+        run = made_up(scene)
+        other_run = made_up(scene, seed=2)
+        for values, last in zip(other_run.whole, run.whole, strict=True):
             values[-1] = last[-1]
-        found, expected = (observe(scene, one, (name,)) for one in (other, run))
-        same = all(np.array_equal(found[array], expected[array]) for array in expected)
+        arrays = observe(scene, run, (name,))
+        other_arrays = observe(scene, other_run, (name,))
+        same = all(np.array_equal(arrays[array], other_arrays[array]) for array in arrays)
         assert same == (OBSERVABLES[name].is_over_samples and not observables.is_stationary(scene))
 
 
@@ -668,11 +646,8 @@ def test_arrays_in_a_file(boundary, tmp_path):
                 assert np.array_equal(run[dim], AXES[dim].coordinates(scene))
         tracer = run.species_energy.sel(seed=9, species="tracer").sel(time=0.5, method="nearest")
         assert tracer == ensemble.observables["species_energy"][2, 5, 0]
-        assert run.species_pair.values.tolist()[:3] == [
-            "tracer:tracer",
-            "tracer:bath",
-            "tracer:rare",
-        ]
+        pairs_of_tracer = run.species_pair.values.tolist()[:3]
+        assert pairs_of_tracer == ["tracer:tracer", "tracer:bath", "tracer:rare"]
 
 
 # -- what is refused -------------------------------------------------------------------------------
