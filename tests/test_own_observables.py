@@ -22,9 +22,8 @@ from brownpipe.study.run_sets import commands, files_of, run_sets
 from test_plan import SCENE
 
 GUIDE = Path(__file__).parents[1] / "docs" / "guide.md"
-EXAMPLE = re.search(
-    r"```python\n(.*?)```", GUIDE.read_text().partition("An observable of your own")[2], re.DOTALL
-)[1]
+_, _, SECTION = GUIDE.read_text().partition("An observable of your own")
+EXAMPLE = re.search(r"```python\n(.*?)```", SECTION, re.DOTALL)[1]
 STUDY = (
     "scenes: few.yaml\nseeds: 12\nbatch: 6\nobservables: [square_displacement, "
     "my_module:my_function]\n"
@@ -41,52 +40,50 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def made(study):
+def make_files(study):
     """Make the runs of a study by its own commands; the file of each batch."""
-    for file in files_of(study):
-        words = commands(study)[file.path.parent.name[-8:]].split()
-        file.path.parent.mkdir(parents=True, exist_ok=True)
-        assert (
-            cli.main(["simulate", *words, *["--seeds", file.path.stem, "--output", str(file.path)]])
-            == DONE
-        )
-    return [file.path for file in files_of(study)]
+    paths = [file.path for file in files_of(study)]
+    for path in paths:
+        key = path.parent.name[-8:]
+        words = commands(study)[key].split()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        batch = ["--seeds", path.stem, "--output", str(path)]
+        assert cli.main(["simulate", *words, *batch]) == DONE
+    return paths
 
 
 def test_the_example_of_the_guide_is_measured_and_averaged_without_reading_its_module_again(
     here,
 ):
-    files = made(read_study("sub/study.yaml"))
+    files = make_files(read_study("sub/study.yaml"))
     Path("sub/my_module.py").write_text("raise SystemExit('read')")
     whole = bp.simulate("sub/few.yaml", "0-11", record="all").disks
     left = (whole.position.sel(component="x") < 0.0).sum("disk")  # (time, seed), the box is [-3, 3]
     for file in files:
         with xr.open_datatree(file) as tree:
-            assert tree.left_disks.dims == ("seed", "time") and "time" in tree.left_disks.coords
-            described = {
+            assert tree.left_disks.dims == ("seed", "time")
+            assert "time" in tree.left_disks.coords
+            assert tree.left_disks.attrs == {
                 "units": "1",
                 "long_name": "disks in the left half",
                 "observable": "my_module:my_function",
             }
-            assert tree.left_disks.attrs == described
             assert tree.turned.dims == ("seed",)
-            assert (
-                "--observables square_displacement,my_module:my_function" in tree.attrs["command"]
-            )
+            names = "square_displacement,my_module:my_function"
+            assert f"--observables {names}" in tree.attrs["command"]
     result = bp.analyse(files)
     np.testing.assert_allclose(result.left_disks.squeeze(), left.mean("seed"), rtol=1e-14)
     error = left.std("seed", ddof=1) / np.sqrt(12)
     np.testing.assert_allclose(result.left_disks_standard_error.squeeze(), error, rtol=1e-12)
     assert result.left_disks.attrs["observable"] == "my_module:my_function"
-    assert (result.left_disks_low <= result.left_disks).all() and result.turned_low.notnull().all()
+    assert (result.left_disks_low <= result.left_disks).all()
+    assert result.turned_low.notnull().all()
     bp.save(bp.open(files[0]), "again.h5")
     xr.testing.assert_equal(bp.open("again.h5").left_disks, bp.open(files[0]).left_disks)
-    rows = own_observables.table_of_own_observables(
-        [*cases_of(result), *cases_of(result.assign(left_disks=np.nan * result.left_disks))]
-    )
-    assert {"time", "left_disks", "left_disks_low", "turned", "turned_standard_error"} <= {
-        *rows.columns
-    }
+    without_number = result.assign(left_disks=np.nan * result.left_disks)
+    cases = [*cases_of(result), *cases_of(without_number)]
+    columns = {*own_observables.table_of_own_observables(cases).columns}
+    assert columns >= {"time", "left_disks", "left_disks_low", "turned", "turned_standard_error"}
     assert bp.plot(result, "own_observables").axes
 
 
@@ -94,29 +91,19 @@ def test_an_edited_function_makes_other_runs_wherever_the_study_is_called_and_mu
     here, monkeypatch
 ):
     Path("sub/wrong.yaml").write_text(STUDY.replace("my_function]", "my_funktion]"))
-    with pytest.raises(
-        RequestError,
-        match=r"sub/wrong.yaml: line 4: observables: .*my_module.py has no function my_f",
-    ):
+    refusal = r"sub/wrong.yaml: line 4: observables: .*my_module.py has no function my_f"
+    with pytest.raises(RequestError, match=refusal):
         read_study("sub/wrong.yaml")
-    (one,) = run_sets(read_study("sub/study.yaml"))
+    (runs,) = run_sets(read_study("sub/study.yaml"))
     monkeypatch.chdir("sub")
-    (same,) = run_sets(read_study("study.yaml"))
+    (same_runs,) = run_sets(read_study("study.yaml"))
     with open("my_module.py", "a") as file:
         file.write("# edited\n")
     (edited,) = run_sets(read_study("study.yaml"))
-    assert one.digest == same.digest != edited.digest
-    assert (
-        cli.main(
-            [
-                "simulate",
-                *commands(read_study("study.yaml"))[edited.key].split(),
-                "--output",
-                "x.h5",
-            ]
-        )
-        == DONE
-    )
+    assert runs.digest == same_runs.digest
+    assert runs.digest != edited.digest
+    words = commands(read_study("study.yaml"))[edited.key].split()
+    assert cli.main(["simulate", *words, "--output", "x.h5"]) == DONE
 
 
 def test_a_function_is_given_in_python_and_every_engine_of_all_disks_measures_it(here):
@@ -124,27 +111,27 @@ def test_a_function_is_given_in_python_and_every_engine_of_all_disks_measures_it
         counts = [np.histogram(x, 4, (-3, 3))[0] for x in run.whole.position[:, :, 0]]
         return {"in_cells": (("time", "cell"), np.array(counts))}
 
-    engines = {}, {"engine": "timestep", "time_step": 1e-3}
-    result = bp.analyse(
-        [bp.simulate("sub/few.yaml", 12, observables=[in_cells], **engine) for engine in engines]
-    )
-    assert result.in_cells.dims[-2:] == ("time", "cell") and "cell" not in result.coords
+    def simulate(seeds, **engine):
+        return bp.simulate("sub/few.yaml", seeds, observables=[in_cells], **engine)
+
+    result = bp.analyse([simulate(12), simulate(12, engine="timestep", time_step=1e-3)])
+    assert result.in_cells.dims[-2:] == ("time", "cell")
+    assert "cell" not in result.coords
     np.testing.assert_allclose(result.in_cells.sum("cell"), 12.0, rtol=1e-14)
     with (
         pytest.warns(match="does not measure .*in_cells$"),
         pytest.warns(match="langevin is rough here"),
     ):
-        langevin = bp.simulate(
-            "sub/few.yaml", 3, observables=[in_cells], engine="langevin", friction="enskog"
-        )
-    assert "in_cells" not in langevin
+        runs = simulate(3, engine="langevin", friction="enskog")
+    assert "in_cells" not in runs
 
 
 def test_a_checkpoint_keeps_what_is_said_of_the_arrays(here):
     from brownpipe.engines.ensemble import new_batch
     from brownpipe.engines.exact.simulation import pack, resume
 
-    scene, names = bp.read_scene("sub/few.yaml"), ("sub/my_module:my_function",)
+    scene = bp.read_scene("sub/few.yaml")
+    names = ("sub/my_module:my_function",)
     ensemble = Engine("exact").simulate(scene, [0, 1], {"tracer"}, observables=names)
     batch = new_batch(scene, [0, 1, 2], {"tracer"}, names, "runs")
     assert resume(pack(ensemble, 2, None), batch)[0] == 2
@@ -211,19 +198,11 @@ FUNCTION = "def f(scene, run):\n    return "
 def test_mistakes_are_one_line_and_nothing_is_written(here, capsys, text, message):
     if text is not None:
         Path("my.py").write_text(text)
-    words = [
-        "simulate",
-        "sub/few.yaml",
-        "--seeds",
-        "0-2",
-        "--observables",
-        "my:f",
-        "--output",
-        "x.h5",
-    ]
-    assert cli.main(words) == WRONG_REQUEST
-    said = capsys.readouterr().err
-    assert re.search(message, said) and said.count("\n") == 1
+    command = "simulate sub/few.yaml --seeds 0-2 --observables my:f --output x.h5"
+    assert cli.main(command.split()) == WRONG_REQUEST
+    error = capsys.readouterr().err
+    assert re.search(message, error)
+    assert error.count("\n") == 1
     assert not Path("x.h5").exists()
 
 
@@ -247,9 +226,11 @@ def test_check_calls_a_function_once_and_refuses_its_mistakes_in_a_line(
     for longest in (trial.LONGEST, 1e-5):
         monkeypatch.setattr(trial, "LONGEST", longest)
         assert cli.main(["check", "sub/own.yaml"]) == WRONG_REQUEST
-        said = capsys.readouterr()
-        assert said.out == "" and said.err.count("\n") == 1
-        assert re.search(message, said.err) and "seed 30: " in said.err
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.count("\n") == 1
+        assert re.search(message, printed.err)
+        assert "seed 30: " in printed.err
     assert not Path("results").exists()
 
 
@@ -266,10 +247,11 @@ def test_check_calls_a_function_once_and_for_as_many_samples(here, capsys, monke
     assert cli.main(["check", "sub/own.yaml"]) == DONE
     monkeypatch.setattr(trial, "LONGEST", 1e-5)
     assert cli.main(["check", "sub/own.yaml"]) == DONE
-    whole, duration = Path("call0").read_text().split()
-    shorter, brief = Path("call1").read_text().split()
+    samples, duration = Path("call0").read_text().split()
+    samples_of_trial, duration_of_trial = Path("call1").read_text().split()
     assert not Path("call2").exists()
-    assert whole == shorter and float(brief) < float(duration)
+    assert samples_of_trial == samples
+    assert float(duration_of_trial) < float(duration)
 
 
 def test_names_of_runs_and_datasets_are_reserved():
@@ -282,23 +264,22 @@ def test_names_of_runs_and_datasets_are_reserved():
 
 
 def test_a_function_given_in_python_is_itself_alone_and_others_are_not_joined_with_it(here):
-    def of(value):
+    def function_of(value):
         return lambda scene, run: {"mine": ("x", [value])}
 
-    exec(
-        compile(FUNCTION + "{'mine': ('x', [1.0])}", "obs.py", "exec"),
-        imported := {"__name__": "obs"},
-    )
+    module = {"__name__": "obs"}
+    exec(compile(FUNCTION + "{'mine': ('x', [1.0])}", "obs.py", "exec"), module)
     Path("obs.py").write_text(FUNCTION + "{'mine': ('x', [2.0])}")  # after it was imported
-    functions = enumerate((imported["f"], "obs:f", of(3.0), of(4.0)), 12)
-    runs = [bp.simulate("sub/few.yaml", 3, particles=n, observables=[f]) for n, f in functions]
-    assert [one.mine.values[0, 0] for one in runs] == [1.0, 2.0, 3.0, 4.0]
+    cases = []
+    for function in (module["f"], "obs:f", function_of(3.0), function_of(4.0)):
+        particles = 12 + len(cases)
+        runs = bp.simulate("sub/few.yaml", 3, particles=particles, observables=[function])
+        cases.append(runs)
+    assert [runs.mine.values[0, 0] for runs in cases] == [1.0, 2.0, 3.0, 4.0]
+    refusal = r"mine: (was measured by another function .*:|is of .*, in other runs of )"
     for k in range(3):
-        with pytest.raises(
-            ValueError,
-            match=r"mine: (was measured by another function .*:|is of .*, in other runs of )",
-        ):
-            bp.analyse(runs[k : k + 2])
+        with pytest.raises(ValueError, match=refusal):
+            bp.analyse(cases[k : k + 2])
 
 
 def test_runs_of_a_case_whose_arrays_differ_in_shape_are_not_joined(here):
@@ -324,6 +305,6 @@ def test_a_name_like_that_of_a_quantity_which_may_drift_is_ones_own(here):
     with pytest.raises(RequestError, match="msd is a name in runs or datasets"):  # after one run
         bp.simulate(scene, 2, observables=[lambda *_: {"msd": next(numbers)}])
     numbers = iter([*range(7), np.nan])
-    found = bp.analyse(bp.simulate(scene, 8, observables=[mine]))
-    assert "\nsometimes: no mean where a run has no number of it.\n" in summary(found)
-    assert found.quarter_mine.values.ravel().tolist() == [1.0, 2.0, 3.0]
+    result = bp.analyse(bp.simulate(scene, 8, observables=[mine]))
+    assert "\nsometimes: no mean where a run has no number of it.\n" in summary(result)
+    assert result.quarter_mine.values.ravel().tolist() == [1.0, 2.0, 3.0]
