@@ -26,9 +26,10 @@ def whole(scene, seed):
     again and again.
     """
     start, velocity = np.random.default_rng(seed).uniform(-3, 3, (2, scene.particles, 2))
-    free = start + scene.times[:, None, None] * 5 * velocity + 3
-    image = np.floor_divide(free, 6).astype(np.int32)
-    return Track(free - 6 * image - 3, np.broadcast_to(velocity, free.shape), image)
+    from_corner = start + scene.times[:, None, None] * 5 * velocity + 3
+    image = np.floor_divide(from_corner, 6).astype(np.int32)
+    position = from_corner - 6 * image - 3
+    return Track(position, np.broadcast_to(velocity, position.shape), image)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def path(tmp_path_factory):
     return path
 
 
-def made(path, kind, *options):
+def make_movie(path, kind, *options):
     """The bytes of the file that the verb writes."""
     target = path.with_suffix(kind)
     assert main(["movie", str(path), "--output", str(target), *options]) == DONE
@@ -50,131 +51,119 @@ def made(path, kind, *options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "asked"), [(".png", ()), (".gif", ("--frames", "5", "--fps", "10"))]
+    ("kind", "options", "frames"),
+    [(".png", (), "1 frame"), (".gif", ("--frames", "5", "--fps", "10"), "5 frames")],
 )
 def test_same_bytes_for_the_same_run_with_the_frames_asked_for_and_it_says_so(
-    path, kind, asked, capsys
+    path, kind, options, frames, capsys
 ):
-    contents = made(path, kind, *asked)
-    frames = "5 frames" if asked else "1 frame"
-    assert (
-        capsys.readouterr().out
-        == f"{path.with_suffix(kind)}: {frames}, {in_bytes(len(contents))}\n"
-    )
-    assert (
-        contents
-        == made(path, kind, *asked, "--seed", "3")
-        != made(path, kind, *asked, "--seed", "8")
-    )
+    contents = make_movie(path, kind, *options)
+    line = f"{path.with_suffix(kind)}: {frames}, {in_bytes(len(contents))}\n"
+    assert capsys.readouterr().out == line
+    assert make_movie(path, kind, *options, "--seed", "3") == contents
+    assert make_movie(path, kind, *options, "--seed", "8") != contents
     with Image.open(io.BytesIO(contents)) as picture:
-        shown = getattr(picture, "n_frames", 1), *map(picture.info.get, ("duration", "loop"))
-    assert shown == ((5, 100, 0) if asked else (1, None, None))
+        if options:
+            assert picture.n_frames == 5
+            assert (picture.info["duration"], picture.info["loop"]) == (100, 0)
+        else:
+            assert getattr(picture, "n_frames", 1) == 1
+            assert not {"duration", "loop"} & picture.info.keys()
 
 
 def test_an_animation_has_a_frame_a_sample_and_the_last_is_the_picture_in_its_colours(path):
-    with (
-        Image.open(io.BytesIO(made(path, ".gif"))) as animation,
-        Image.open(io.BytesIO(made(path, ".png"))) as picture,
-    ):
+    frames = io.BytesIO(make_movie(path, ".gif"))
+    large = io.BytesIO(make_movie(path, ".png"))
+    with Image.open(frames) as animation, Image.open(large) as picture:
         assert (animation.n_frames, animation.info["duration"]) == (21, 40)
-        assert all(side % 2 == 0 for side in animation.size), (
-            "or H.264 refuses to make a video of it"
-        )
+        is_even = [side % 2 == 0 for side in animation.size]
+        assert all(is_even), "or H.264 refuses to make a video of it"
         animation.seek(20)
+        last_frame = np.asarray(animation.convert("RGB")).astype(int)
         small = np.asarray(picture.convert("RGB").resize(animation.size, Image.Resampling.BOX))
-        apart = abs(small - np.asarray(animation.convert("RGB")).astype(int))
-    assert (
-        apart.mean() < 4
-    )  # edges differ by the resolution; most pixels are white, which the GIF has as 254
+    # edges differ by the resolution; most pixels are white, which the GIF has as 254
+    assert abs(small - last_frame).mean() < 4
 
 
 def test_a_frame_shows_every_disk_to_scale_in_its_colour_and_the_path_so_far():
-    kinds = [
-        {"name": f"bath-{n}", "count": n, "radius": 0.2, "mass": mass}
-        for n, mass in ((2, 1.0), (9, 4.0))
-    ]
-    disks = {"tracer": {"radius": 0.3, "mass": 1.0}, "species": kinds}
-    scene = make_scene(
-        box={"x": [-3.0, 3.0], "y": [-1.0, 9.0], "boundary": "periodic"}, particles=12, disks=disks
-    )
+    light = {"name": "light", "count": 2, "radius": 0.2, "mass": 1.0}
+    heavy = {"name": "heavy", "count": 9, "radius": 0.2, "mass": 4.0}
+    disks = {"tracer": {"radius": 0.3, "mass": 1.0}, "species": [light, heavy]}
+    box = {"x": [-3.0, 3.0], "y": [-1.0, 9.0], "boundary": "periodic"}
+    scene = make_scene(box=box, particles=12, disks=disks)
     position = np.random.default_rng(1).uniform([-3.0, -1.0], [3.0, 9.0], (21, 12, 2))
+    image = np.zeros(position.shape, np.int32)
     with style.drawing():
-        figure, show = movie.scenery_of(
-            scene, 3, Track(position, position, np.zeros(position.shape, np.int32))
-        )
+        figure, show = movie.scenery_of(scene, 3, Track(position, position, image))
         show(7)
-    (axes,), (centres, which) = figure.axes, movie.with_images(scene, position[7])
-    (disks,), (path, centre, start) = axes.collections, axes.lines
-    assert (axes.get_xlim(), axes.get_ylim(), axes.get_title("right")) == (
-        (-3, 3),
-        (-1, 9),
-        "$t$ = 0.3500",
-    )
-    for found, expected in (
-        (disks.get_offsets(), centres),
-        ([disks.get_widths(), disks.get_heights()], [2 * scene.radius[which]] * 2),
-        (disks.get_facecolor(), to_rgba_array(movie.FACES[np.array([0, 1, 1, *[2] * 9])[which]])),
-        (path.get_xydata(), position[:8, 0]),
-        ([*centre.get_xydata(), *start.get_xydata()], position[[7, 0], 0]),
-    ):
-        np.testing.assert_allclose(found, expected, rtol=1e-15)
-    others = [f"{count} other disks: radius 0.2, mass {mass}" for count, mass in ((2, 1), (9, 4))]
-    assert [text.get_text() for text in figure.legends[0].get_texts()][1:] == others
+    (axes,) = figure.axes
+    assert axes.get_xlim() == (-3, 3)
+    assert axes.get_ylim() == (-1, 9)
+    assert axes.get_title("right") == "$t$ = 0.3500"
+
+    def assert_equal(drawn, expected):
+        np.testing.assert_allclose(drawn, expected, rtol=1e-15)
+
+    centres, shown_disks = movie.with_images(scene, position[7])
+    (circles,) = axes.collections
+    assert_equal(circles.get_offsets(), centres)
+    assert_equal(circles.get_widths(), 2 * scene.radius[shown_disks])
+    assert_equal(circles.get_heights(), 2 * scene.radius[shown_disks])
+    species_index = np.array([0, 1, 1, *[2] * 9])
+    faces = movie.FACES[species_index[shown_disks]]
+    assert_equal(circles.get_facecolor(), to_rgba_array(faces))
+    path, centre, start = axes.lines
+    assert_equal(path.get_xydata(), position[:8, 0])
+    assert_equal(centre.get_xydata(), position[7:8, 0])
+    assert_equal(start.get_xydata(), position[:1, 0])
+    _, *others = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert others == [
+        "2 other disks: radius 0.2, mass 1",
+        "9 other disks: radius 0.2, mass 4",
+    ]
 
 
 def test_refusals(path, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("brownpipe.figures.movie._gif", None)  # nothing is drawn before
-    write_trajectories(
-        tmp_path / "tracer.h5", make_scene(), Engine("exact"), make_runs(make_scene(), [1]).ensemble
-    )
-    gif = "--output", tmp_path / "a.gif"
-    asked = {
-        "holds no whole runs; brownpipe simulate SCENE --record all makes some": [
-            tmp_path / "tracer.h5"
-        ],
-        "holds no run of seed 17; must be of 3,8": [path, "--seed", "17"],
-        "the output must end in .gif, .png or .html, not '.avi'": [
-            path,
-            "--output",
-            tmp_path / "run.avi",
-        ],
-        "is an input": [path, "--output", path],
-        "--fps: must be from 0.00153 to 50 frames a second for a .gif, not 0.0015": [
-            path,
-            *gif,
-            "--fps",
-            "0.0015",
-        ],
-        "--fps: must be from 0.00153 to 50 frames a second for a .gif, not 50.0001": [
-            path,
-            *gif,
-            "--fps",
-            "50.0001",
-        ],
-    }
-    for message, arguments in asked.items():
-        assert main(["movie", *map(str, arguments)]) == WRONG_REQUEST
+    tracer_alone = tmp_path / "tracer.h5"
+    ensemble = make_runs(make_scene(), [1]).ensemble
+    write_trajectories(tracer_alone, make_scene(), Engine("exact"), ensemble)
+    film = f"{path} --output {tmp_path / 'run.avi'}"
+    gif = f"{path} --output {tmp_path / 'a.gif'}"
+    rates = "--fps: must be from 0.00153 to 50 frames a second for a .gif"
+    for arguments, message in (
+        (tracer_alone, "holds no whole runs; brownpipe simulate SCENE --record all makes some"),
+        (f"{path} --seed 17", "holds no run of seed 17; must be of 3,8"),
+        (film, "the output must end in .gif, .png or .html, not '.avi'"),
+        (f"{path} --output {path}", "is an input"),
+        (f"{gif} --fps 0.0015", f"{rates}, not 0.0015"),
+        (f"{gif} --fps 50.0001", f"{rates}, not 50.0001"),
+    ):
+        assert main(["movie", *str(arguments).split()]) == WRONG_REQUEST
         error = capsys.readouterr().err
-        assert message in error and error.count("\n") == 1
-    assert [*tmp_path.iterdir()] == [tmp_path / "tracer.h5"]
+        assert message in error
+        assert error.count("\n") == 1
+    assert [*tmp_path.iterdir()] == [tracer_alone]
 
 
 def test_images_of_disks_that_reach_over_an_edge():
     scene = make_scene(particles=2, boundary="periodic")
-    centres, which = movie.with_images(scene, np.array([[-2.9, 2.8], [0.0, -2.95]]))
-    found = sorted(
-        (int(k), *map(float, centre.round(9))) for k, centre in zip(which, centres, strict=True)
-    )
-    assert found == [
-        *((0, x, y) for x in (-2.9, 3.1) for y in (-3.2, 2.8)),
+    centres, disks = movie.with_images(scene, np.array([[-2.9, 2.8], [0.0, -2.95]]))
+    images_of_disks = []
+    for disk, (x, y) in zip(disks, centres.round(9), strict=True):
+        images_of_disks.append((int(disk), float(x), float(y)))
+    assert sorted(images_of_disks) == [
+        (0, -2.9, -3.2),
+        (0, -2.9, 2.8),
+        (0, 3.1, -3.2),
+        (0, 3.1, 2.8),
         (1, 0.0, -2.95),
         (1, 0.0, 3.05),
     ]
-    assert list(which) == sorted(which, reverse=True)  # the disk that is followed lies on top
-    assert (
-        len(movie.with_images(make_scene(particles=2), np.array([[-2.7, 2.7], [0.0, -2.9]]))[1])
-        == 2
-    )
+    assert list(disks) == sorted(disks, reverse=True)  # the disk that is followed lies on top
+    walls = make_scene(particles=2)
+    _, disks = movie.with_images(walls, np.array([[-2.7, 2.7], [0.0, -2.9]]))
+    assert len(disks) == 2
 
 
 def test_path_has_a_gap_where_it_goes_on_at_the_other_edge():
@@ -187,10 +176,9 @@ def test_path_has_a_gap_where_it_goes_on_at_the_other_edge():
     for k in range(len(scene.times)):
         np.testing.assert_array_equal(points[ends[k] - 1], track.position[k, 0])
     steps = np.hypot(*np.diff(points, axis=0).T)
-    gaps, crossings = (
-        np.isnan(steps).sum() / 2,
-        np.diff(track.image[:, 0], axis=0).any(axis=1).sum(),
-    )
-    assert gaps == crossings > 1
+    gaps = np.isnan(steps).sum() / 2
+    crossings = np.diff(track.image[:, 0], axis=0).any(axis=1).sum()
+    assert crossings > 1
+    assert gaps == crossings
     speed = 5 * np.hypot(*track.velocity[0, 0])
     assert np.nansum(steps) == pytest.approx(speed * (1 - 0.05 * crossings))
