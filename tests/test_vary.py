@@ -18,7 +18,7 @@ from brownpipe.analysis.runs import _refuse_namesakes
 from brownpipe.cli import main
 from brownpipe.engines import Engine
 from brownpipe.figures.cases import cases_of, series_of
-from brownpipe.figures.scan import table
+from brownpipe.figures.scan import table_of_scan
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.scene import parse_scene
 from brownpipe.scene.reading import validated
@@ -209,7 +209,7 @@ def test_keys_together_share_a_dimension_and_are_named_in_summary_and_table():
         "tracer_mass",
     ) and "tracer mass  tracer radius" in summary(result)
     ((_, series),) = series_of(cases_of(result), "tracer_mass").items()
-    assert table(series).tracer_radius.unique().tolist() == [0.5, 0.6, 0.7]
+    assert table_of_scan(series).tracer_radius.unique().tolist() == [0.5, 0.6, 0.7]
     rest = bp.scan(bp.Scene(**FLUID), {"equilibrate": [0, 1.5]}, seeds=2, quiet=True).equilibrate
     assert (rest.units, rest.values.tolist()) == ("time", [0.0, 1.5])
 
@@ -267,7 +267,7 @@ def test_a_varied_number_of_disks_is_the_axis_of_one_series():
 def test_differences_are_of_runs_with_the_same_seeds():
     result = bp.scan(bp.Scene(**FLUID), {MASS: [1.0, 10.0]}, seeds=12, quiet=True)
     light, heavy = (
-        row for _, row in table(cases_of(result)).drop_duplicates("tracer_mass").iterrows()
+        row for _, row in table_of_scan(cases_of(result)).drop_duplicates("tracer_mass").iterrows()
     )
     pairs = (
         result.run_msd.sel(tracer_mass=10.0) - result.run_msd.sel(tracer_mass=1.0)

@@ -361,7 +361,6 @@ def _pieces_of_case(
     is_good = failed == 0
     labels_of_case = _labels_of(case)
     values: Values = {
-        **labels_of_case,
         "time": case.times,
         "seed": group.seeds,
         "runs": np.count_nonzero(is_good),
@@ -373,6 +372,7 @@ def _pieces_of_case(
         reasons = [stopped.get(seed, "") for seed in group.seeds.tolist()]
         values["stopped"] = np.array(reasons, object)
     values |= collect_results(estimators, case, averages)
+    values |= labels_of_case  # a varied key, such as packing_fraction, may be a variable otherwise
     values |= _missing_coordinates(case, values, table)
     values_of_good_runs = {
         **labels_of_case,
