@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from brownpipe.engines import Engine, forecast
@@ -71,6 +71,7 @@ def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_r
     st.sets(st.integers(0, 60), min_size=1),
     st.lists(st.tuples(st.integers(0, 60), st.integers(0, 20)), max_size=8),
 )
+@example(seeds={5, 10, 15}, stored=[(0, 10), (10, 10)])  # 0-10.h5 and 10-20.h5 share seed 10
 @settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
