@@ -300,16 +300,16 @@ def displacement_results(case: Case, averages: Averages) -> dict[str, ArrayLike]
 def _scene_values(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     """Return windows, and what is known of the scene before any run, or from its friction alone."""
     scene = case.scene
-    windows = case.windows
-    values: dict[str, ArrayLike] = {
-        "window": window_labels(windows),
-        "window_start": [start for start, _ in windows],
-        "window_end": [end for _, end in windows],
-        "window_drift_diffusion": [window_drift_diffusion(case, window) for window in windows],
-    }
+    starts = [start for start, _ in case.windows]
+    ends = [end for _, end in case.windows]
+    drifts = [window_drift_diffusion(case, window) for window in case.windows]
     friction = averages.mean("friction_rate") if "friction_rate" in averages.places else np.nan
     diffusive_from = DECAY_TIMES / friction if friction > 0 else not_diffusive_before(scene)
-    return values | {
+    return {
+        "window": window_labels(case.windows),
+        "window_start": starts,
+        "window_end": ends,
+        "window_drift_diffusion": drifts,
         "box_width": scene.box.width,
         "duration": case.times[-1],
         "packing_fraction": scene.packing_fraction,

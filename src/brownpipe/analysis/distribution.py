@@ -152,20 +152,25 @@ def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
     kurtoses = kurtosis(averages)
     for k, (sample, edges) in enumerate(zip(samples, case.rings, strict=True)):
         counts = averages.totals["rings"][k][: len(edges)]
-        low, high = resampling.wilson_interval(counts[:-1], averages.runs)
         p_value = goodness.kurtosis_p_value(kurtoses.mean[k], averages.runs)
-        yield {
-            "displacement_time": [case.times[sample]],
-            "model": models,
-            **_rings(edges),
-            **_tests(case, averages, k, p_value),
-            "displacement_counts": counts[:-1],
-            "displacement_counts_low": low,
-            "displacement_counts_high": high,
-            "displacement_overflow": counts[-1],
-            "kurtosis_p_value": p_value,
-            **with_intervals({"kurtosis": kurtoses.at(k)}),
-        }
+        values: dict[str, Any] = {"displacement_time": [case.times[sample]], "model": models}
+        values |= _rings(edges)
+        values |= _tests(case, averages, k, p_value)
+        values |= _counts_with_intervals(counts, averages.runs)
+        values["kurtosis_p_value"] = p_value
+        values |= with_intervals({"kurtosis": kurtoses.at(k)})
+        yield values
+
+
+def _counts_with_intervals(counts: np.ndarray, runs: int) -> dict[str, ArrayLike]:
+    """Return the counts (K + 1,) in the rings, with their 95 % intervals, and beyond the last."""
+    low, high = resampling.wilson_interval(counts[:-1], runs)
+    return {
+        "displacement_counts": counts[:-1],
+        "displacement_counts_low": low,
+        "displacement_counts_high": high,
+        "displacement_overflow": counts[-1],
+    }
 
 
 def _rings(edges: np.ndarray) -> dict[str, np.ndarray]:
