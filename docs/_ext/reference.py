@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from brownpipe.analysis.dataset import ALL_COORDINATES, ALL_VARIABLES
 from brownpipe.analysis.variables import Variable
 from brownpipe.cli import build_parser
-from brownpipe.engines import requested
+from brownpipe.engines import engine_of_request
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
 from brownpipe.storage.layout import VARIABLES, described, dims_of, groups_of
@@ -131,7 +131,7 @@ def files() -> str:
 
 def example_runs() -> Trajectories:
     """Return one run with everything recorded and measured."""
-    scene, engine = parse_scene(EXAMPLE, "example.yaml"), requested("exact", {})
+    scene, engine = parse_scene(EXAMPLE, "example.yaml"), engine_of_request("exact", {})
     record = frozenset({"tracer", "all", "events"})
     ensemble = engine.simulate(
         scene, [SEED], record, observables=tuple(OBSERVABLES), average="runs"
