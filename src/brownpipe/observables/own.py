@@ -73,15 +73,17 @@ def is_own(name: str) -> bool:
 
 
 def title_of(name: str) -> str:
-    """Return a name without the folder of its module and without the `@id` of a function given in
-    Python.
+    """Return a name as it is shown: "my_module:my_function" for "sub/my_module:my_function" and for
+    "my_module:my_function@7f3a", a function given in Python.
     """
     return re.sub(r"@\w+$", "", name.rpartition("/")[2])
 
 
 def relative_name(folder: Path, name: str) -> str:
-    """Return the name in the current folder of an observable that a study in another folder
-    names.
+    """Return an observable's name from the current folder, as a study in `folder` names it.
+
+    In "sub" "my_module:my_function" is "sub/my_module:my_function" here; "square_displacement" has
+    one name everywhere.
     """
     return os.path.relpath(folder / name) if is_own(name) else name
 
@@ -104,15 +106,17 @@ def observable_name(observable: str | Callable) -> str:
 
 
 def identity(name: str) -> str:
-    """Return the name of an observable, of the user's own with the source's digest; RequestError if
-    it is not found.
+    """Return what tells an observable from others: its name, and for one of the user's own the
+    digest of its module, "my_module:my_function 3fe2...".
+
+    Raises RequestError if its function is not found.
     """
     return f"{title_of(name)} {_find_function(name).source}" if is_own(name) else name
 
 
 def own_observable(name: str) -> Observable:
-    """Return the record of a function in a module, which need not be there: `why_unfit` says why it
-    cannot be used.
+    """Return the record of a function in a module, which need not be there: then `why_unfit` says
+    "cannot be used: my_module.py has no function my_function".
     """
 
     def why_unfit(_: Scene) -> str | None:
