@@ -210,8 +210,8 @@ def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, see
     assert tree.stopped.sel(seed=2).item() == batch.stopped[2] and bool(tree.failed.sel(seed=2))
     bp.save(tree, "b.h5")
     assert to_tree(read_trajectories(Path("b.h5"))).identical(tree)
-    assert reproduction.differences(reproduction.read_original("a.h5")) == {}
-    assert reproduction.differences(reproduction.read_original("a.h5", seed=2)) == {}
+    assert reproduction.differing_variables(reproduction.read_original("a.h5")) == {}
+    assert reproduction.differing_variables(reproduction.read_original("a.h5", seed=2)) == {}
     assert from_tree(tree).ensemble.stopped == batch.stopped
     others = read_trajectories(written(Path("c.h5"), crowd, part(whole, [1, 3])))
     assert not others.ensemble.stopped and "stopped" not in to_tree(others)

@@ -89,19 +89,22 @@ def test_the_worst_and_the_failed_runs_are_named(tmp_path):
         "failed their health check: 2 of 4 runs: 1,7; worst energy drift 3e-15 (seed 1); worst "
         "overlap 0"
     )
-    assert f"health       {health}; worst momentum residual nan (seed 7)\n" in inspection.report(
-        path
+    assert (
+        f"health       {health}; worst momentum residual nan (seed 7)\n"
+        in inspection.file_report(path)
     )
     for seed, numbers in (
         (None, [of(counts[[0, 2]]) for of in (np.mean, np.min, np.max)]),
         (7, counts[3:]),
     ):
-        (line,) = re.findall("^pair_collisions (.*)", inspection.report(path, seed), re.MULTILINE)
+        (line,) = re.findall(
+            "^pair_collisions (.*)", inspection.file_report(path, seed), re.MULTILINE
+        )
         assert line.split()[: len(numbers)] == [f"{number:.6g}" for number in numbers]
 
 
 def test_one_run_says_all_about_itself(folder):
-    text = inspection.report(folder / "whole.h5", 5)
+    text = inspection.file_report(folder / "whole.h5", 5)
     ensemble = read_trajectories(folder / "whole.h5").ensemble
     start, end = ensemble.tracer.position[[0, -1], 1]
     assert f"squared displacement {np.sum((end - start) ** 2):.6g}\n" in text
@@ -111,7 +114,7 @@ def test_one_run_says_all_about_itself(folder):
         values, units = ensemble.observables[name], described(name)["units"]
         (line,) = (line for line in text.splitlines() if line.startswith(f"{name} "))
         assert f" {units} " in line and (values.ndim > 1 or f" {values[1]:.6g} " in line)
-    assert "recorded     none\n" in inspection.report(folder / "nothing.h5", 5)
+    assert "recorded     none\n" in inspection.file_report(folder / "nothing.h5", 5)
 
 
 def test_a_run_in_a_periodic_box_is_unwrapped(folder):
@@ -120,7 +123,9 @@ def test_a_run_in_a_periodic_box_is_unwrapped(folder):
     unwrapped = track.position[:, 2] + track.image[:, 2] * [scene.box.width, scene.box.height]
     assert np.any(track.image[-1, 2])
     found = float(
-        re.search(r"squared displacement (\S+)", inspection.report(folder / "langevin.h5", 2))[1]
+        re.search(r"squared displacement (\S+)", inspection.file_report(folder / "langevin.h5", 2))[
+            1
+        ]
     )
     assert found == pytest.approx(np.sum((unwrapped[-1] - unwrapped[0]) ** 2), rel=1e-5)
 
@@ -141,7 +146,7 @@ def dataset(tmp_path_factory):
     contents = analysis.aggregate([write(folder, one) for one in runs], [(0.1, 1.0), (0.5, 1.0)])
     contents.energy_drift[:] = -abs(contents.energy_drift)  # the largest is negative
     write_dataset(folder / "study.nc", contents)
-    return folder / "study.nc", contents, inspection.report(folder / "study.nc")
+    return folder / "study.nc", contents, inspection.file_report(folder / "study.nc")
 
 
 def test_a_dataset_says_its_results_and_what_made_it(dataset, tmp_path):
@@ -170,7 +175,7 @@ def test_a_dataset_says_its_results_and_what_made_it(dataset, tmp_path):
         write_dataset(tmp_path / "changed.nc", changed)
         assert (
             f"source       of aggregate: {source}, not that of this installation"
-            in inspection.report(tmp_path / "changed.nc")
+            in inspection.file_report(tmp_path / "changed.nc")
         )
 
 

@@ -112,7 +112,7 @@ def test_round_trip(case, engine, tmp_path):
     found = read_trajectories(tmp_path / "new" / "runs.h5")
     assert same(found[:4], (scene, engine, ensemble, source))
     assert found.header["numba_version"] == provenance.versions()["numba_version"]
-    text = inspection.report(tmp_path / "new" / "runs.h5")
+    text = inspection.file_report(tmp_path / "new" / "runs.h5")
     told = (
         f"engine       {engine.options}",
         f"{scene.particles} disks",

@@ -15,7 +15,7 @@ from brownpipe.needs import FIGURES
 from brownpipe.provenance import source_digest
 from brownpipe.scene.reading import validated
 from brownpipe.scene.seeds import Seeds, ranges, seed_text
-from brownpipe.storage.store import stored_batches, without
+from brownpipe.storage.store import seeds_without_file, stored_batches
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import batches, commands, digests, figure_options, files_of, run_sets
 from brownpipe.study.study import Rings
@@ -84,7 +84,7 @@ def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
     chosen = stored_batches(folder, wanted)
     held = [seed for first, last in chosen for seed in range(first, last + 1)]
     assert len(held) == len(set(held))
-    left = without(wanted, chosen)
+    left = seeds_without_file(wanted, chosen)
     assert sorted([*(seeds & set(held)), *left]) == wanted.tolist()
     files = [{*range(first, first + more + 1)} for first, more in stored]
     assert all(

@@ -339,7 +339,7 @@ def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measu
     assert again.reindex_like(measured).drop_vars(timed).equals(measured.drop_vars(timed))
     write_dataset(tmp_path / "tradeoff.nc", measured)
     assert read_dataset(tmp_path / "tradeoff.nc").identical(measured)
-    assert ", that of this installation\n" in inspection.report(tmp_path / "tradeoff.nc")
+    assert ", that of this installation\n" in inspection.file_report(tmp_path / "tradeoff.nc")
 
 
 class Clocked(NamedTuple):

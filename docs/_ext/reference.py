@@ -11,7 +11,7 @@ from brownpipe.cli import build_parser
 from brownpipe.engines import engine_of_request
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
-from brownpipe.storage.layout import VARIABLES, described, dims_of, groups_of
+from brownpipe.storage.layout import VARIABLES, described, dims_of, variables_by_group
 from brownpipe.storage.trajectories import Trajectories
 from brownpipe.tradeoff import dataset as tradeoff
 from brownpipe.verbs import VERBS
@@ -107,7 +107,7 @@ dataset if some case has a value for it.
 def files() -> str:
     """Return the page of the contents of trajectory files and datasets."""
     runs = example_runs()
-    groups = groups_of(runs.scene, runs.ensemble)
+    groups = variables_by_group(runs.scene, runs.ensemble)
     found = {name for variables in groups.values() for name in variables}
     others = [_row("/", name) for name in VARIABLES if name not in found]
     head = ("variable", "dimensions", "unit", "meaning")

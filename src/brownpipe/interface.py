@@ -45,7 +45,7 @@ from brownpipe.scene.seeds import Seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
 from brownpipe.storage.datasets import read_contents, read_dataset, write_dataset
 from brownpipe.storage.files import refuse_foreign
-from brownpipe.storage.store import runs_digest, stored_runs, without
+from brownpipe.storage.store import runs_digest, seeds_without_file, stored_runs
 from brownpipe.storage.trajectories import Trajectories, from_tree, to_tree, write_trajectories
 from brownpipe.study import forecast_of_runs, read_study
 from brownpipe.study.study import Rings, Windows
@@ -517,7 +517,7 @@ def _ensemble(request: Request) -> Ensemble:
     """Return the runs of a request: those that studies have stored are read, others made."""
     seeds = np.asarray(request.seeds)
     stored = stored_runs(request.scene, request.engine, request.digest, seeds)
-    missing = without(seeds, [(batch.seeds[0], batch.seeds[-1]) for batch in stored])
+    missing = seeds_without_file(seeds, [(batch.seeds[0], batch.seeds[-1]) for batch in stored])
     ensemble = join_ensembles([*stored, *_batches(request, missing)])
     return select(ensemble, np.isin(ensemble.seeds, seeds))
 

@@ -5,6 +5,11 @@ above both. It is not part of `figures` or `storage`, because a change of a repo
 step of a study again.
 """
 
-from brownpipe.inspection.reports import describe_product, report, scene_text, variables
+from brownpipe.inspection.reports import (
+    describe_product,
+    file_report,
+    scene_text,
+    table_of_variables,
+)
 
-__all__ = ["describe_product", "report", "scene_text", "variables"]
+__all__ = ["describe_product", "file_report", "scene_text", "table_of_variables"]

@@ -51,7 +51,7 @@ INDENT = 13
 PRODUCTS = (".png", ".svg", ".csv", ".txt", ".json", ".gif", ".html")
 
 
-def report(path: str | Path, seed: int | None = None) -> str:
+def file_report(path: str | Path, seed: int | None = None) -> str:
     """Return what a trajectory file or dataset contains, as lines of text; of a `seed`, all about
     its run.
 
@@ -59,22 +59,24 @@ def report(path: str | Path, seed: int | None = None) -> str:
     for a dataset that is not as it was made, RequestError, which names the seeds of the file, if
     this one is not among them.
     """
-    contents = read_contents(path) if seed is None else runs_of(path, seed)
+    contents = read_contents(path) if seed is None else read_runs(path, seed)
     if isinstance(contents, Trajectories):
         lines = lines_on_runs(contents)
         lines.append(f"run again    brownpipe inspect {shell_path(path)} --reproduce")
-        lines += _origin("simulate", contents.header, contents.engine.name)
+        lines += _origin_in_words("simulate", contents.header, contents.engine.name)
         table = table_of_runs(contents.ensemble)
     else:
         lines = lines_on_results(contents)
-        lines += _origin("tradeoff" if is_tradeoff(contents) else "aggregate", contents.attrs)
+        lines += _origin_in_words(
+            "tradeoff" if is_tradeoff(contents) else "aggregate", contents.attrs
+        )
         table = table_of_results(contents)
     lines.append("intact       yes: every byte as it was written")
     megabytes = Path(path).stat().st_size / 1e6
     return in_lines([f"{path}  {megabytes:.2f} MB", *lines, "", *table])
 
 
-def _origin(step: str, header: Mapping[str, Any], *engine: str) -> list[str]:
+def _origin_in_words(step: str, header: Mapping[str, Any], *engine: str) -> list[str]:
     """Return the lines on the versions and the source that wrote a file with this header, by a
     step of a study.
     """
@@ -92,9 +94,9 @@ def _origin(step: str, header: Mapping[str, Any], *engine: str) -> list[str]:
     ]
 
 
-def variables(path: str | Path) -> str:
+def table_of_variables(path: str | Path) -> str:
     """Return a table of all variables of a dataset: dimensions, units and meaning. Errors as in
-    `report`.
+    `file_report`.
     """
     dataset = read_dataset(path)
     rows: list[tuple[str, ...]] = [("variable", "dimensions", "units", "meaning")]
@@ -108,15 +110,18 @@ def variables(path: str | Path) -> str:
 
 def scene_text(path: str | Path) -> str:
     """Return the scene of a trajectory file as the text of a scene file (YAML). Errors as in
-    `report`.
+    `file_report`.
     """
     scene = read_trajectories(path).scene
     head = f"# Scene {scene.name} of a trajectory file, with all defaults. Digest: {scene.digest}"
     return f"{head}\n{yaml_text(scene.as_mapping())}"
 
 
-def runs_of(path: str | Path, seed: int | None = None) -> Trajectories:
-    """Return the contents of a trajectory file, or the run of one seed. Errors as in `report`."""
+def read_runs(path: str | Path, seed: int | None = None) -> Trajectories:
+    """Return the contents of a trajectory file, or the run of one seed.
+
+    Errors as in `file_report`.
+    """
     contents = read_trajectories(path)
     seeds = contents.ensemble.seeds
     if seed is not None and seed not in seeds:

@@ -12,12 +12,12 @@ import numpy as np
 
 from brownpipe.engines import forecast
 from brownpipe.engines.ensemble import Ensemble, select
-from brownpipe.inspection.reports import DIGITS, runs_of
+from brownpipe.inspection.reports import DIGITS, read_runs
 from brownpipe.observables.own import identity
 from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene
 from brownpipe.scene.seeds import brief_seed_text
-from brownpipe.storage.layout import groups_of
+from brownpipe.storage.layout import variables_by_group
 from brownpipe.storage.trajectories import Trajectories
 from brownpipe.text import counted, in_lines, in_time
 
@@ -32,7 +32,7 @@ def read_original(path: str | Path, seed: int | None = None) -> Trajectories:
     refuses or that do not fit into memory; WrongFileError for a dataset, StorageError for a damaged
     file.
     """
-    contents = runs_of(path, seed)
+    contents = read_runs(path, seed)
     scene = contents.scene
     engine = contents.engine
     record, observables, average = _options(contents)
@@ -87,7 +87,7 @@ def announcement(original: Trajectories) -> list[str]:
     return lines
 
 
-def differences(original: Trajectories) -> Differences:
+def differing_variables(original: Trajectories) -> Differences:
     """Make the runs again and return the variables that differ, with all that was recorded and
     measured.
 
@@ -101,8 +101,8 @@ def differences(original: Trajectories) -> Differences:
     )
     distances: Differences = {}
     for seed in seeds:
-        stored = _variables(scene, original.ensemble, seed)
-        repeated = _variables(scene, reproduced, seed)
+        stored = _variables_of_run(scene, original.ensemble, seed)
+        repeated = _variables_of_run(scene, reproduced, seed)
         for name in stored | repeated:
             distance = _distance(stored.get(name), repeated.get(name))
             if distance is not None:
@@ -110,7 +110,7 @@ def differences(original: Trajectories) -> Differences:
     return distances
 
 
-def _variables(scene: Scene, ensemble: Ensemble, seed: int) -> dict[str, np.ndarray]:
+def _variables_of_run(scene: Scene, ensemble: Ensemble, seed: int) -> dict[str, np.ndarray]:
     """Return all variables of a run by their paths in a file; of one that could not go on, that it
     failed and why.
     """
@@ -118,7 +118,7 @@ def _variables(scene: Scene, ensemble: Ensemble, seed: int) -> dict[str, np.ndar
     if run.stopped:
         return {"failed": run.observables["failed"], "stopped": np.array([*run.stopped.values()])}
     variables = {}
-    for path, group in groups_of(scene, run).items():
+    for path, group in variables_by_group(scene, run).items():
         for name, values in group.items():
             variables[f"{path}/{name}".lstrip("/")] = values
     return variables
@@ -144,7 +144,7 @@ def _distance(stored: np.ndarray | None, repeated: np.ndarray | None) -> float |
     return float(np.max(np.abs(before - now), initial=0.0))
 
 
-def verdict(original: Trajectories, distances: Differences) -> str:
+def comparison_in_words(original: Trajectories, distances: Differences) -> str:
     """Return whether all variables are bit-identical or, for each that is not, its runs and by how
     much they differ.
     """

@@ -36,7 +36,7 @@ TITLES = {  # in a CSV
 }
 
 
-def export(
+def export_runs(
     trajectories: Trajectories, path: str, output: str, form: str, seed: int | None = None
 ) -> tuple[dict[int, Track], list[str]]:
     """Write the run of a seed to the file `output` as `form`: gsd, xyz or csv; completely or not at
@@ -58,8 +58,8 @@ def export(
     if form != "csv" or seed is not None:
         tracks = {first: tracks[first]}
     record = runs_record(trajectories, sorted(tracks), "all" if ensemble.whole else "")
-    with replacing(output) as part:
-        FORMATS[form](part, scene, ensemble.times, tracks, record)
+    with replacing(output) as temporary:
+        FORMATS[form](temporary, scene, ensemble.times, tracks, record)
     remarks = [failures(ensemble)] if len(ensemble.failed_seeds) else []
     if form == "gsd" and not scene.box.periodic:
         remarks.append(

@@ -52,13 +52,13 @@ MALFORMED = (
 
 
 def write_file(path: str | Path, contents: bytes) -> None:
-    """Write a file such that any reader sees the old file or the complete new one, never a part of
-    it.
+    """Write a file such that any reader sees the old file or the complete new one.
 
-    The bytes go to a temporary file beside it, the part, and are flushed to the disk; then it is
-    renamed (`replacing`).
+    The bytes go to a temporary file beside it and are flushed to the disk; then it is renamed
+    (`replacing`).
 
-    Raises StorageError if the disk is full or the folder cannot be written to; the part is removed.
+    Raises StorageError if the disk is full or the folder cannot be written to; the temporary file
+    is removed.
     """
     write_files({Path(path): contents})
 
@@ -67,33 +67,34 @@ def write_files(files: Mapping[Path, bytes]) -> None:
     """Write files that belong together, as `write_file`; none is replaced before all of them are
     written.
     """
-    with ExitStack() as parts:
+    with ExitStack() as stack:
         for path, contents in files.items():
-            parts.enter_context(replacing(path)).write_bytes(contents)
+            temporary = stack.enter_context(replacing(path))
+            temporary.write_bytes(contents)
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a part to write to, NAME.brownpipe.part, which then becomes the file at `path`; on an
-    error it is removed.
+    """Yield a temporary file to write to, NAME.brownpipe.part, which then becomes the file at
+    `path`; on an error it is removed.
 
-    The folder is created if missing. A part that a killed process has left is overwritten by the
-    next writer of the file. Raises StorageError as `write_file` does.
+    The folder is created if missing. A temporary file that a killed process has left is overwritten
+    by the next writer of the file. Raises StorageError as `write_file` does.
     """
     path = Path(path)
-    part = path.with_name(f"{path.name}.brownpipe.part")
+    temporary = path.with_name(f"{path.name}.brownpipe.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        yield part
-        sync(part)
-        os.replace(part, path)
+        yield temporary
+        sync(temporary)
+        os.replace(temporary, path)
     except OSError as error:
         wrong = f"not written: {error.strerror or error}; free some space, or choose another place"
         raise StorageError(f"{path}: {wrong}") from error
     finally:
         # There may be no such folder, and some file systems cannot wait for one.
         with suppress(OSError):
-            part.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
             sync(path.parent)
 
 
@@ -108,7 +109,7 @@ def sync(path: Path) -> None:
 
 def write_sealed(path: str | Path, contents: bytes | memoryview) -> None:
     """Write a file as `write_file`, with its seal behind the contents."""
-    with replacing(path) as part, part.open("wb") as file:
+    with replacing(path) as temporary, temporary.open("wb") as file:
         file.writelines([contents, _seal(hashlib.sha256(contents).hexdigest())])
 
 
@@ -280,6 +281,6 @@ def read_checkpoint(path: str | Path, made_by: dict) -> dict[str, np.ndarray] | 
 
 
 def remove_checkpoint(path: str | Path) -> None:
-    """Remove a checkpoint file, and the part of one that a killed process has left."""
+    """Remove a checkpoint file, and the temporary file of one that a killed process has left."""
     for file in (path, f"{path}.brownpipe.part"):
         Path(file).unlink(missing_ok=True)

@@ -114,7 +114,7 @@ def described(name: str, own: OwnArrays = NO_OWN_ARRAYS) -> dict[str, str]:
     return {"units": units, "long_name": long_name}
 
 
-def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
+def variables_by_group(scene: Scene, ensemble: Ensemble) -> Groups:
     """Return runs as the variables of each group; tracks of several whole runs, and collisions, are
     copied.
     """
@@ -124,7 +124,7 @@ def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     root = {dim: np.asarray(axis.coordinates(scene)) for dim, axis in AXES.items() if dim in dims}
     root["time"] = ensemble.times
     root["seed"] = ensemble.seeds
-    root |= _recorded(ensemble.tracer)
+    root |= _arrays_of_track(ensemble.tracer)
     root |= ensemble.observables
     if ensemble.stopped:
         reasons = [ensemble.stopped.get(seed, "") for seed in ensemble.seeds.tolist()]
@@ -132,20 +132,20 @@ def groups_of(scene: Scene, ensemble: Ensemble) -> Groups:
     groups = {"/": root}
     if ensemble.whole:
         sizes = {"disk": np.arange(scene.particles), "radius": scene.radius, "mass": scene.mass}
-        groups["/disks"] = sizes | _recorded(_side_by_side(ensemble))
+        groups["/disks"] = sizes | _arrays_of_track(_tracks_side_by_side(ensemble))
     if ensemble.events:
-        groups["/events"] = _logs_side_by_side(ensemble)
+        groups["/events"] = _collisions_side_by_side(ensemble)
     return groups
 
 
-def _recorded(track: Track | None) -> dict[str, np.ndarray]:
+def _arrays_of_track(track: Track | None) -> dict[str, np.ndarray]:
     """Return position, velocity and image, as far as they are recorded."""
     if track is None:
         return {}
     return {name: values for name, values in track._asdict().items() if values is not None}
 
 
-def _side_by_side(ensemble: Ensemble) -> Track:
+def _tracks_side_by_side(ensemble: Ensemble) -> Track:
     """Return the tracks of all disks of all runs (T, S, N, 2); without values for runs that could
     not go on.
     """
@@ -153,15 +153,15 @@ def _side_by_side(ensemble: Ensemble) -> Track:
     first = next(iter(ensemble.whole.values()))
     if len(seeds) == 1:  # not copied
         return Track(*(None if values is None else values[:, None] for values in first))
-    tracks = [_recorded(ensemble.whole.get(seed)) for seed in seeds]
+    tracks = [_arrays_of_track(ensemble.whole.get(seed)) for seed in seeds]
     fields = {}
-    for name, like in _recorded(first).items():
+    for name, like in _arrays_of_track(first).items():
         absent = blank_array(like.shape, like.dtype)
         fields[name] = np.stack([track.get(name, absent) for track in tracks], axis=1)
     return Track(**fields)
 
 
-def _logs_side_by_side(ensemble: Ensemble) -> dict[str, np.ndarray]:
+def _collisions_side_by_side(ensemble: Ensemble) -> dict[str, np.ndarray]:
     """Return the collisions of all runs (S, E) or (S, E, 2), E those of the run that has most.
 
     Each run has its row, so that whoever selects a seed gets its collisions and no others. Behind
@@ -181,7 +181,7 @@ def _logs_side_by_side(ensemble: Ensemble) -> dict[str, np.ndarray]:
 
 
 def ensemble_of(groups: Groups, average: str, own: OwnArrays = NO_OWN_ARRAYS) -> Ensemble:
-    """Return the runs of variables as `groups_of` returns them."""
+    """Return the runs of variables as `variables_by_group` returns them."""
     root = groups["/"]
     seeds = root["seed"].tolist()
     reasons = root["stopped"] if "stopped" in root else [""] * len(seeds)
@@ -193,7 +193,7 @@ def ensemble_of(groups: Groups, average: str, own: OwnArrays = NO_OWN_ARRAYS) ->
         whole = {seed: disks.select(row) for seed, row in ended.items()}
     events: dict[int, Events] = {}
     if "/events" in groups:
-        events = {seed: _log_of(groups["/events"], row) for seed, row in ended.items()}
+        events = {seed: _collisions_of_run(groups["/events"], row) for seed, row in ended.items()}
     tracer = _track_of(root) if "position" in root else None
     observables = {name: values for name, values in root.items() if name not in PLACES["/"]}
     return Ensemble(
@@ -214,8 +214,8 @@ def _track_of(variables: dict[str, np.ndarray]) -> Track:
     return Track(*map(variables.get, Track._fields))
 
 
-def _log_of(variables: dict[str, np.ndarray], row: int) -> Events:
-    """Return the collisions of the run in a row of `_logs_side_by_side`."""
+def _collisions_of_run(variables: dict[str, np.ndarray], row: int) -> Events:
+    """Return the collisions of the run in a row of `_collisions_side_by_side`."""
     is_collision = ~np.isnan(variables["a"][row])
     time, a, b, impulse = (variables[name][row][is_collision] for name in LOG)
     return Events(time, a.astype(np.int32), b.astype(np.int32), impulse)

@@ -98,7 +98,7 @@ def stored_batches(folder: str | Path, seeds: np.ndarray) -> list[tuple[int, int
     return chosen
 
 
-def without(seeds: np.ndarray, batches: Iterable[tuple[int, int]]) -> np.ndarray:
+def seeds_without_file(seeds: np.ndarray, batches: Iterable[tuple[int, int]]) -> np.ndarray:
     """Return the seeds (ascending) that are in none of the batches (first, last)."""
     is_left = np.ones(len(seeds), bool)
     for first, last in batches:

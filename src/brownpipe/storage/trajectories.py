@@ -30,7 +30,7 @@ from brownpipe.storage.layout import (
     described,
     dims_of,
     ensemble_of,
-    groups_of,
+    variables_by_group,
 )
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def write_trajectories(
     attributes = Trajectories(scene, engine, ensemble, *made).attributes
     with writing(path) as file:
         file.attrs.update(attributes | {TRAJECTORIES: digest})
-        for place, variables in groups_of(scene, ensemble).items():
+        for place, variables in variables_by_group(scene, ensemble).items():
             group = file.require_group(place)
             scales_first = sorted(variables, key=lambda name: (name not in SCALES, name))
             for name in scales_first:
@@ -229,7 +229,7 @@ def trajectories_in(file: h5py.File, outline: bool = False) -> Trajectories:
                 variables[name] = item.asstr()[()]
             else:
                 variables[name] = item if outline and not item.is_scale else item[()]
-    return _runs_of(dict(file.attrs), groups)
+    return _trajectories_from(dict(file.attrs), groups)
 
 
 def open_runs(path: str | Path) -> Ensemble:
@@ -241,7 +241,7 @@ def open_runs(path: str | Path) -> Ensemble:
     return trajectories_in(opened(path), outline=True).ensemble
 
 
-def _runs_of(attributes: Mapping, groups: Groups) -> Trajectories:
+def _trajectories_from(attributes: Mapping, groups: Groups) -> Trajectories:
     """Return the runs that the attributes of the root and the variables of each group tell.
 
     Raises RequestError for a scene or an engine that this version refuses.
@@ -277,7 +277,8 @@ def chosen_seed(
 
 
 def to_tree(trajectories: Trajectories) -> "DataTree":
-    """Return runs as a tree, which shares with them the arrays that `groups_of` does not copy.
+    """Return runs as a tree, which shares with them the arrays that `variables_by_group` does
+    not copy.
 
     Unwrapped positions are added, with the size of the box and `failed` as coordinates, which
     arrays calculated from them keep.
@@ -289,7 +290,7 @@ def to_tree(trajectories: Trajectories) -> "DataTree":
     own = ensemble.own
     size = np.array([scene.box.width, scene.box.height])
     nodes = {}
-    for place, group in groups_of(scene, ensemble).items():
+    for place, group in variables_by_group(scene, ensemble).items():
         if "position" in group:
             group["box_size"] = size
             group["failed"] = ensemble.observables["failed"]
@@ -326,8 +327,8 @@ def from_tree(tree: "DataTree", strict: bool = False) -> Trajectories:
             for name in sorted(names & node.variables.keys()):
                 dims = dims_of(node.path, name, own)
                 groups[node.path][name] = node[name].transpose(*dims).values
-        runs = _runs_of(tree.attrs, groups)
-        _refuse_part(runs.scene, groups)
+        runs = _trajectories_from(tree.attrs, groups)
+        _refuse_incomplete(runs.scene, groups)
     except MALFORMED as error:
         wrong = (
             "runs: must be what simulate or open returns, or a selection of its seeds, as in "
@@ -337,7 +338,7 @@ def from_tree(tree: "DataTree", strict: bool = False) -> Trajectories:
     return runs
 
 
-def _refuse_part(scene: Scene, groups: Groups) -> None:
+def _refuse_incomplete(scene: Scene, groups: Groups) -> None:
     """Raise ValueError for a selection of other things than seeds, for a part of the collisions,
     and for positions without the images they need.
     """

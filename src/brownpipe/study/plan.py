@@ -42,7 +42,7 @@ from brownpipe.scene import Scene
 from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS, ranges
 from brownpipe.storage.files import naming, verified, write_file, write_sealed
-from brownpipe.storage.store import RUNS, stored_runs, without
+from brownpipe.storage.store import RUNS, seeds_without_file, stored_runs
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
 from brownpipe.study.run_sets import digests, run_set, seconds_of_jobs
 from brownpipe.study.study import REFERENCE, EngineUse, Study
@@ -93,7 +93,7 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     planned = run_set(study, scene, engine, range(start, start + number))
     seeds = np.asarray(planned.seeds)
     batches = stored_runs(scene, engine, planned.digest, seeds)
-    missing = without(seeds, [(batch.seeds[0], batch.seeds[-1]) for batch in batches])
+    missing = seeds_without_file(seeds, [(batch.seeds[0], batch.seeds[-1]) for batch in batches])
     for first, last in ranges(missing):
         batch = engine.simulate(
             scene, range(first, last + 1), record, observables=observables, average=average

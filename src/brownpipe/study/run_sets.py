@@ -27,8 +27,8 @@ from brownpipe.storage.store import (
     StoredFile,
     folder_of_runs,
     runs_digest,
+    seeds_without_file,
     stored_batches,
-    without,
 )
 from brownpipe.study.study import REFERENCE, Study
 from brownpipe.text import counted, in_ascii, in_bytes, in_time, shell_path
@@ -127,7 +127,7 @@ def files_of(study: Study) -> list[StoredFile]:
     for runs in run_sets(study):
         seeds = np.asarray(runs.seeds, np.int64)
         stored = stored_batches(runs.folder, seeds)
-        due = batches(without(seeds, stored), runs.cost, runs.batch)
+        due = batches(seeds_without_file(seeds, stored), runs.cost, runs.batch)
         for first, last in sorted([*stored, *due]):
             files.append(StoredFile(runs.folder / f"{first}-{last}.h5", runs.seeds))
     return files

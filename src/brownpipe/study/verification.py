@@ -12,7 +12,7 @@ from brownpipe.progress import tracked
 from brownpipe.scene.reading import validated
 from brownpipe.scene.seeds import Seeds, brief_seed_text
 from brownpipe.storage.files import verified
-from brownpipe.storage.store import read_stored, stored_batches, without
+from brownpipe.storage.store import read_stored, seeds_without_file, stored_batches
 
 
 def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]:
@@ -39,7 +39,7 @@ def verify_results(folder: str | Path) -> tuple[list[str], list[str], list[str]]
     for place, seeds in sorted(runs, key=str):
         batches = stored_batches(place, np.asarray(seeds))
         stored |= {place / f"{first}-{last}.h5" for first, last in batches}
-        absent = without(np.asarray(seeds), batches)
+        absent = seeds_without_file(np.asarray(seeds), batches)
         if len(absent):
             missing.append(f"{relpath(place)}: seeds {brief_seed_text(absent)}")
     for file in tracked(sorted(files | stored), "files"):

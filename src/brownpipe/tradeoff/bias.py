@@ -171,7 +171,9 @@ def contact_deviation(
     shells = _shells(np.asarray(exact).sum(axis=0))
     if not shells:
         return None
-    biases = relative_bias(_pooled(approximate, shells), _pooled(exact, shells), pairs)
+    biases = relative_bias(
+        _counts_in_shells(approximate, shells), _counts_in_shells(exact, shells), pairs
+    )
     size = np.abs(biases.mean)
     error = biases.standard_error
     significance = np.divide(size, error, out=np.zeros_like(size), where=error > 0.0)
@@ -183,7 +185,7 @@ def contact_deviation(
     return worst._replace(low=low, high=high)
 
 
-def _pooled(counts: np.ndarray, shells: list[tuple[int, int, int]]) -> np.ndarray:
+def _counts_in_shells(counts: np.ndarray, shells: list[tuple[int, int, int]]) -> np.ndarray:
     """Return the counts (S, shells) of pairs in the shells of `_shells`, from those in bins (S, P,
     R).
     """

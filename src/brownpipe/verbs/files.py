@@ -11,8 +11,7 @@ from brownpipe.inspection import reproduction
 from brownpipe.inspection.reports import PRODUCTS, failed_runs
 from brownpipe.scene.reading import AtLeastOne, Count, Positive
 from brownpipe.storage.datasets import read_contents
-from brownpipe.storage.export import FORMATS
-from brownpipe.storage.export import export as exported
+from brownpipe.storage.export import FORMATS, export_runs
 from brownpipe.storage.files import UNSEALED, has_lost_its_seal, write_file
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, read_trajectories
 from brownpipe.study.verification import verify_results
@@ -72,11 +71,11 @@ def inspect_file(arguments: Namespace) -> int:
     if arguments.scene:
         lines = inspection.scene_text(arguments.file).splitlines()
     elif arguments.variables:
-        lines = inspection.variables(arguments.file).split("\n")
+        lines = inspection.table_of_variables(arguments.file).split("\n")
     elif arguments.seed is None and Path(arguments.file).suffix.lower() in PRODUCTS:
         lines = inspection.describe_product(arguments.file)
     else:
-        lines = inspection.report(arguments.file, arguments.seed).split("\n")
+        lines = inspection.file_report(arguments.file, arguments.seed).split("\n")
     show(*lines)
     return DONE
 
@@ -101,8 +100,8 @@ def _reproduce(arguments: Namespace) -> int:
     original = reproduction.read_original(arguments.file, arguments.seed)
     show(*reproduction.announcement(original), flush=True)
     with progress.shown("inspect"):
-        differences = reproduction.differences(original)
-    show(*reproduction.verdict(original, differences).split("\n"))
+        differences = reproduction.differing_variables(original)
+    show(*reproduction.comparison_in_words(original, differences).split("\n"))
     return FAILED if differences else DONE
 
 
@@ -251,7 +250,7 @@ def export_run(arguments: Namespace) -> None:
     output = arguments.output or f"{Path(arguments.file).stem}{kind}"
     output = writable(output, arguments.file, suffixes=(kind,))
     absent(output, "choose another name for the output, or delete it")
-    tracks, remarks = exported(
+    tracks, remarks = export_runs(
         read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed
     )
     for remark in remarks:
