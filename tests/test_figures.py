@@ -961,7 +961,7 @@ def test_scenes_share_no_pair(dataset, tmp_path, run_through):
 def test_rows_of_every_table_name_their_case_with_its_varied_keys(dataset):
     shown = cases_shown(in_densities(dataset, 2))
     for name, of_name in shown.items():
-        frame = RECORDS[name].table_of(of_name)
+        frame = RECORDS[name].table(of_name)
         assert [*frame.columns[:4]] == ["scene", "tracer_mass", "particles", "engine"]
         assert {*frame.tracer_mass} == {1.0, 2.0}
     assert {*shown} == {*NAMES}

@@ -72,9 +72,12 @@ FIRST = (
     "contact_value",
     "velocity_autocorrelation",
 )
-TABLES = [estimator.variables for estimator in ESTIMATORS]
-TABLES.insert(1, diffusive.VARIABLES)
-TABLES.append(variables.VARIABLES)
+TABLES = (
+    displacement.VARIABLES,
+    diffusive.VARIABLES,  # which follow from those of the displacement
+    *(estimator.variables for estimator in ESTIMATORS[1:]),
+    variables.VARIABLES,
+)
 BY_NAME = with_uncertainties(dict(chain.from_iterable(table.items() for table in TABLES)))
 ALL_VARIABLES = {name: BY_NAME[name] for name in (*FIRST, *BY_NAME)}
 LABELS_AND_HEALTH = {

@@ -56,8 +56,8 @@ class Figure:
     variables: of the analysis; cases without a value of each of them are left out.
     below: draws the second row of panels: a function of all axes (2, panels) and the list of cases
     of each panel.
-    table: a function of a list of cases that returns a pandas table; by default `variables` along
-    their dimensions.
+    table: of the figures of a study, a function of a list of cases that returns their numbers as a
+    pandas table.
     component: `species` or `species_pair`: dimension of the first of the variables, along which
     each point has curves of its own.
     every_count: show all particle counts of a scene; otherwise the largest alone.
@@ -99,23 +99,6 @@ class Figure:
                 raise FigureError("below: must go with a second one of labels")
         if self.component and (self.component not in SPECIES or not self.variables):
             raise FigureError(f"component: must be {' or '.join(SPECIES)}, and go with variables")
-
-    def table_of(self, cases: list[Dataset]) -> DataFrame:
-        """Return the numbers of these cases."""
-        if self.table is not None:
-            return self.table(cases)
-        return table_of_variables(cases, self.variables)
-
-
-def table_of_variables(cases: list[Dataset], variables: Sequence[str]) -> DataFrame:
-    """Return one row per case, variable and point along its dimensions."""
-    import pandas
-
-    frames = []
-    for name in variables:
-        dims = [*map(str, cases[0][name].dims)]
-        frames.append(frame_of(cases, dims, [name]))
-    return pandas.concat(frames)
 
 
 def figure_named(name: str) -> Figure:

@@ -7,7 +7,7 @@ from functools import partial
 from itertools import islice, product
 
 from matplotlib import figure as matplotlib_figure
-from pandas import DataFrame
+from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe.figures.cases import (
@@ -15,11 +15,12 @@ from brownpipe.figures.cases import (
     SPECIES,
     axis_label,
     defined,
+    frame_of,
     has,
     in_words,
     own_names,
 )
-from brownpipe.figures.figure import Figure, table_of_variables
+from brownpipe.figures.figure import Figure
 from brownpipe.figures.style import MARKS, WIDTH, band, grid, heads, points, styled_cases
 
 
@@ -71,7 +72,11 @@ def _parts(case: Dataset, name: str) -> Iterator[Dataset]:
 
 def table_of_own_observables(cases: list[Dataset]) -> DataFrame:
     """Return one row per case, array and point along its dimensions."""
-    return table_of_variables(cases, own_names(cases))
+    tables = []
+    for name in own_names(cases):
+        dims = [*map(str, cases[0][name].dims)]
+        tables.append(frame_of(cases, dims, [name]))
+    return concat(tables)
 
 
 def _with_own_observables(cases: list[Dataset]) -> list[Dataset]:

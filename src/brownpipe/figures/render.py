@@ -121,7 +121,7 @@ def drawn(
     cases = shown[name]
     with drawing():
         picture = _picture(figure, cases, panel)
-        return drawing_of(name, picture, figure.table_of(cases), metadata)
+        return drawing_of(name, picture, figure.table(cases), metadata)
 
 
 def _picture(

@@ -161,8 +161,8 @@ def _equidistant_samples(scene: Scene) -> int:
 
 
 def _lags_at_once(lag: int, origins: int) -> int:
-    """Return how many lags, from one with so many origins on, are averaged together: a power of
-    two, or 0.
+    """Return how many lags, from `lag` with its number of origins on, are averaged together: a
+    power of two, or 0.
 
     The last of them has an eighth of the origins at least: a transform has the round-off of the sum
     over most origins at all lags.

@@ -2,13 +2,12 @@
 uncertainties.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from brownpipe.analysis.displacement import per_run_lines
-from brownpipe.analysis.drift import quarters_of
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import Group, blocks_of, reported
 from brownpipe.analysis.variables import with_intervals
@@ -39,8 +38,6 @@ class EngineRuns(NamedTuple):
     worst_overlap: np.ndarray  # (S,) in contact distances; NaN where an engine does not report it
     pair_counts: np.ndarray | None  # (S, P, R) pairs of species by distance, if recorded
     failed: int  # number of runs left out
-    # (S, 4) what may drift within the runs, if they are counted in quarters
-    quarters: Mapping[str, np.ndarray]
 
     @property
     def share_sound(self) -> float:
@@ -76,7 +73,6 @@ def runs_of(
     squared = runs.observables[squares] if squares else (from_start**2).sum(axis=-1)
     worst_overlap = reported(runs, "worst_overlap")
     pair_counts = runs.observables.get("pair_counts")
-    quarters = quarters_of(scene, runs.times, runs.observables)
     return EngineRuns(
         scene=scene,
         engine=engine,
@@ -87,7 +83,6 @@ def runs_of(
         worst_overlap=worst_overlap,
         pair_counts=pair_counts,
         failed=failed,
-        quarters=quarters,
     )
 
 
