@@ -34,7 +34,9 @@ def species(*kinds):
 
 
 def mixture(where, kinds, duration, tracer=None, velocities=None, **more):
-    disks = {"species": species(*kinds)} | ({} if tracer is None else {"tracer": tracer})
+    disks = {"species": species(*kinds)}
+    if tracer is not None:
+        disks["tracer"] = tracer
     mapping = {"box": where, "disks": disks, "duration": duration}
     velocities = {"zero_momentum": False} | (velocities or {"standard_deviation": 1.0})
     return parse_scene(mapping | {"velocities": velocities} | more, "made.yaml")
@@ -53,7 +55,8 @@ def crystal(side, gap, duration, **more):
     the diameter.
     """
     a = 1.0 + gap
-    width, height = side * a, side * a * np.sqrt(0.75)
+    width = side * a
+    height = side * a * np.sqrt(0.75)
     row, column = np.divmod(np.arange(side * side), side)
     position = np.stack(
         [(column + 0.5 * (row % 2) + 0.25) * a, (row + 0.5) * height / side], axis=1
@@ -77,7 +80,8 @@ def swarm(duration):
     rng = np.random.default_rng(5)
     large = np.stack(np.divmod(np.arange(20), 5), axis=1) * [1.2, 1.0] + [-2.0, -2.0]
     small = np.stack(np.divmod(np.arange(200), 20), axis=1) * 0.012 + [-1.5, -1.5]
-    radius, mass = np.repeat([0.3, 0.004], [20, 200]), np.repeat([1.0, 0.5], [20, 200])
+    radius = np.repeat([0.3, 0.004], [20, 200])
+    mass = np.repeat([1.0, 0.5], [20, 200])
     state = State(np.concatenate([large, small]), rng.standard_normal((220, 2)), radius, mass)
     return scene_of_state(box(6, 6, "reflecting"), state, duration)
 

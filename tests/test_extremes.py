@@ -215,7 +215,8 @@ def test_disks_that_meet_in_one_point(boundary, n):
 
 def neighbours(scene):
     """The pairs of a scene's disks that are nearer than 1.3 diameters."""
-    position, size = draw_state(scene, 0).position, np.array((scene.box.width, scene.box.height))
+    position = draw_state(scene, 0).position
+    size = np.array((scene.box.width, scene.box.height))
     apart = position[:, None] - position
     apart -= size * np.round(apart / size) if scene.box.periodic else 0
     a, b = np.nonzero(np.triu(np.hypot(*np.moveaxis(apart, -1, 0)) < 1.3, 1))

@@ -40,10 +40,8 @@ POSITION_17 = [-2.5213268957650588, 0.5819693892044553]
 
 def test_a_seed_gives_the_state_of_the_note_and_always_the_same():
     """Seeds name states, in files and papers: a guard against a new stream by accident."""
-    state, again = (
-        draw_state(note_scene(1.0), 17),
-        draw_state(note_scene(7.0, sample_interval=0.1), 17),
-    )
+    state = draw_state(note_scene(1.0), 17)
+    again = draw_state(note_scene(7.0, sample_interval=0.1), 17)
     assert state.velocity[0].tolist() == VELOCITY_17 and state.position[1].tolist() == POSITION_17
     assert all(np.array_equal(a, b) for a, b in zip(state, again, strict=True))
     assert state.position[0].tolist() == [0.0, 0.0]

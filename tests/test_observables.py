@@ -287,12 +287,16 @@ def extended_means(scene, track, lag):
     square = (r**2).sum(axis=-1)
     speed = np.sqrt((track.velocity**2).sum(axis=-1).mean())
     growth = speed * np.sqrt(square.mean())
+    quartic = (square**2).mean()
+    along_later = (r * later).sum(axis=-1).mean()
+    along_earlier = (r * earlier).sum(axis=-1).mean()
+    correlation = (earlier * later).sum(axis=-1).mean()
     return {
         "square_displacement": (square.mean(), square.mean()),
-        "quartic_displacement": ((square**2).mean(), (square**2).mean()),
-        "displacement_velocity": ((r * later).sum(axis=-1).mean(), growth),
-        "velocity_displacement": ((r * earlier).sum(axis=-1).mean(), growth),
-        "velocity_autocorrelation": ((earlier * later).sum(axis=-1).mean(), speed**2),
+        "quartic_displacement": (quartic, quartic),
+        "displacement_velocity": (along_later, growth),
+        "velocity_displacement": (along_earlier, growth),
+        "velocity_autocorrelation": (correlation, speed**2),
     }
 
 

@@ -87,19 +87,15 @@ def test_values_of_runs_and_an_axis_of_ones_own(runs):
     def columns(case, runs):
         return bp.Columns(run_values={"parity": runs.seeds % 2})
 
-    estimator = bp.Estimator(
-        "parity",
-        {
-            "parity": bp.Variable((*CASE, "seed"), "1", "whether the seed is odd"),
-            "count": bp.Variable((*CASE, "remainder"), "1", "runs with this remainder"),
-        },
-        columns,
-        lambda case, averages: {
-            "remainder": [0, 1],
-            "count": np.bincount(averages.run_values["parity"]),
-        },
-        {"remainder": bp.Variable(("remainder",), "1", "remainder of the seed by 2")},
-    )
+    def results(case, averages):
+        return {"remainder": [0, 1], "count": np.bincount(averages.run_values["parity"])}
+
+    variables = {
+        "parity": bp.Variable((*CASE, "seed"), "1", "whether the seed is odd"),
+        "count": bp.Variable((*CASE, "remainder"), "1", "runs with this remainder"),
+    }
+    remainder = bp.Variable(("remainder",), "1", "remainder of the seed by 2")
+    estimator = bp.Estimator("parity", variables, columns, results, {"remainder": remainder})
     result = bp.analyse(runs, estimators=[estimator], quiet=True)
     assert result.parity.values.ravel().tolist() == [0, 1] * 15
     assert result["count"].values.ravel().tolist() == [15, 15]
