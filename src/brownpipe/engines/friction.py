@@ -11,7 +11,7 @@ from brownpipe import theory
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
 from brownpipe.observables.species import species_table
-from brownpipe.scene import Scene, Species, motion
+from brownpipe.scene import Scene, Species, Tracer, motion
 
 # In units of 1/gamma of the tracer: before, its displacements still depend on the initial velocity.
 DECAY_TIMES = 3.0
@@ -39,7 +39,7 @@ class Partners(NamedTuple):
     rate: np.ndarray  # the tracer's collisions with the species [1/time]
 
 
-def tracer_species(scene: Scene) -> Species:
+def tracer_species(scene: Scene) -> Species | Tracer:
     """Return the species of disk 0, the tracer."""
     return next(species for species in scene.species if species.count)
 

@@ -2,6 +2,15 @@
 seeds of runs.
 """
 
-from brownpipe.scene.scene import Box, Disk, Scene, Species, Velocities, parse_scene, read_scene
+from brownpipe.scene.scene import (
+    Box,
+    Disk,
+    Scene,
+    Species,
+    Tracer,
+    Velocities,
+    parse_scene,
+    read_scene,
+)
 
-__all__ = ["Box", "Disk", "Scene", "Species", "Velocities", "parse_scene", "read_scene"]
+__all__ = ["Box", "Disk", "Scene", "Species", "Tracer", "Velocities", "parse_scene", "read_scene"]

@@ -12,19 +12,21 @@ import math
 from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NoReturn
 
 import numpy as np
-from pydantic import Field, StrictBool, ValidationInfo, model_validator
+from pydantic import Field, PrivateAttr, StrictBool, ValidationInfo, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
 from brownpipe.scene.reading import (
+    As,
     Count,
     Name,
     NotNegative,
     Pair,
     Positive,
+    Resolved,
     Section,
     alone,
     key,
@@ -39,6 +41,7 @@ ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than th
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
 # side of a box; the shortest is 1/LONGEST: squared displacements of 1e-14 of it do not underflow
 LONGEST = 1e140
+REST = "rest"  # the count of a species that fills up the particles of a scene
 # with it, products of masses and squared speeds neither overflow nor underflow
 LARGEST_MASS_RATIO = 1e200
 # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
@@ -56,12 +59,6 @@ class Box(Section):
     boundary: Literal["reflecting", "periodic"] = key(
         "hard walls, hit by a disk's edge, or periodic", "reflecting"
     )
-    if TYPE_CHECKING:  # no keys: what follows from them
-        width: float
-        height: float
-        area: float
-        origin: tuple[float, float]  # the lower left corner
-        periodic: bool
 
     @model_validator(mode="after")
     def _check(self) -> "Box":
@@ -69,13 +66,30 @@ class Box(Section):
             if not 1 / LONGEST <= high - low <= LONGEST:
                 allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
                 refuse(f"must be {allowed}, not {[low, high]}", name)
-        left, right = self.x
-        bottom, top = self.y
-        width = right - left
-        height = top - bottom
-        self._resolve(width=width, height=height, area=width * height)
-        self._resolve(origin=(left, bottom), periodic=self.boundary == "periodic")
         return self
+
+    @cached_property
+    def width(self) -> float:
+        left, right = self.x
+        return right - left
+
+    @cached_property
+    def height(self) -> float:
+        bottom, top = self.y
+        return top - bottom
+
+    @cached_property
+    def area(self) -> float:
+        return self.width * self.height
+
+    @cached_property
+    def origin(self) -> tuple[float, float]:
+        """The lower left corner."""
+        return self.x[0], self.y[0]
+
+    @cached_property
+    def periodic(self) -> bool:
+        return self.boundary == "periodic"
 
     def accessible(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
         """Return lower corner (2,) and size (2,) [length] of the rectangle accessible to the centre
@@ -97,7 +111,7 @@ class Disk(Section):
     velocity: Pair = key("[x, y] [length/time]")
     radius: Positive = key("[length]")
     mass: Positive = key("[mass]")
-    count: ClassVar = 1
+    count: ClassVar[int] = 1
 
 
 class Tracer(Section):
@@ -108,20 +122,20 @@ class Tracer(Section):
     position: Pair | None = key(
         "its initial centre [length]; by default it is placed like the others", None
     )
-    name: ClassVar = "tracer"
-    count: ClassVar = 1
+    name: ClassVar[str] = "tracer"
+    count: ClassVar[int] = 1
 
 
 class Species(Section):
     """Equal disks, which `engines.start.initial_state.draw_state` places."""
 
     name: Name = key("differs from the others and from `tracer`")
-    count: Count | Literal["rest"] = key(
+    count: Annotated[int, As(Count | Literal[REST])] = key(
         "a number; one species at most is the `rest` of `particles`"
     )
     radius: Positive = key("of each disk [length]")
     mass: Positive = key("of each disk [mass]")
-    position: ClassVar = None
+    position: ClassVar[None] = None
 
 
 class Mixture(Section):
@@ -137,6 +151,9 @@ class Mixture(Section):
     )
 
 
+Group = Disk | Tracer | Species  # equal disks, `count` of them
+
+
 class Velocities(Section):
     """Normal distribution of the initial velocity components: one of the two widths is given."""
 
@@ -147,7 +164,7 @@ class Velocities(Section):
     temperature: NotNegative | None = key(
         "kT: velocity components have variance kT/m [energy]", None
     )
-    zero_momentum: StrictBool | None = key(
+    zero_momentum: Resolved[StrictBool] = key(
         "subtract the velocity of the centre of mass (default: in a periodic box with several "
         "disks)",
         None,
@@ -162,7 +179,7 @@ class Samples(Section):
     per_decade: Annotated[reading.AtLeastOne, Field(le=10_000)] = key(
         "sample times per factor of ten in time"
     )
-    first: Positive | None = key(
+    first: Resolved[Positive] = key(
         "the first sample time after 0 [time] (default: 1e-4 of the duration)", None
     )
 
@@ -171,7 +188,7 @@ class Equilibration(Section):
     """What is simulated before t = 0."""
 
     time: NotNegative = key("[time]")
-    tracer: Literal["pinned", "free"] | None = key(
+    tracer: Resolved[Literal["pinned", "free"]] = key(
         "whether the tracer is held (default, if there is one)", None
     )
 
@@ -187,39 +204,34 @@ class Scene(Section):
         "species, whose disks are placed by the program, or a list of disks"
     )
     duration: Positive = key("a run goes from t = 0 to t = duration [time]")
-    particles: Count | None = key(
+    particles: Resolved[Count] = key(
         "total number of disks, tracer included (default: sum of the counts)", None
     )
     velocities: Velocities | None = key("initial velocities; must be given with species", None)
-    sample_interval: Positive | None = key(
+    sample_interval: Resolved[Positive] = key(
         "sample times: its multiples and the duration [time]", None
     )
     samples: Samples | None = key("logarithmic sample times, in place of `sample_interval`", None)
     equilibrate: Before = key(
         "simulated time before t = 0 [time], or a mapping with it", 0.0, validate_default=True
     )
-    if TYPE_CHECKING:  # no keys: what follows from them
-        given: dict[str, Any]  # the keys that were given, without what follows from them
-        name: str  # in results; by default the stem of the file
-        listed: tuple[Disk, ...]  # the disks of an explicit list; () for species
-        # tracer, if any, and species, each with name, count, radius and mass; () for a list
-        species: tuple[Any, ...]
-        placement: str  # of species: "auto", "random" or "lattice"; "" for a list of disks
-        radius: np.ndarray  # (N,) [length], read-only
-        mass: np.ndarray  # (N,), read-only
-        packing_fraction: float  # phi = sum(pi R^2)/A
+    _given: dict[str, Any] = PrivateAttr()
+    _name: str = PrivateAttr()
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Scene":
-        """Resolve what follows from the keys, and refuse what contradicts them.
+        """Resolve defaults that depend on other keys, and refuse what contradicts them.
 
         A validation context says that the box is still to be scaled; then the disks need not fit
         into it.
         """
-        self._resolve(given=self.model_dump(exclude_unset=True))
+        self._given = self.model_dump(exclude_unset=True)
         self._resolve_times()
-        groups = self._resolve_disks()
+        if isinstance(self.disks, Mixture):
+            self._check_names(self.disks)
+        groups = self._groups()
         self._resolve_numbers(groups.values())
+        self._check_masses()
         self._resolve_start()
         if info.context is None:
             for path, group in groups.items():
@@ -235,7 +247,7 @@ class Scene(Section):
                 "sample_interval",
             )
         if self.samples is not None:
-            if self.sample_interval is not None:
+            if "sample_interval" in self.model_fields_set:
                 refuse("must not be given with sample_interval; give one of the two", "samples")
             first = self.samples.first or float(decimal_of(self.duration) / 10_000)
             if first >= self.duration:
@@ -244,54 +256,50 @@ class Scene(Section):
             self.samples._resolve(first=first)
         self._resolve(sample_interval=interval)
 
-    def _resolve_disks(self) -> dict[tuple, Any]:
-        """Resolve the species, tracer included, or the listed disks. Return them by their paths of
-        keys.
-        """
+    def _check_names(self, disks: Mixture) -> None:
+        """Refuse a scene without any species, and two of one name; only one may be the rest."""
+        if disks.tracer is None and not disks.species:
+            refuse("must have a tracer or species, or be a list of disks", "disks")
+        names = [species.name for species in disks.species]
+        counts = [species.count for species in disks.species]
+        are_rest = [count == REST for count in counts]
+        if len({"tracer", *names}) <= len(names) or sum(are_rest) > 1:
+            allowed = "names of their own, none tracer, and one rest at most"
+            refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
+
+    def _groups(self) -> dict[tuple[str | int, ...], Group]:
+        """Return the listed disks, or the species, tracer included, by their paths of keys."""
         if not isinstance(self.disks, Mixture):
-            self._resolve(listed=self.disks, species=(), placement="")
             return {("disks", k): disk for k, disk in enumerate(self.disks)}
-        groups: dict[tuple, Any] = {}
-        if self.disks.tracer:
+        groups: dict[tuple[str | int, ...], Group] = {}
+        if self.disks.tracer is not None:
             groups["disks", "tracer"] = self.disks.tracer
         for k, species in enumerate(self.disks.species):
             groups["disks", "species", k] = species
-        if not groups:
-            refuse("must have a tracer or species, or be a list of disks", "disks")
-        names = [species.name for species in self.disks.species]
-        counts = [species.count for species in self.disks.species]
-        if len({"tracer", *names}) <= len(names) or counts.count("rest") > 1:
-            allowed = "names of their own, none tracer, and one rest at most"
-            refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
-        self._resolve(listed=(), species=tuple(groups.values()), placement=self.disks.placement)
         return groups
 
-    def _resolve_numbers(self, groups: Collection[Any]) -> None:
-        """Resolve the number of disks, their radii and masses; refuse masses too different for one
-        run.
-        """
-        rest = [group for group in groups if group.count == "rest"]
-        known = sum(group.count for group in groups if group.count != "rest")
-        if self.particles is None and rest:
+    def _resolve_numbers(self, groups: Collection[Group]) -> None:
+        """Resolve the number of disks in all, and of those that are its rest."""
+        rest = [group for group in groups if group.count == REST]
+        counted = sum(group.count for group in groups if group.count != REST)
+        is_given = "particles" in self.model_fields_set
+        if rest and not is_given:
             refuse("missing; must be given with `count: rest`", "particles")
-        total = known if self.particles is None else self.particles
-        if total < known or (total > known and not rest):
+        total = self.particles if is_given else counted
+        if total < counted or (total > counted and not rest):
             least = "at least " if rest else ""
             refuse(
-                f"must be {least}{known}, the number of disks in `disks`, not {total}", "particles"
+                f"must be {least}{counted}, the number of disks in `disks`, not {total}",
+                "particles",
             )
         for species in rest:
-            species._resolve(count=total - known)
-        counts = np.array([group.count for group in groups], int)
-        alike = np.array([(group.radius, group.mass) for group in groups]).reshape(-1, 2)
-        radius, mass = np.repeat(alike.T, counts, axis=1)
-        radius.flags.writeable = False
-        mass.flags.writeable = False
-        square = (radius / self.box.width) * (radius / self.box.height)
-        packing_fraction = math.pi * float(np.sum(square))
-        self._resolve(particles=total, radius=radius, mass=mass, packing_fraction=packing_fraction)
-        light = mass.min(initial=math.inf)
-        heavy = mass.max(initial=0.0)
+            species._resolve(count=total - counted)
+        self._resolve(particles=total)
+
+    def _check_masses(self) -> None:
+        """Refuse masses too different for one run."""
+        light = self.mass.min(initial=math.inf)
+        heavy = self.mass.max(initial=0.0)
         if heavy / LARGEST_MASS_RATIO > light:
             refuse(
                 f"must be masses within a factor of {LARGEST_MASS_RATIO:g}, not {light:g} and "
@@ -314,7 +322,7 @@ class Scene(Section):
             refuse("must not be given with an explicit list of disks", "velocities")
         if start.time > 0 and not self.placement:
             refuse("must not be given with an explicit list of disks", "equilibrate")
-        if start.tracer is None or start.time == 0:
+        if "tracer" not in start.model_fields_set or start.time == 0:
             start._resolve(tracer="pinned" if has_tracer else "free")
         elif start.tracer == "pinned" and not has_tracer:
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
@@ -322,7 +330,7 @@ class Scene(Section):
             return
         if (velocities.standard_deviation is None) == (velocities.temperature is None):
             refuse("must have either standard_deviation or temperature", "velocities")
-        if velocities.zero_momentum is None:
+        if "zero_momentum" not in velocities.model_fields_set:
             # Periodic disks drift as a whole; a single one would stand still.
             velocities._resolve(zero_momentum=self.box.periodic and self.particles != 1)
 
@@ -346,7 +354,7 @@ class Scene(Section):
             )
             refuse(f"{crowd}; must be at most {HEXAGONAL_PACKING:.4g} (hexagonal packing)", "disks")
 
-    def _check_disk(self, disk: Any, *path: str | int) -> None:
+    def _check_disk(self, disk: Group, *path: str | int) -> None:
         """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box
         or in a wall.
 
@@ -378,8 +386,7 @@ class Scene(Section):
 
     __str__ = __repr__
 
-    def __setattr__(self, name: str, value: object) -> None:
-        """Refuse a new value of a key: another scene is made with it."""
+    def _refuse_new_value(self, name: str, value: object) -> NoReturn:
         other = f"scene.replace({name}={value!r:.40}) returns another scene"
         raise RequestError(f"{name}: cannot be changed; {other}")
 
@@ -388,6 +395,60 @@ class Scene(Section):
 
     def __hash__(self) -> int:
         return hash(self.text)
+
+    @property
+    def name(self) -> str:
+        """The name of the scene in results; by default the stem of its file."""
+        return self._name
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The keys that were given, without what follows from them."""
+        return self._given
+
+    @cached_property
+    def listed(self) -> tuple[Disk, ...]:
+        """The disks of an explicit list; () for species."""
+        return () if isinstance(self.disks, Mixture) else self.disks
+
+    @cached_property
+    def species(self) -> tuple[Tracer | Species, ...]:
+        """The tracer, if there is one, and the species; () for a list of disks."""
+        if not isinstance(self.disks, Mixture):
+            return ()
+        if self.disks.tracer is None:
+            return self.disks.species
+        return (self.disks.tracer, *self.disks.species)
+
+    @property
+    def placement(self) -> str:
+        """How the program places the disks: "auto", "random" or "lattice"; "" for a list of
+        disks.
+        """
+        return self.disks.placement if isinstance(self.disks, Mixture) else ""
+
+    @cached_property
+    def radius(self) -> np.ndarray:
+        """The radius of each disk (N,) [length], read-only."""
+        return self._of_each_disk([group.radius for group in self.listed or self.species])
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """The mass of each disk (N,), read-only."""
+        return self._of_each_disk([group.mass for group in self.listed or self.species])
+
+    def _of_each_disk(self, values: list[float]) -> np.ndarray:
+        """Return the values of listed disks or species for each disk (N,), read-only."""
+        counts = [group.count for group in self.listed or self.species]
+        repeated = np.repeat(np.array(values, float), np.array(counts, int))
+        repeated.flags.writeable = False
+        return repeated
+
+    @cached_property
+    def packing_fraction(self) -> float:
+        """The share of the box that the disks cover, phi = sum(pi R^2)/A."""
+        square = (self.radius / self.box.width) * (self.radius / self.box.height)
+        return math.pi * float(np.sum(square))
 
     @property
     def label(self) -> str:
@@ -490,7 +551,7 @@ def parse_scene(
     scene = reading.validated(Scene, mapping, where)
     if name is None:
         name = Path(where).stem
-    scene._resolve(name=reading.validated(SceneName, name, where, "name"))
+    scene._name = reading.validated(SceneName, name, where, "name")
     return scene
 
 

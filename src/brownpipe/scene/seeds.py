@@ -53,7 +53,8 @@ _Count = Annotated[int, Field(ge=1, le=MOST_SEEDS)]
 Seed = Annotated[int, Field(strict=True, ge=0, le=LARGEST)]
 _Range = Annotated[str, Field(pattern=rf"^\s*{RANGE.pattern}\s*(,\s*{RANGE.pattern}\s*)*$")]
 Seeds = Annotated[
-    Any, PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[Seed | _Range])
+    Sequence[int],
+    PlainValidator(_seeds, json_schema_input_type=_Count | _Range | list[Seed | _Range]),
 ]
 
 

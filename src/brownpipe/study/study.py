@@ -9,13 +9,14 @@ import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Union
+from typing import Annotated, Any, Literal, NamedTuple, Union
 
 import numpy as np
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
+    PrivateAttr,
     StrictBool,
     ValidationInfo,
     create_model,
@@ -39,6 +40,7 @@ from brownpipe.scene.reading import (
     Name,
     NotNegative,
     Positive,
+    Resolved,
     Section,
     key,
     refuse,
@@ -158,7 +160,7 @@ class Study(Section):
         "the number of disks in figures of a single one (default: the largest)", None
     )
     engines: Engines = key("engines, with their settings if any", ("exact",))
-    seeds: Seeds | None = key(
+    seeds: Resolved[Seeds] = key(
         "a count (2400: seeds 0 to 2399), a range (100-199), or a list of both", None
     )
     tolerance: Tolerance | None = key(
@@ -177,7 +179,7 @@ class Study(Section):
     )
     title: Text | None = key("of the study, above its answer and its page", None)
     note: Text | None = key("what the study is about, at the top of its page", None)
-    figures: Figures | None = key(
+    figures: Resolved[Figures] = key(
         "figures to draw (default: all that the study has data for)", None
     )
     panel: Texts = key(
@@ -187,25 +189,47 @@ class Study(Section):
     displacement_times: Times = key(
         "times of the displacement distribution (default: the end of each run)", ()
     )
-    fit_windows: Windows | None = key("[t0, t1] in which lines are fitted to the MSD [time]", None)
+    fit_windows: Resolved[Windows] = key(
+        "[t0, t1] in which lines are fitted to the MSD [time]", None
+    )
     rings: Rings | None = key("of the displacement distribution (default: from the data)", None)
     instead_of: Substitutes = key(
         "scenes that may be run in place of others, for brownpipe tradeoff", {}
     )
     allow_failed: Count = key("runs of the study that may fail", 0)
-    if TYPE_CHECKING:  # no keys: what is read with them
-        name: str  # the stem of the study file
-        # each scene with each combination of varied keys and each particle count
-        cases: tuple[Scene, ...]
-        # scene file and values of varied keys, by the scene's name
-        varied: dict[str, tuple[Path, dict[str, Any]]]
-        uses: tuple[EngineUse, ...]  # the engines, case by case
+    # no keys: what is read with them
+    _name: str = PrivateAttr()
+    _cases: tuple[Scene, ...] = PrivateAttr()
+    _varied: dict[str, tuple[Path, dict[str, Any]]] = PrivateAttr()
+    _uses: tuple[EngineUse, ...] = PrivateAttr()
+
+    @property
+    def name(self) -> str:
+        """The stem of the study file, with the keys that were replaced."""
+        return self._name
+
+    @property
+    def cases(self) -> tuple[Scene, ...]:
+        """Each scene with each combination of varied keys and each particle count."""
+        return self._cases
+
+    @property
+    def varied(self) -> dict[str, tuple[Path, dict[str, Any]]]:
+        """Scene file and values of varied keys, by the scene's name."""
+        return self._varied
+
+    @property
+    def uses(self) -> tuple[EngineUse, ...]:
+        """The engines, case by case."""
+        return self._uses
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
-        name, folder = info.context
+        if info.context is None:
+            raise TypeError("a study is read from a file, by read_study")
+        self._name, folder = info.context
         observables = tuple(relative_name(folder, observable) for observable in self.observables)
-        self._resolve(name=name, observables=observables)
+        self._resolve(observables=observables)
         self._read_scenes(folder)
         self._read_engines()
         self._check_seeds()
@@ -238,7 +262,9 @@ class Study(Section):
             except RequestError as error:
                 place = ("vary",) if self.vary else ("scenes", k)
                 refuse(str(error).removeprefix("vary: "), *place)
-        self._resolve(scenes=tuple(paths.values()), cases=tuple(cases), varied=varied)
+        self._cases = tuple(cases)
+        self._varied = varied
+        self._resolve(scenes=tuple(paths.values()))
 
     def _read_engines(self) -> None:
         """Read the engines, each fit for its scenes; none with the same settings runs a case
@@ -266,7 +292,8 @@ class Study(Section):
         for case in self.cases:
             by_case += [use for use in uses if use.case is case]
         engines = dict.fromkeys(use.engine for use in uses)
-        self._resolve(engines=tuple(engines), uses=tuple(by_case))
+        self._uses = tuple(by_case)
+        self._resolve(engines=tuple(engines))
 
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many.
@@ -274,11 +301,14 @@ class Study(Section):
         Until that is known, their number is that for a standard deviation equal to the mean, as r^2
         has it.
         """
-        if (self.tolerance is None) == (self.seeds is None):
+        has_seeds = "seeds" in self.model_fields_set
+        if has_seeds == (self.tolerance is not None):
             refuse("must be given, or a tolerance in their place; not both", "seeds")
-        if self.tolerance is not None and (reason := why_no_relative_error(self.cases)):
-            refuse(f"{reason}; must be seeds: 1", "tolerance")
-        self._resolve(seeds=self.seeds or range(math.ceil(self.tolerance**-2)))
+        if self.tolerance is not None:
+            reason = why_no_relative_error(self.cases)
+            if reason:
+                refuse(f"{reason}; must be seeds: 1", "tolerance")
+            self._resolve(seeds=range(math.ceil(self.tolerance**-2)))
         sizes = [len(use.seeds or self.seeds) for use in self.uses]
         for use, size in zip(self.uses, sizes, strict=True):
             if use.case.listed and size > 1:
