@@ -24,7 +24,9 @@ def is_thermal(scene: Scene) -> bool:
 
 
 def moves(scene: Scene) -> bool:
-    """Return whether the velocities of a scene of species are not all zero."""
+    """Return whether the velocities of a scene are not all zero."""
+    if scene.velocities is None:
+        return any(any(disk.velocity) for disk in scene.listed)
     return bool(scene.velocities.temperature or scene.velocities.standard_deviation)
 
 
@@ -64,13 +66,14 @@ def mean_square_speed_of_centre(scene: Scene) -> float:
 
 def bath_temperature(scene: Scene) -> float:
     """Return kT [energy] of the bath: the mean kinetic energy of all disks but the tracer."""
-    if is_thermal(scene):
-        return scene.velocities.temperature
+    drawn_at = temperature(scene)
+    if drawn_at is not None:
+        return drawn_at
     number, mass = _bath(scene)
     largest = mass.max(initial=0.0)
     unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)  # many masses of 1e300 add up to infinity
     mean_mass = float((number * (mass / unit)).sum() / number.sum()) * unit
-    deviation = scene.velocities.standard_deviation
+    deviation = _common_deviation(scene)
     return deviation * deviation * mean_mass
 
 
@@ -135,9 +138,21 @@ def _component_variance(scene: Scene) -> np.ndarray:
     """Return the variances (N,) [length^2/time^2] of velocity components of drawn disks at t = 0,
     before the velocity of the centre of mass is subtracted.
     """
-    if is_thermal(scene):
-        return scene.velocities.temperature / scene.mass
-    return (scene.velocities.standard_deviation * speed_ratios(scene)) ** 2
+    drawn_at = temperature(scene)
+    if drawn_at is not None:
+        return drawn_at / scene.mass
+    return (_common_deviation(scene) * speed_ratios(scene)) ** 2
+
+
+def _common_deviation(scene: Scene) -> float:
+    """Return the standard deviation [length/time] of which the velocity components of all disks
+    are drawn, whatever their mass.
+
+    Raises ValueError where velocities are listed, or drawn at a temperature.
+    """
+    if scene.velocities is None or scene.velocities.standard_deviation is None:
+        raise ValueError("no standard deviation: velocities are listed, or drawn at a temperature")
+    return scene.velocities.standard_deviation
 
 
 def _share_of_mass(scene: Scene) -> np.ndarray:

@@ -167,7 +167,9 @@ def value_in(text: str) -> Any:
     """
     with suppress(ValueError, RecursionError, yaml.YAMLError):
         if text.startswith(("[", "{")):
-            return _value(yaml.compose(text, LOADER), (), {})
+            node = yaml.compose(text, LOADER)
+            if node is not None:
+                return _value(node, (), {})
         return scalar(text)
     return text
 
