@@ -151,7 +151,7 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
             f"{study.name}: --count is for a study with a tolerance; this one says its seeds"
         )
     uses = [EngineUse(REFERENCE, case, None) for case in study.cases]
-    exact_study = study.model_copy(update={"uses": uses})
+    exact_study = study.with_uses(uses)
     performances, pilots = performance_of(exact_study, study.target, study.tolerance)
     needed = {}
     for performance in performances:

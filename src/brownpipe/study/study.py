@@ -223,6 +223,12 @@ class Study(Section):
         """The engines, case by case."""
         return self._uses
 
+    def with_uses(self, uses: Sequence[EngineUse]) -> "Study":
+        """Return the study with other uses of engines."""
+        study = self.model_copy()
+        study._uses = tuple(uses)
+        return study
+
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Study":
         if info.context is None:
