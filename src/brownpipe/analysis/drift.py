@@ -22,8 +22,8 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import settling_time
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
-from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
+from brownpipe.scene.species import species_table
 
 LEVEL = 0.01  # family-wise error rate
 FEWEST_RUNS = 8

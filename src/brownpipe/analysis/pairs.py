@@ -19,8 +19,8 @@ from brownpipe.engines.friction import DENSEST, mean_root
 from brownpipe.observables import profile
 from brownpipe.observables.equilibrium import is_stationary
 from brownpipe.observables.pairs import bins, species_pairs
-from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
+from brownpipe.scene.species import species_table
 
 NEAR = 1.2  # upper end, in contact distances, of the fit of g(r) that is extrapolated to contact
 ORDER = 2  # of the polynomial that multiplies the decay there

@@ -18,8 +18,8 @@ from brownpipe.engines.friction import (
     mean_root,
     rate_at_temperature,
 )
-from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene, motion
+from brownpipe.scene.species import species_table
 
 
 def temperature(scene: Scene, energy: np.ndarray) -> np.ndarray:

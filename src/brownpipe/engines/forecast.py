@@ -22,8 +22,8 @@ from brownpipe.engines.start.placement import is_grown, placement_caution, tries
 from brownpipe.engines.units import SMALLEST_NORMAL, cell_width, common_radius
 from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
-from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.scene import Scene, motion
+from brownpipe.scene.species import equal_disks, species_table
 from brownpipe.text import in_bytes
 
 # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file

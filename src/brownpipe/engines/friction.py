@@ -10,8 +10,8 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
-from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene, Species, Tracer, motion
+from brownpipe.scene.species import species_table
 
 # In units of 1/gamma of the tracer: before, its displacements still depend on the initial velocity.
 DECAY_TIMES = 3.0

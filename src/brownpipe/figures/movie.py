@@ -22,10 +22,10 @@ from PIL import Image
 from brownpipe.errors import RequestError
 from brownpipe.figures.origin import Record, metadata
 from brownpipe.figures.style import DATA, INK, drawing, image_bytes
-from brownpipe.observables.species import species_table
 from brownpipe.observables.trajectory import Track
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
+from brownpipe.scene.species import species_table
 from brownpipe.storage.trajectories import Trajectories
 from brownpipe.text import counted
 

@@ -28,9 +28,9 @@ from brownpipe.observables import (
 )
 from brownpipe.observables.equilibrium import is_stationary, why_not_stationary
 from brownpipe.observables.observable import Axis, Observable, RunArray
-from brownpipe.observables.species import equal_disks, species_table
 from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import Scene
+from brownpipe.scene.species import equal_disks, species_table
 
 # over runs alone, and within each run over time origins or equal disks
 AVERAGES = ("runs", "origins", "disks")

@@ -10,9 +10,9 @@ import numpy as np
 
 from brownpipe import theory
 from brownpipe.observables.observable import Axis, Observable, RunArray, centres, counted_bins
-from brownpipe.observables.species import SpeciesTable, species_table
 from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
+from brownpipe.scene.species import SpeciesTable, species_table
 
 BINS_PER_CONTACT = 40  # bins per smallest contact distance
 FARTHEST = 5.0  # end of the histogram, in units of the largest contact distance

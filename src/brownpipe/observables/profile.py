@@ -7,9 +7,9 @@ N disks, K species, B bins of distance.
 import numpy as np
 
 from brownpipe.observables.observable import Axis, Observable, RunArray, centres, counted_bins
-from brownpipe.observables.species import species_table
 from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
+from brownpipe.scene.species import species_table
 
 BINS_PER_DIAMETER = 40  # bins per smallest diameter
 FARTHEST = 5.0  # end of the profile, in units of the largest diameter

@@ -13,9 +13,9 @@ from brownpipe.observables.averages import (
 )
 from brownpipe.observables.displacement import dot
 from brownpipe.observables.observable import Axis, Observable, RunArray
-from brownpipe.observables.species import bath_disks, species_table
 from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene, motion
+from brownpipe.scene.species import bath_disks, species_table
 
 BIN = 0.1  # width of the bins, in units of sqrt(kT/m)
 # velocity component, either sign, in these units; the outermost bins include all values beyond

@@ -22,8 +22,8 @@ import numpy as np
 
 from brownpipe.engines.ensemble import Ensemble, Track, failures
 from brownpipe.errors import RequestError
-from brownpipe.observables.species import species_table
 from brownpipe.scene import Scene
+from brownpipe.scene.species import species_table
 from brownpipe.storage.files import replacing
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, runs_record
 

@@ -33,10 +33,10 @@ from brownpipe.engines.start.insertion import insert_nothing
 from brownpipe.engines.units import Frame, State, engine_frame, motion_of
 from brownpipe.errors import RequestError, RunError
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
-from brownpipe.observables.species import species_table
 from brownpipe.observables.trajectory import Events, Run
 from brownpipe.scene import Scene
 from brownpipe.scene.scene import Box
+from brownpipe.scene.species import species_table
 
 # plus 2 per disk: in the kernel's first call, and while buckets are shorter than estimated; then
 # twice as many in each call, so that buckets that fit badly are found soon

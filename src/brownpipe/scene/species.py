@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.scene import Scene
+from brownpipe.scene.scene import Scene
 
 
 class SpeciesTable(NamedTuple):
