@@ -139,7 +139,7 @@ COMMAS = "several values of an option are joined by commas"
         ),
         (
             ["simulate", PAIR, "--seeds", "0-49"],
-            "seeds: must be one seed, as the disks of pair_head_on are listed",
+            "seeds: must be one seed, as the disks of pair_head_on have given velocities",
         ),
         (
             ["simulate", SCENE, "--record", "everything"],

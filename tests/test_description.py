@@ -52,8 +52,11 @@ def test_listed_disks():
     disks = [{"position": [1, 1], "velocity": [1, 0], "radius": 0.3, "mass": 1}]
     listed = bp.Scene(box=BOX | {"boundary": "periodic"}, disks=disks, duration=2)
     (words,) = described(listed, seeds=1)
-    assert words.startswith("1 disk in a periodic box 7 x 5, packing fraction 0.008078: listed.")
-    assert "Start: as listed. Initial velocities: as listed." in words
+    assert words.startswith(
+        "1 disk in a periodic box 7 x 5, packing fraction 0.008078: 1 kind-1 (radius 0.3, mass 1, "
+        "starts at (1, 1))."
+    )
+    assert "Start: at given places. Initial velocities: given." in words
 
 
 def test_of_a_scan_the_first_scene_and_what_varies():

@@ -17,7 +17,7 @@ from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import State
 from brownpipe.observables.trajectory import displacement
 from brownpipe.scene import parse_scene
-from brownpipe.scene.scene import overlap
+from brownpipe.scene.overlaps import overlaps
 from scenes import (
     PERIODIC,
     SMALL_SCENES,
@@ -166,7 +166,7 @@ MOST = 300  # events a run; the twin needs some milliseconds each
 
 def seeds_of(scene):
     """As many runs as are compared; those of a list of disks are all the same."""
-    return [1] if scene.listed else range(1, 3 if scene.particles > 12 else 6)
+    return [1] if scene.configuration is not None else range(1, 3 if scene.particles > 12 else 6)
 
 
 def shadow(state, size):
@@ -301,7 +301,7 @@ def audit(scene, state, whole, events, seen):
     )
     energy = [mass @ np.sum(v**2, axis=1) for v in (first, last)]
     assert energy[1] / energy[0] - 1 == pytest.approx(seen["energy_drift"], abs=1e-14)
-    assert overlap(whole.position[-1], state.radius, box_sides(scene)) is None
+    assert overlaps(whole.position[-1], state.radius, box_sides(scene)) is None
     low, high = np.array((scene.box.x, scene.box.y)).T
     slack = 1e-15 * (high - low)
     assert (whole.position >= low - slack).all()
@@ -627,7 +627,7 @@ def test_equilibrating_moves_the_bath_and_not_a_pinned_tracer():
     assert np.array_equal(first.velocity[0, 0], begin.velocity[0])
     assert (np.hypot(*(first.position[0] - begin.position)[1:].T) > 0.01).mean() > 0.9
     assert (run.events[3].time <= scene.duration).all()
-    assert overlap(first.position[0], scene.radius) is None
+    assert overlaps(first.position[0], scene.radius) is None
     energy = [0.5 * scene.mass @ np.sum(v**2, axis=1) for v in (begin.velocity, first.velocity[0])]
     assert energy[1] == pytest.approx(energy[0], rel=1e-12)  # a pinned tracer takes none
     free = simulate(scene.replace(equilibrate={"time": 1.0, "tracer": "free"}), [3], {"all"}).whole[

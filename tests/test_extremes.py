@@ -22,7 +22,8 @@ from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.engines.units import State, motion_of
 from brownpipe.errors import RequestError
-from brownpipe.scene.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS, overlap
+from brownpipe.scene.overlaps import overlaps
+from brownpipe.scene.scene import LARGEST_MASS_RATIO, SMALLEST_RADIUS
 from scenes import PERIODIC, SMALL_SCENES, WALLS, box, crystal, mixture, note_scene, scene_of_state
 
 BOTH = pytest.mark.parametrize("boundary", [WALLS, PERIODIC])
@@ -206,7 +207,7 @@ def test_disks_that_meet_in_one_point(boundary, n):
     position, velocity, _, seen = outcome(box(6, 6, boundary), disks, 1.5)
     assert seen["pair_collisions"] >= n / 2
     assert (np.sum(position * velocity, axis=1) > 0).all()
-    assert overlap(position, disks.radius) is None
+    assert overlaps(position, disks.radius) is None
     assert np.abs(velocity.sum(axis=0)).max() < 1e-14
 
 

@@ -28,7 +28,7 @@ from brownpipe.engines.start.placement import (
 )
 from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import parse_scene
-from brownpipe.scene.scene import overlap
+from brownpipe.scene.overlaps import overlaps
 from scenes import PERIODIC, WALLS, box, mixture, note_scene, scene_of_state, species
 
 VELOCITY_17 = [-0.042623150097255494, 2.3328060725321036]
@@ -167,7 +167,7 @@ def assert_sound(scene, state):
     margin = 0.0 if scene.box.periodic else state.radius[:, None] * (1 - 1e-14)
     assert (low + margin <= state.position).all() and (state.position <= high - margin).all()
     assert (
-        overlap(
+        overlaps(
             state.position, state.radius, (scene.box.x, scene.box.y) if scene.box.periodic else None
         )
         is None
@@ -464,9 +464,15 @@ def test_finds_an_overlap_where_all_pairs_do(disks, periodic):
         return np.hypot(*apart) - radius[a] - radius[b]
 
     gaps = {pair: gap(*pair) for pair in combinations(range(len(disks)), 2)}
-    found = overlap(position, radius, ((0, 1), (0, 1)) if periodic else None)
+    found = overlaps(position, radius, ((0, 1), (0, 1)) if periodic else None)
     if found is None:
         assert all(value > -1e-12 for value in gaps.values())
     else:
-        a, b, value = found
-        assert value < 0 and value == pytest.approx(gaps[a, b], abs=1e-12)
+        pair = (found.first, found.second)
+        assert found.gap < 0
+        assert found.gap == pytest.approx(gaps[pair], abs=1e-12)
+        depths = {(a, b): -gap / (radius[a] + radius[b]) for (a, b), gap in gaps.items()}
+        assert found.depth == pytest.approx(max(depths.values()), abs=1e-9)
+        deep = sum(depth > 1e-9 for depth in depths.values())
+        not_separate = sum(depth > -1e-9 for depth in depths.values())
+        assert deep <= found.number <= not_separate

@@ -263,13 +263,11 @@ def test_bits_do_not_depend_on_the_batch():
 def test_it_begins_with_the_velocity_of_the_exact_engine(velocities):
     scene = scene_of(velocities=velocities)
     for seed in range(5):
-        position, velocity = draw_tracer(scene, scene.mass, seed, noise_stream(scene, seed))
+        position, velocity = draw_tracer(scene, seed, noise_stream(scene, seed))
         state = draw_state(scene, seed)
         assert velocity.tobytes() == state.velocity[0].tobytes()
         assert np.array_equal(position, state.position[0])
-        assert np.array_equal(
-            draw_tracer(scene.replace(equilibrate=1.0), scene.mass, seed, None)[1], velocity
-        )
+        assert np.array_equal(draw_tracer(scene.replace(equilibrate=1.0), seed, None)[1], velocity)
         one, other = velocity / noise_stream(scene, seed).standard_normal(2)
         assert one != pytest.approx(other)  # other random numbers than those of the noise
 
@@ -534,7 +532,7 @@ LISTED = {"particles": 1, "disks": [DISK], "velocities": None}
             "tracer",
             "has no contact value for --friction enskog: the packing fraction is 0.79",
         ),
-        (LISTED, "tracer", "some, N = 1: --engine langevin needs a scene with species"),
+        (LISTED, "tracer", "some, N = 1: --engine langevin needs disks whose velocities are drawn"),
         ({"particles": 1}, "tracer", "needs a bath, and there is a single disk"),
         (
             {"velocities": {"standard_deviation": 1e300}},

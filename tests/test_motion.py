@@ -80,9 +80,7 @@ def test_around_a_pinned_tracer_the_bath_shares_its_energy_before_its_momentum_i
 @pytest.mark.parametrize(("boundary", "mass", "bath"), SCENES)
 def test_a_tracer_drawn_alone_has_the_same_square_speed(boundary, mass, bath):
     scene = around_a_pinned_tracer(boundary, mass, bath)
-    drawn = [
-        draw_tracer(scene, scene.mass, seed, noise_stream(scene, seed))[1] for seed in range(3000)
-    ]
+    drawn = [draw_tracer(scene, seed, noise_stream(scene, seed))[1] for seed in range(3000)]
     v2 = np.square(drawn).sum(axis=1)
     error = v2.std() / np.sqrt(v2.size)
     assert abs(v2.mean() - motion.mean_square_speed_of_tracer(scene)) < SIGMAS * error

@@ -694,7 +694,12 @@ LOGARITHMIC = {"sample_interval": None, "samples": {"per_decade": 5}}
             "origins",
             "average: origins needs square_displacement or velocity_autocorrelation",
         ),
-        (EXPLICIT, SQUARE, "origins", "stationary from t = 0, but its disks are listed one by one"),
+        (
+            EXPLICIT,
+            SQUARE,
+            "origins",
+            "stationary from t = 0, but the velocities of its disks are given",
+        ),
         (
             {"velocities": {"standard_deviation": 1}},
             SQUARE,

@@ -19,6 +19,7 @@ from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.observables import equilibrium
 from brownpipe.report import description
 from brownpipe.scene import motion, parse_scene
+from brownpipe.scene.configuration import Configuration
 from brownpipe.scene.scene import Scene
 
 ANSWERS = {  # functions of a scene, by what they tell of it
@@ -46,7 +47,7 @@ ANSWERS = {  # functions of a scene, by what they tell of it
     "words on velocities": lambda scene: description.sentences(scene)["velocities"],
     "words on the run": lambda scene: description.sentences(scene)["run"],
 }
-OF_LISTED_DISKS = (  # the answers that a scene of listed disks has
+OF_GIVEN_VELOCITIES = (  # the answers that a scene has in which nothing is drawn
     *("drawn positions", "drawn velocities", "speed of the tracer", "speed of the centre of mass"),
     *("speeds", "collisions of pairs", "collisions with walls", "seconds", "drift", "walls"),
 )
@@ -81,6 +82,27 @@ LISTED = {
     ],
     "duration": 8.0,
 }
+COLD = HOT | {
+    "disks": WALLS["disks"] | {"tracer": {"radius": 0.4, "mass": 3.0, "velocity": [1.0, 0.0]}}
+}
+FILE = {  # as if it was read from one
+    "box": {"x": [0.0, 4.0], "y": [0.0, 5.0], "boundary": "periodic"},
+    "disks": {
+        "configuration": Configuration(
+            position=np.array([[1.0, 1.0], [3.0, 3.0], [1.0, 3.0]]),
+            velocity=None,
+            radius=np.array([0.4, 0.3, 0.3]),
+            mass=np.array([3.0, 1.0, 1.0]),
+        ),
+        "tracer": {"mass": 3.0, "position": [1.0, 1.5], "velocity": [1.0, 0.0]},
+        "species": {"kind-2": {"mass": 1.0}},
+    },
+    "velocities": {"temperature": 1.6},
+    "duration": 8.0,
+}
+OTHER_PLACES = FILE["disks"]["configuration"]._replace(
+    position=np.array([[1.0, 1.0], [3.0, 3.5], [1.0, 3.0]])
+)
 # What depends on the rates of collisions between disks
 RATES = {"collisions of pairs", "seconds", "friction", "Enskog theory", "windows"}
 WALL = "collisions with walls"
@@ -122,6 +144,25 @@ CHANGES = [  # key, scene, path to the key, another value of it, and the answers
     ("sample_interval", WALLS, ["sample_interval"], 0.2, SAMPLES),
     ("samples.per_decade", LOGARITHMIC, ["samples", "per_decade"], 10, SAMPLES),
     ("samples.first", LOGARITHMIC, ["samples", "first"], 0.001, SAMPLES),
+    ("disks.tracer.velocity", COLD, ["disks", "tracer", "velocity"], [2.0, 0.0],
+     {"drawn velocities", "speed of the tracer", "speed of the centre of mass", "speeds",
+      "collisions of pairs", WALL, "seconds", "words on velocities"}),
+    ("velocities.distribution", HOT, ["velocities", "distribution"], "uniform",
+     {"drawn velocities", "words on velocities"}),
+    ("disks.configuration", FILE, ["disks", "configuration"], OTHER_PLACES, {"drawn positions"}),
+    ("position of the tracer in a file", FILE, ["disks", "tracer", "position"], [1.0, 1.25],
+     {"drawn positions", "words on the disks"}),
+    ("velocity of the tracer in a file", FILE, ["disks", "tracer", "velocity"], [2.0, 0.0],
+     {"drawn velocities", "speed of the tracer", "speeds", "collisions of pairs", "seconds",
+      "words on velocities"}),
+    ("mass of the tracer in a file", FILE, ["disks", "tracer", "mass"], 5.0,
+     (RATES | SPEED | {"share of the bath", "words on the disks"})
+     - {"Enskog theory", "windows", WALL, "speed of the centre of mass"}),
+    ("mass of a species in a file", FILE, ["disks", "species", "kind-2", "mass"], 2.0,
+     (RATES | SPEED | {"share of the bath", "words on the disks"})
+     - {"Enskog theory", "windows", WALL, "speed of the centre of mass"}),
+    ("radius of a species in a file", FILE, ["disks", "species", "kind-2", "radius"], 0.25,
+     (RATES | {"walls", "words on the disks"}) - {"Enskog theory", "windows"}),
     ("disks.position", LISTED, ["disks", 0, "position"], [1.5, 1.0], {"drawn positions"}),
     ("disks.velocity", LISTED, ["disks", 0, "velocity"], [2.0, 0.0],
      {"drawn velocities", "speed of the tracer", "speed of the centre of mass", "speeds", "drift",
@@ -131,13 +172,23 @@ CHANGES = [  # key, scene, path to the key, another value of it, and the answers
     ("disks.mass", LISTED, ["disks", 0, "mass"], 3.0,
      {"speed of the centre of mass", "speeds", "collisions of pairs", "seconds", "drift"}),
 ]  # fmt: skip
-WITHOUT_A_ROW = {"disks.species.name"}  # no answer depends on a name
+WITHOUT_A_ROW = {
+    # no answer depends on a name
+    "disks.species",
+    "disks.species.name",
+    # what is in the file counts
+    "disks.file",
+    "disks.seed",
+    "disks.time",
+    # it decides whether overlaps are refused
+    "disks.push_apart",
+}
 
 
 def answers(mapping):
     """The answers to a scene by name."""
     scene = parse_scene(mapping, "keys.yaml")
-    names = OF_LISTED_DISKS if scene.listed else ANSWERS
+    names = OF_GIVEN_VELOCITIES if scene.has_one_state else ANSWERS
     return {name: ANSWERS[name](scene) for name in names}
 
 

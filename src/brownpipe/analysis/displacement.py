@@ -127,9 +127,8 @@ def known_start(scene: Scene, average: str) -> tuple[float, float] | None:
     A tracer begins at its position of the scene unless it moves before t = 0. With averages over
     time origins or disks displacements begin anywhere.
     """
-    start = next((disk.position for disk in scene.listed or scene.species), None)
     moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
-    return None if moved or average != "runs" else start
+    return None if moved or average != "runs" else scene.tracer_position
 
 
 def msd_limit(scene: Scene, average: str) -> float:

@@ -92,8 +92,8 @@ def _group(files: Sequence[RunFile]) -> Group:
         raise AnalysisError(
             f"{last}: seed {repeated[0]} is already in {first}; each run may count only once"
         )
-    if files[0].contents.scene.listed and len(seeds) > 1:
-        alike = "its disks are listed one by one: all its runs are the same; give one seed"
+    if files[0].contents.scene.has_one_state and len(seeds) > 1:
+        alike = "its velocities are given: all its runs are the same; give one seed"
         raise AnalysisError(f"{files[-1].path}: {alike}")
     ended = [file for file in files if file.contents.measured is not None]
     pattern = next(iter(ended), files[0])
@@ -132,7 +132,7 @@ def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
             for counted in (uncounted, *uncounted["disks"]["species"]):
                 counted.update(particles=0, count=0)
         if f"{PACKING_FRACTION}=" in scene.name:
-            position = scene.species[0].position or ()
+            position = scene.tracer_position or ()
             lengths = [*scene.box.x, *scene.box.y, *position]
             scaled = (scene.box.boundary, *np.divide(lengths, scene.box.width).round(9))
             disks = [(species.name, species.radius, species.mass) for species in scene.species]

@@ -19,7 +19,7 @@ from brownpipe.engines.friction import (
     rate_at_temperature,
 )
 from brownpipe.scene import Scene, motion
-from brownpipe.scene.species import species_table
+from brownpipe.scene.species import kinds_of
 
 
 def temperature(scene: Scene, energy: np.ndarray) -> np.ndarray:
@@ -75,21 +75,21 @@ def enskog(scene: Scene) -> dict[str, float]:
     kt = motion.temperature(scene)
     if not kt or scene.particles < 2 or scene.packing_fraction > DENSEST:
         return {}
-    species = species_table(scene)
-    number = species.number
+    kinds = kinds_of(scene)
+    number = kinds.number
     n = number / scene.box.area
-    rates = theory.mixture_collision_rates(n, 2 * species.radius, species.mass, kt)
+    rates = theory.mixture_collision_rates(n, 2 * kinds.radius, kinds.mass, kt)
     rates = rates * (1 - np.diag(1 / number))  # none with itself
     collision_rate = (number * rates.sum(axis=1)).sum() / number.sum()
     partners = friction.partners_of(scene)
     main_partner = np.argmax(friction.bath_of(scene).number)
     gamma = partners.friction.sum()
-    diffusion = motion.bath_share(scene) ** 2 * kt / (species.mass[0] * gamma)
+    diffusion = motion.bath_share(scene) ** 2 * kt / (scene.mass[0] * gamma)
     return {
         "enskog_collision_rate": collision_rate,
         "enskog_tracer_collision_rate": partners.rate.sum(),
         "enskog_contact_value": partners.contact_value[main_partner],
-        "enskog_compressibility": theory.mixture_compressibility(n, 2 * species.radius),
+        "enskog_compressibility": theory.mixture_compressibility(n, 2 * kinds.radius),
         "enskog_diffusion": diffusion,
     }
 

@@ -122,8 +122,8 @@ def expected_slope(case: Case, averages: Averages) -> float:
     """
     scene = case.scene
     partners = np.unique(scene.mass[1:])
-    is_held = scene.species and scene.species[0].position and scene.equilibrate.tracer == "pinned"
-    begins_apart = scene.listed or is_held
+    is_free = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
+    begins_apart = scene.tracer_position is not None and not is_free
     at_walls = not scene.box.periodic and (case.average == "origins" or not begins_apart)
     if partners.size != 1 or at_walls or "tracer_collisions" not in averages.places:
         return np.nan

@@ -23,7 +23,7 @@ from brownpipe.engines.units import SMALLEST_NORMAL, cell_width, common_radius
 from brownpipe.errors import RequestError
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.scene import Scene, motion
-from brownpipe.scene.species import equal_disks, species_table
+from brownpipe.scene.species import equal_disks, kinds_of
 from brownpipe.text import in_bytes
 
 # CPU seconds of a process besides its runs: start Python, import, load kernels, write an empty file
@@ -209,25 +209,22 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
 
 
 def speeds(scene: Scene) -> np.ndarray:
-    """Return the standard deviation [length/time] of a velocity component of disks of each species
+    """Return the standard deviation [length/time] of a velocity component of disks of each kind
     (K,).
 
-    A list of disks is taken to be in equilibrium at its mean kinetic energy per disk.
+    Where velocities are given, that of the tracer or all, the disks are taken to be in equilibrium
+    at their mean kinetic energy.
     """
-    mass = species_table(scene).mass
-    if scene.velocities is None:
-        velocity = np.array([disk.velocity for disk in scene.listed]).reshape(-1, 2)
-        unit = float(np.abs(velocity).max(initial=0.0)) or 1.0  # so that no square overflows
-        square_speed = np.sum((velocity / unit) ** 2, axis=1)
-        energy = (scene.mass * square_speed).sum() / 2 / max(len(velocity), 1)
-        return unit * np.sqrt(energy / mass)
+    mass = kinds_of(scene).mass
     if motion.is_thermal(scene):
         return np.sqrt(scene.velocities.temperature / mass)
+    if scene.velocities is None or scene.tracer_velocity is not None:
+        return np.sqrt(motion.mean_energy(scene)) / np.sqrt(mass)
     return _speeds_towards_equipartition(scene)
 
 
 def _speeds_towards_equipartition(scene: Scene) -> np.ndarray:
-    """Return the rms of a velocity component [length/time] of each species (K,) over a run in which
+    """Return the rms of a velocity component [length/time] of each kind (K,) over a run in which
     all begin with one standard deviation s, whatever their mass.
 
     They come to equal energies, in which light disks are faster. At the end <v_j^2> = s^2 e_j, with
@@ -237,8 +234,8 @@ def _speeds_towards_equipartition(scene: Scene) -> np.ndarray:
     differences are taken to have decayed to 1/(1 + x) in the mean: <v_j^2> = s^2 (1 + x e_j)/(1 +
     x).
     """
-    number = species_table(scene).number
-    mass = species_table(scene).mass
+    number = kinds_of(scene).number
+    mass = kinds_of(scene).mass
     start = scene.velocities.standard_deviation
     time = scene.duration + scene.equilibrate.time
     ratio = mass[:, None] / mass  # m_i/m_j
@@ -264,7 +261,7 @@ def pair_rate(scene: Scene) -> float:
     distance s (Z. W. Salsburg & W. W. Wood, J. Chem. Phys. 37, 798 (1962)). Rows that the box
     compresses collide more often.
     """
-    numbers = species_table(scene).number
+    numbers = kinds_of(scene).number
     rates_of_species = _pair_rates(scene, speeds(scene))
     collisions = (
         number * rates.sum() for number, rates in zip(numbers, rates_of_species, strict=True)
@@ -278,23 +275,22 @@ def pair_rate(scene: Scene) -> float:
 
 
 def _pair_rates(scene: Scene, speed: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield for each species the collisions per time [1/time] of a disk with those of each species
-    (K,), in a fluid.
+    """Yield for each kind the collisions per time [1/time] of a disk with those of each kind (K,),
+    in a fluid.
 
     `theory.collision_rate` with sqrt(kT/mu) = hypot(speed_i, speed_j), the standard deviation of a
-    component of the relative velocity. This also holds for species of different temperatures. A
-    list of disks may have a species each.
+    component of the relative velocity. This also holds for kinds of different temperatures.
     """
-    table = species_table(scene)
+    kinds = kinds_of(scene)
     area = scene.box.area
     fluid = min(1.0, DENSEST / max(scene.packing_fraction, 1e-300))
-    diameter = 2 * table.radius
-    density = fluid * table.number / area
-    for i, radius in enumerate(table.radius):
+    diameter = 2 * kinds.radius
+    density = fluid * kinds.number / area
+    for i, radius in enumerate(kinds.radius):
         is_own = np.arange(len(speed)) == i
-        partners = (table.number - is_own) / area
+        partners = (kinds.number - is_own) / area
         contact = theory.contact_value_mixture(diameter[i], diameter, density, diameter)
-        rate = theory.collision_rate(partners, radius + table.radius, contact, 1.0, 1.0)
+        rate = theory.collision_rate(partners, radius + kinds.radius, contact, 1.0, 1.0)
         yield rate * np.hypot(speed[i], speed)
 
 
@@ -305,11 +301,11 @@ def wall_rate(scene: Scene) -> float:
     """
     if scene.box.periodic or not scene.particles:
         return 0.0
-    table = species_table(scene)
+    kinds = kinds_of(scene)
     box = np.array([[scene.box.width], [scene.box.height]])
-    side = box - (2 - theory.SMALLEST_GAP) * table.radius
+    side = box - (2 - theory.SMALLEST_GAP) * kinds.radius
     at_walls = confinement(scene).walls[:, None]
-    hits = at_walls * table.number * speeds(scene) / side
+    hits = at_walls * kinds.number * speeds(scene) / side
     return math.sqrt(2 / math.pi) * float(hits.sum())
 
 
@@ -317,7 +313,7 @@ def path_rate(scene: Scene) -> float:
     """Return the length of all disks' paths per time [length/time]; the mean speed is sqrt(pi/2)
     times `speeds`.
     """
-    return float(np.sqrt(np.pi / 2) * (species_table(scene).number * speeds(scene)).sum())
+    return float(np.sqrt(np.pi / 2) * (kinds_of(scene).number * speeds(scene)).sum())
 
 
 def crossing_rate(scene: Scene) -> float:
@@ -348,7 +344,7 @@ def caution(scene: Scene) -> str | None:
     if line := placement_caution(scene):
         return line
     rate = 2 * pair_rate(scene)
-    if not scene.species or scene.particles < 2 or not rate > 0:
+    if scene.has_one_state or scene.particles < 2 or not rate > 0:
         return None
     side = min(scene.box.width, scene.box.height)
     path = path_rate(scene) / rate
@@ -384,7 +380,7 @@ def _settling_times(scene: Scene) -> dict[str, float]:
     rate = 2 * pair_rate(scene) / scene.particles if scene.particles >= FEWEST_DISKS else 0.0
     if not rate > 0 or scene.packing_fraction > DENSEST:
         return {}
-    number = species_table(scene).number
+    number = kinds_of(scene).number
     several = number >= min(2, number.max())  # single disks if there is no other species
     flight = math.sqrt(scene.box.area / scene.particles) / speeds(scene)[several].min()
     times = {"to move to a neighbour's place": flight}
@@ -409,16 +405,16 @@ def _meeting_time(scene: Scene) -> float:
     disk of diameter 2R, and the missing pairs come in the time 2R 2r/D, with Enskog's D = kT/zeta
     of the large disks, and r the radius of the smallest. docs/theory.md, section 5.
     """
-    table = species_table(scene)
-    several = table.number >= min(2, table.number.max())
-    smallest = table.radius[several].min()
+    kinds = kinds_of(scene)
+    several = kinds.number >= min(2, kinds.number.max())
+    smallest = kinds.radius[several].min()
     speed = speeds(scene)
     longest = 0.0
     for k, rates in enumerate(_pair_rates(scene, speed)):
-        radius = table.radius[k]
-        as_large = table.number[table.radius >= radius].sum()
+        radius = kinds.radius[k]
+        as_large = kinds.number[kinds.radius >= radius].sum()
         if radius > smallest and as_large > 1:
-            share = 2 * theory.reduced_mass(1.0, table.mass / table.mass[k])
+            share = 2 * theory.reduced_mass(1.0, kinds.mass / kinds.mass[k])
             friction = (share * rates).sum()
             diffusion = speed[k] * speed[k] / max(friction, SMALLEST_NORMAL)
             longest = max(longest, 4 * radius * smallest / diffusion)
@@ -426,10 +422,10 @@ def _meeting_time(scene: Scene) -> float:
 
 
 def _is_ordered(scene: Scene) -> bool:
-    """Return whether a scene starts far from the places of a fluid: on a lattice, or of disks that
-    have grown.
+    """Return whether a scene may start far from the places of a fluid: on a lattice, of disks that
+    have grown, or at given places.
     """
-    return scene.placement == "lattice" or is_grown(scene)
+    return scene.placement in ("lattice", "") or is_grown(scene)
 
 
 def settling_in_words(scene: Scene) -> str | None:
@@ -459,6 +455,8 @@ def settling_caution(scene: Scene) -> str | None:
     case = f"{scene.name}, N = {scene.particles}"
     thermal = motion.is_thermal(scene) and motion.moves(scene)
     if thermal and time == 0 and scene.particles > 1:
+        if scene.configuration is not None:  # it may be from equilibrium
+            return None
         return None if is_grown(scene) else f"{case}: {_start_without_equilibrium(scene)}"
     words = settling_in_words(scene)
     if words is None or not time < TOO_SHORT * settling_time(scene):

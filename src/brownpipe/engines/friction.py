@@ -10,8 +10,8 @@ import numpy as np
 from brownpipe import theory
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
-from brownpipe.scene import Scene, Species, Tracer, motion
-from brownpipe.scene.species import species_table
+from brownpipe.scene import Scene, motion
+from brownpipe.scene.species import kinds_of
 
 # In units of 1/gamma of the tracer: before, its displacements still depend on the initial velocity.
 DECAY_TIMES = 3.0
@@ -21,7 +21,7 @@ DENSEST = 0.7 * (1 + 1e-12)
 
 
 class Bath(NamedTuple):
-    """All disks but the tracer, as K species; arrays of shape (K,)."""
+    """All disks but the tracer, as K kinds; arrays of shape (K,)."""
 
     number: np.ndarray  # of disks
     radius: np.ndarray  # [length]
@@ -30,31 +30,26 @@ class Bath(NamedTuple):
 
 
 class Partners(NamedTuple):
-    """Enskog's theory of the tracer, for each of the K species of its bath; arrays of shape
+    """Enskog's theory of the tracer, for each of the K kinds of disks of its bath; arrays of shape
     (K,).
     """
 
     contact_value: np.ndarray  # [1]
     friction: np.ndarray  # gamma = zeta/m_a [1/time]
-    rate: np.ndarray  # the tracer's collisions with the species [1/time]
-
-
-def tracer_species(scene: Scene) -> Species | Tracer:
-    """Return the species of disk 0, the tracer."""
-    return next(species for species in scene.species if species.count)
+    rate: np.ndarray  # the tracer's collisions with the kind [1/time]
 
 
 def bath_of(scene: Scene) -> Bath:
-    """Return the bath of a scene of species: all disks but the tracer."""
-    table = species_table(scene)
-    number = _bath_numbers(table.number)
+    """Return the bath of a scene: all disks but the tracer."""
+    kinds = kinds_of(scene)
+    number = _bath_numbers(kinds.number)
     present = number > 0
     temperature = motion.bath_temperature(scene)
-    return Bath(number[present], table.radius[present], table.mass[present], temperature)
+    return Bath(number[present], kinds.radius[present], kinds.mass[present], temperature)
 
 
 def _bath_numbers(number: np.ndarray) -> np.ndarray:
-    """Return how many disks (K,) of each species are in the bath; the tracer is of the first.
+    """Return how many disks (K,) of each kind are in the bath; the tracer is of the first.
 
     >>> _bath_numbers(np.array([1, 99]))
     array([ 0, 99])
@@ -68,10 +63,10 @@ def not_diffusive_before(scene: Scene) -> float:
     3/gamma.
 
     The velocity decays at Enskog's rate gamma, divided by the bath's share of the mass. Infinite
-    for a disk without a bath; NaN without disks, and for disks listed one by one. Motion may become
+    for a disk without a bath; NaN without disks, and where velocities are given. Motion may become
     diffusive later, or never: cages, walls and light tracers need the test of `analysis.diffusive`.
     """
-    if scene.listed or not scene.particles:
+    if scene.has_one_state or not scene.particles:
         return math.nan
     if scene.particles == 1:
         return math.inf
@@ -105,7 +100,7 @@ def drift_diffusion(scene: Scene) -> float:
     """Return what the drift of the centre of mass adds to D by the end of a run, <V^2> t/2
     [length^2/time].
 
-    Exact for listed disks, and if velocities are drawn at a temperature. With a standard deviation
+    Exact for given velocities, and if they are drawn at a temperature. With a standard deviation
     the tracer may start hotter than its bath, and its motion relative to the centre of mass is then
     correlated with V: that adds about D (kT_a/kT_b - 1) m_a/M more, which is left out
     (docs/theory.md, section 3). NaN between walls, and for species whose total momentum is zero.
@@ -142,28 +137,28 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
 
 
 def partners_of(scene: Scene, crowded: bool = True) -> Partners:
-    """Return contact values, frictions and collision rates of the tracer with every species of its
-    bath.
+    """Return contact values, frictions and collision rates of the tracer with every kind of disks
+    in its bath.
 
-    A species of N_k disks, the tracer not counted, has the number density N_k/A. The contact values
+    A kind of N_k disks, the tracer not counted, has the number density N_k/A. The contact values
     are those of the whole box, the tracer included (`theory.mixture_contact_values`), at a packing
     fraction of at most DENSEST; without `crowded` they are 1. Walls are not considered. Masses and
     kT are divided by the tracer's mass first, because its friction coefficient zeta alone may be
     beyond the floating-point numbers.
     """
-    tracer = tracer_species(scene)
+    mass = float(scene.mass[0])
     bath = bath_of(scene)
     chi = np.ones(len(bath.number))
     if crowded:
-        table = species_table(scene)
+        kinds = kinds_of(scene)
         fluid = min(1.0, DENSEST / scene.packing_fraction)
-        density = fluid * table.number / scene.box.area
-        contact = theory.mixture_contact_values(density, 2 * table.radius)
-        chi = contact[0, _bath_numbers(table.number) > 0]
-    mu = theory.reduced_mass(1.0, bath.mass / tracer.mass)
+        density = fluid * kinds.number / scene.box.area
+        contact = theory.mixture_contact_values(density, 2 * kinds.radius)
+        chi = contact[0, _bath_numbers(kinds.number) > 0]
+    mu = theory.reduced_mass(1.0, bath.mass / mass)
     partners = bath.number / scene.box.area
-    sigma = tracer.radius + bath.radius
-    kt = bath.temperature / tracer.mass
+    sigma = float(scene.radius[0]) + bath.radius
+    kt = bath.temperature / mass
     friction = theory.enskog_friction(partners, sigma, chi, mu, kt)
     rate = theory.collision_rate(partners, sigma, chi, mu, kt)
     return Partners(chi, friction, rate)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 
 # of a mass to the smallest one; `rms_speed` treats heavier disks as if they had this ratio
 LARGEST_RATIO = 1e12
@@ -106,20 +106,26 @@ def rms_speed(scene: Scene) -> float:
     """
     if scene.particles == 0:
         return 0.0
-    if scene.velocities is None:
-        velocity = np.array([disk.velocity for disk in scene.listed])
-        largest = power_of_two(np.abs(velocity).max())
-        squares = np.sum((velocity / largest) ** 2, axis=1)
-    else:
-        temperature = scene.velocities.temperature
-        largest = (
-            scene.velocities.standard_deviation if temperature is None else math.sqrt(temperature)
-        )
-        squares = 2.0 if temperature is None else 2.0 / scene.mass
     ratio = np.minimum(scene.mass / scene.mass.min(), LARGEST_RATIO)
-    if scene.velocities and temperature is None and ratio.max() > SLOW_TO_COOL:
-        ratio = np.sort(ratio)[: -math.isqrt(len(ratio))]
-    return largest * math.sqrt(np.mean(ratio * squares))
+    velocities = scene.velocities
+    if velocities is None:
+        velocity = motion.given_velocities(scene)
+        unit = power_of_two(np.abs(velocity).max())
+        squares = np.sum((velocity / unit) ** 2, axis=1)
+        return unit * math.sqrt(np.mean(ratio * squares))
+    if velocities.temperature is not None:
+        unit = math.sqrt(velocities.temperature)
+        squares = 2.0 / scene.mass
+    else:
+        unit = velocities.standard_deviation
+        squares = 2.0
+        if ratio.max() > SLOW_TO_COOL:
+            ratio = np.sort(ratio)[: -math.isqrt(len(ratio))]
+    drawn = unit * math.sqrt(np.mean(ratio * squares))
+    if scene.tracer_velocity is None:
+        return drawn
+    heat = math.sqrt(min(scene.mass[0] / scene.mass.min(), LARGEST_RATIO) / scene.particles)
+    return math.hypot(drawn, heat * math.hypot(*scene.tracer_velocity))
 
 
 def motion_of(state: State, frame: Frame) -> np.ndarray:

@@ -38,8 +38,8 @@ def why_not_stationary(scene: Scene) -> str | None:
     They are if all disks are drawn at one temperature and equilibrate, the tracer included, before
     t = 0.
     """
-    if scene.velocities is None:
-        return "its disks are listed one by one"
+    if scene.has_one_state:
+        return "the velocities of its disks are given"
     if not motion.is_thermal(scene):
         return "velocities.temperature is not given"
     if scene.equilibrate.time == 0:

@@ -6,11 +6,14 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from brownpipe.analysis.variables import VARIED
 from brownpipe.engines.start.placement import is_grown
 from brownpipe.observables.equilibrium import claims_equilibrium
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import brief_seed_text
+from brownpipe.scene.species import SpeciesTable, species_table
 from brownpipe.scene.variation import is_number
 from brownpipe.text import counted
 
@@ -30,28 +33,36 @@ def disks_in_words(scene: Scene) -> str:
     >>> import brownpipe as bp
     >>> disk = {"position": [1, 1], "velocity": [1, 0], "radius": 0.5, "mass": 1}
     >>> disks_in_words(bp.Scene(box={"x": [0, 4], "y": [0, 4]}, disks=[disk], duration=9))
-    'listed'
+    '1 kind-1 (radius 0.5, mass 1, starts at (1, 1))'
     """
+    table = species_table(scene)
     words = []
-    for species in scene.species:
-        place = species.position
-        start = f", starts at ({place[0]:g}, {place[1]:g})" if place is not None else ""
-        size = f"radius {species.radius:g}, mass {species.mass:g}{start}"
-        if species.count:
-            words.append(f"{species.count} {species.name} ({size})")
-    return ", ".join(words) or "listed"
+    for k, name in enumerate(table.name):
+        size = f"radius {_range_of(scene.radius, table, k)}, mass {_range_of(scene.mass, table, k)}"
+        if k == 0 and table.number[0] == 1 and scene.tracer_position is not None:
+            x, y = scene.tracer_position
+            size += f", starts at ({x:g}, {y:g})"
+        words.append(f"{table.number[k]} {name} ({size})")
+    return ", ".join(words) or "none"
+
+
+def _range_of(values: np.ndarray, table: SpeciesTable, species: int) -> str:
+    """Return the values (N,) of the disks of a species in words: 0.5, or 0.4 to 0.6."""
+    of_species = values[table.species_index == species]
+    least = of_species.min()
+    most = of_species.max()
+    return f"{least:g}" if least == most else f"{least:g} to {most:g}"
 
 
 def start_in_words(scene: Scene) -> str:
     """Return how disks are placed and equilibrated, and whether that leaves out equilibrium."""
-    if scene.velocities is None:
-        return "as listed"
     placed = "on a lattice" if scene.placement == "lattice" else "placed at random"
+    if scene.configuration is not None:
+        placed = "at given places"
     placed += " as smaller disks that grow" if is_grown(scene) else ""
     if not scene.equilibrate.time:
         return placed
-    has_tracer = any(species.name == "tracer" for species in scene.species)
-    tracer = f" with the tracer {scene.equilibrate.tracer}" if has_tracer else ""
+    tracer = f" with the tracer {scene.equilibrate.tracer}" if scene.has_tracer else ""
     unsettled = "" if claims_equilibrium(scene) else ", which is not equilibrium"
     return f"{placed}, then equilibrated for {scene.equilibrate.time:g}{tracer}{unsettled}"
 
@@ -60,13 +71,15 @@ def velocities_in_words(scene: Scene) -> str:
     """Return the distribution of the initial velocities, and whether the total momentum is zero."""
     velocities = scene.velocities
     if velocities is None:
-        return "as listed"
+        return "given"
     if velocities.temperature is not None:
         width = f"temperature kT = {velocities.temperature:g}"
     else:
         width = f"standard deviation {velocities.standard_deviation:g} of each component"
     momentum = "; the total momentum is zero" if velocities.zero_momentum else ""
-    return f"normal, {width}{momentum}"
+    own = scene.tracer_velocity
+    tracer = "" if own is None else f"; that of the tracer is ({own[0]:g}, {own[1]:g})"
+    return f"{velocities.distribution}, {width}{tracer}{momentum}"
 
 
 def times_in_words(scene: Scene) -> str:

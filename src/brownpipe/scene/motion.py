@@ -1,7 +1,8 @@
 """How the disks of a scene move at first: their velocities at t = 0, before any run is made.
 
-The components of drawn velocities are normal: of variance kT/m at a temperature kT, or of one
-standard deviation s for all disks, whatever their mass; listed disks have the velocities listed.
+The components of drawn velocities have the variance kT/m at a temperature kT, or one standard
+deviation s for all disks, whatever their mass; the tracer may have a velocity of its own, and disks
+whose positions are given may have given velocities.
 Engines draw them (`engines.start.initial_state`); theory, forecasts and estimators that depend on
 them ask here. docs/theory.md, section 4.
 """
@@ -11,11 +12,21 @@ import math
 import numpy as np
 
 from brownpipe.scene.scene import Scene
+from brownpipe.scene.species import kinds_of
 
 
 def temperature(scene: Scene) -> float | None:
     """Return the kT [energy] at which all velocities are drawn; None if they are not."""
-    return None if scene.velocities is None else scene.velocities.temperature
+    if scene.velocities is None or scene.tracer_velocity is not None:
+        return None
+    return scene.velocities.temperature
+
+
+def given_velocities(scene: Scene) -> np.ndarray | None:
+    """Return the velocities (N, 2) [length/time] of disks that all have theirs; None if they are
+    drawn.
+    """
+    return None if scene.configuration is None else scene.configuration.velocity
 
 
 def is_thermal(scene: Scene) -> bool:
@@ -25,8 +36,13 @@ def is_thermal(scene: Scene) -> bool:
 
 def moves(scene: Scene) -> bool:
     """Return whether the velocities of a scene are not all zero."""
+    velocity = given_velocities(scene)
+    if velocity is not None:
+        return bool(velocity.any())
     if scene.velocities is None:
-        return any(any(disk.velocity) for disk in scene.listed)
+        return False
+    if scene.tracer_velocity is not None and any(scene.tracer_velocity):
+        return True
     return bool(scene.velocities.temperature or scene.velocities.standard_deviation)
 
 
@@ -55,10 +71,12 @@ def mean_square_speed_of_centre(scene: Scene) -> float:
     if not scene.particles or starts_with_zero_momentum(scene):
         return 0.0
     share = _share_of_mass(scene)
-    if scene.listed:
-        velocity = np.array([disk.velocity for disk in scene.listed])
+    velocity = given_velocities(scene)
+    if velocity is not None:
         return float(((share[:, None] * velocity).sum(axis=0) ** 2).sum())
-    return float(2 * (share**2 * _component_variance(scene)).sum())
+    drawn = float(2 * (share**2 * _component_variance(scene)).sum())
+    own = scene.tracer_velocity
+    return drawn if own is None else drawn + float(share[0] ** 2 * np.square(own).sum())
 
 
 # -- tracer and bath -------------------------------------------------------------------------------
@@ -66,9 +84,11 @@ def mean_square_speed_of_centre(scene: Scene) -> float:
 
 def bath_temperature(scene: Scene) -> float:
     """Return kT [energy] of the bath: the mean kinetic energy of all disks but the tracer."""
-    drawn_at = temperature(scene)
-    if drawn_at is not None:
-        return drawn_at
+    velocity = given_velocities(scene)
+    if velocity is not None:
+        return _mean_energy(scene.mass[1:], velocity[1:])
+    if scene.velocities is not None and scene.velocities.temperature is not None:
+        return scene.velocities.temperature
     number, mass = _bath(scene)
     largest = mass.max(initial=0.0)
     unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)  # many masses of 1e300 add up to infinity
@@ -101,16 +121,18 @@ def mean_square_speed_of_tracer(scene: Scene) -> float:
 
         <v0^2> = 2 (w_0 (1 - 2 f_0) + sum_i f_i^2 w_i).
 
-    A listed disk has its squared speed. NaN if it is not known: without disks, and where a tracer
-    of another temperature than its bath exchanges energy with it before t = 0.
+    A tracer with a velocity of its own has its square. NaN if it is not known: without disks, and
+    where a tracer of another temperature than its bath exchanges energy with it before t = 0.
     """
     if not scene.particles:
         return math.nan
-    if scene.listed:
-        return float(np.square(scene.listed[0].velocity).sum())
     before = scene.equilibrate
     if before.time > 0 and before.tracer == "free" and not is_thermal(scene):
         return math.nan
+    velocity = given_velocities(scene)
+    own = scene.tracer_velocity if velocity is None else velocity[0]
+    if own is not None:
+        return float(np.square(own).sum())
     variance = _component_variance(scene)
     if not starts_with_zero_momentum(scene):
         return float(2 * variance[0])
@@ -138,20 +160,23 @@ def _component_variance(scene: Scene) -> np.ndarray:
     """Return the variances (N,) [length^2/time^2] of velocity components of drawn disks at t = 0,
     before the velocity of the centre of mass is subtracted.
     """
-    drawn_at = temperature(scene)
-    if drawn_at is not None:
-        return drawn_at / scene.mass
-    return (_common_deviation(scene) * speed_ratios(scene)) ** 2
+    if scene.velocities is not None and scene.velocities.temperature is not None:
+        variance = scene.velocities.temperature / scene.mass
+    else:
+        variance = (_common_deviation(scene) * speed_ratios(scene)) ** 2
+    if scene.tracer_velocity is not None:  # it is not drawn
+        variance[0] = 0.0
+    return variance
 
 
 def _common_deviation(scene: Scene) -> float:
     """Return the standard deviation [length/time] of which the velocity components of all disks
     are drawn, whatever their mass.
 
-    Raises ValueError where velocities are listed, or drawn at a temperature.
+    Raises ValueError where velocities are given, or drawn at a temperature.
     """
     if scene.velocities is None or scene.velocities.standard_deviation is None:
-        raise ValueError("no standard deviation: velocities are listed, or drawn at a temperature")
+        raise ValueError("no standard deviation: velocities are given, or drawn at a temperature")
     return scene.velocities.standard_deviation
 
 
@@ -162,9 +187,30 @@ def _share_of_mass(scene: Scene) -> np.ndarray:
 
 
 def _bath(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Return numbers (K,) and masses (K,) of the disks of each species, the tracer left out."""
-    present = [species for species in scene.species if species.count]
-    number = np.array([species.count for species in present])
-    mass = np.array([species.mass for species in present])
-    number[:1] -= 1  # the tracer is the first disk of the first species
-    return number[number > 0], mass[number > 0]
+    """Return numbers (K,) and masses (K,) of the disks of each kind, the tracer left out."""
+    kinds = kinds_of(scene)
+    number = kinds.number.copy()
+    number[:1] -= 1  # the tracer is of the first kind
+    return number[number > 0], kinds.mass[number > 0]
+
+
+def mean_energy(scene: Scene) -> float:
+    """Return the mean kinetic energy [energy] per disk at t = 0: kT, once all disks share it."""
+    if not scene.particles:
+        return 0.0
+    velocity = given_velocities(scene)
+    if velocity is not None:
+        return _mean_energy(scene.mass, velocity)
+    tracer_energy = scene.mass[0] * mean_square_speed_of_tracer(scene) / 2
+    bath_energy = (scene.particles - 1) * bath_temperature(scene) if scene.particles > 1 else 0.0
+    return float(tracer_energy + bath_energy) / scene.particles
+
+
+def _mean_energy(mass: np.ndarray, velocity: np.ndarray) -> float:
+    """Return the mean kinetic energy of disks of masses (n,) and velocities (n, 2); 0 without
+    disks.
+    """
+    unit = float(np.abs(velocity).max(initial=0.0)) or 1.0  # so that no square overflows
+    square_speed = np.sum((velocity / unit) ** 2, axis=1)
+    energy = (mass * square_speed).sum() / 2 / max(len(mass), 1)
+    return float(unit * unit * energy)

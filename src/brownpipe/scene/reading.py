@@ -320,6 +320,11 @@ def plain(value: Any) -> Any:
     return value
 
 
+def without_none(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys of a mapping that have a value."""
+    return {key: value for key, value in mapping.items() if value is not None}
+
+
 # -- refusals --------------------------------------------------------------------------------------
 
 # by pydantic's names of errors, with the context that comes with them; others as pydantic words

@@ -1,24 +1,41 @@
 """The scene: box, disks and times of a run, everything that decides its physics but the seed.
 Frozen and hashable.
 
-Its fields are the keys of scene files, with their bounds. A scene is valid by construction: listed
-disks lie inside the box and do not overlap, and species cover no more of it than hexagonal packing
-does.
+Its fields are the keys of scene files, with their bounds. A scene is valid by construction: disks
+whose positions are given lie inside the box and do not overlap, and species cover no more of it
+than hexagonal packing does.
 """
 
 import hashlib
 import json
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NoReturn
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, NoReturn
 
 import numpy as np
-from pydantic import Field, PrivateAttr, StrictBool, ValidationInfo, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    PrivateAttr,
+    StrictBool,
+    Tag,
+    ValidationInfo,
+    model_validator,
+)
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
+from brownpipe.scene.configuration import (
+    TRACER,
+    Configuration,
+    ConfigurationKey,
+    encoded,
+    with_names,
+    with_own_species,
+)
+from brownpipe.scene.overlaps import ROUND_OFF, Overlaps, overlaps
 from brownpipe.scene.reading import (
     As,
     Count,
@@ -37,7 +54,6 @@ from brownpipe.text import shell_path
 from brownpipe.theory import HEXAGONAL_PACKING
 
 MOST_SAMPLES = 10_000_000
-ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
 # side of a box; the shortest is 1/LONGEST: squared displacements of 1e-14 of it do not underflow
 LONGEST = 1e140
@@ -105,12 +121,17 @@ class Box(Section):
 
 
 class Disk(Section):
-    """A disk of an explicit list."""
+    """A disk of a list."""
 
     position: Pair = key("initial centre, [x, y] [length]")
-    velocity: Pair = key("[x, y] [length/time]")
+    velocity: Pair | None = key(
+        "[x, y] [length/time]; without it the velocities of all disks are drawn", None
+    )
     radius: Positive = key("[length]")
     mass: Positive = key("[mass]")
+    species: Name | None = key(
+        "name of its species; without it disks of one radius and mass are one", None
+    )
     count: ClassVar[int] = 1
 
 
@@ -122,7 +143,10 @@ class Tracer(Section):
     position: Pair | None = key(
         "its initial centre [length]; by default it is placed like the others", None
     )
-    name: ClassVar[str] = "tracer"
+    velocity: Pair | None = key(
+        "[x, y] at t = 0 [length/time]; by default it is drawn like the others", None
+    )
+    name: ClassVar[str] = TRACER
     count: ClassVar[int] = 1
 
 
@@ -151,11 +175,67 @@ class Mixture(Section):
     )
 
 
-Group = Disk | Tracer | Species  # equal disks, `count` of them
+class DiskChanges(Section):
+    """Keys of disks of a configuration that replace what is in it."""
+
+    radius: Positive | None = key("[length]", None)
+    mass: Positive | None = key("[mass]", None)
+
+
+class TracerChanges(DiskChanges):
+    """Keys of disk 0 that replace what is in the configuration. It is then a species of its own."""
+
+    position: Pair | None = key("its initial centre, [x, y] [length]", None)
+    velocity: Pair | None = key("[x, y] at t = 0 [length/time]", None)
+
+
+class GivenDisks(Section):
+    """Disks of a file, or of a program, the tracer first."""
+
+    file: Annotated[str, Field(min_length=1)] | None = key(
+        "CSV, extended XYZ, GSD or runs of brownpipe (.h5), relative to the scene file", None
+    )
+    seed: Annotated[int, Field(strict=True, ge=0)] | None = key(
+        "of the run in a file of runs (default: the first whole one)", None
+    )
+    time: reading.Number | None = key("of the sample in a file [time] (default: the last)", None)
+    configuration: ConfigurationKey | None = key("the disks themselves, in place of a file", None)
+    push_apart: NotNegative = key(
+        "disks that overlap by no more than this are pushed apart [contact distances]", 0.0
+    )
+    tracer: TracerChanges | None = key("keys of disk 0 that are replaced", None)
+    species: dict[Name, DiskChanges] = key(
+        "keys of the disks of a species that are replaced, by its name", {}
+    )
+
+
+PLACED = "disks that are placed"
+LISTED = "list of disks"
+GIVEN = "disks of a file"
+
+
+def _kind_of_disks(value: Any) -> str:
+    """Return which of the three forms of `disks` a value has."""
+    if isinstance(value, GivenDisks):
+        return GIVEN
+    if isinstance(value, Mixture):
+        return PLACED
+    if not isinstance(value, Mapping):
+        return LISTED
+    return GIVEN if {"file", "configuration"} & {*value} else PLACED
+
+
+Disks = Annotated[
+    Annotated[Mixture, Tag(PLACED)]
+    | Annotated[tuple[Disk, ...], Tag(LISTED)]
+    | Annotated[GivenDisks, Tag(GIVEN)],
+    Discriminator(_kind_of_disks),
+]
+Group = Tracer | Species  # equal disks, `count` of them
 
 
 class Velocities(Section):
-    """Normal distribution of the initial velocity components: one of the two widths is given."""
+    """Distribution of the initial velocity components: one of the two widths is given."""
 
     # Theory that reads `scene.velocities` relies on this distribution.
     standard_deviation: NotNegative | None = key(
@@ -163,6 +243,9 @@ class Velocities(Section):
     )
     temperature: NotNegative | None = key(
         "kT: velocity components have variance kT/m [energy]", None
+    )
+    distribution: Literal["normal", "uniform"] = key(
+        "of the components; uniform between -sqrt(3) and sqrt(3) standard deviations", "normal"
     )
     zero_momentum: Resolved[StrictBool] = key(
         "subtract the velocity of the centre of mass (default: in a periodic box with several "
@@ -200,14 +283,16 @@ class Scene(Section):
     """The physics of one run. Disk 0 is the tracer."""
 
     box: Box = key("the rectangle, and what happens at its sides")
-    disks: Mixture | tuple[Disk, ...] = key(
-        "species, whose disks are placed by the program, or a list of disks"
+    disks: Disks = key(
+        "species, whose disks are placed by the program, a list of disks, or a file with them"
     )
     duration: Positive = key("a run goes from t = 0 to t = duration [time]")
     particles: Resolved[Count] = key(
         "total number of disks, tracer included (default: sum of the counts)", None
     )
-    velocities: Velocities | None = key("initial velocities; must be given with species", None)
+    velocities: Velocities | None = key(
+        "initial velocities; must be given unless the disks have theirs", None
+    )
     sample_interval: Resolved[Positive] = key(
         "sample times: its multiples and the duration [time]", None
     )
@@ -217,6 +302,8 @@ class Scene(Section):
     )
     _given: dict[str, Any] = PrivateAttr()
     _name: str = PrivateAttr()
+    _configuration: Configuration | None = PrivateAttr(None)
+    _overlaps: Overlaps | None = PrivateAttr(None)
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Scene":
@@ -229,13 +316,14 @@ class Scene(Section):
         self._resolve_times()
         if isinstance(self.disks, Mixture):
             self._check_names(self.disks)
-        groups = self._groups()
-        self._resolve_numbers(groups.values())
+            self._resolve_numbers(self.species)
+        else:
+            self._configuration = self._resolved_configuration(self.disks)
+            self._resolve_number_of_given(len(self._configuration.radius))
         self._check_masses()
         self._resolve_start()
         if info.context is None:
-            for path, group in groups.items():
-                self._check_disk(group, *path)
+            self._check_places()
             self._check_packing()
         return self
 
@@ -267,16 +355,29 @@ class Scene(Section):
             allowed = "names of their own, none tracer, and one rest at most"
             refuse(f"must have {allowed}, not {names}, {counts}", "disks", "species")
 
-    def _groups(self) -> dict[tuple[str | int, ...], Group]:
-        """Return the listed disks, or the species, tracer included, by their paths of keys."""
-        if not isinstance(self.disks, Mixture):
-            return {("disks", k): disk for k, disk in enumerate(self.disks)}
-        groups: dict[tuple[str | int, ...], Group] = {}
-        if self.disks.tracer is not None:
-            groups["disks", "tracer"] = self.disks.tracer
-        for k, species in enumerate(self.disks.species):
-            groups["disks", "species", k] = species
-        return groups
+    def _resolved_configuration(self, disks: tuple[Disk, ...] | GivenDisks) -> Configuration:
+        """Return the disks whose positions are given, with the keys that replace those of a file.
+
+        They have no velocities if the scene draws them.
+        """
+        if isinstance(disks, GivenDisks):
+            configuration = _with_changes(disks, has_velocities=self.velocities is None)
+        else:
+            configuration = _listed(disks, has_velocities=self.velocities is None)
+        names = configuration.names
+        several = np.count_nonzero(configuration.species_index == 0) > 1
+        if TRACER in names[1:] or (names[:1] == (TRACER,) and several):
+            refuse(f"must have no disk but the first of the species {TRACER}", "disks")
+        if self.velocities is not None:
+            return configuration._replace(velocity=None)
+        return configuration
+
+    def _resolve_number_of_given(self, number: int) -> None:
+        """Refuse another number of disks than are given."""
+        if "particles" in self.model_fields_set and self.particles != number:
+            problem = f"must be {number}, the number of disks in `disks`, not {self.particles}"
+            refuse(problem, "particles")
+        self._resolve(particles=number)
 
     def _resolve_numbers(self, groups: Collection[Group]) -> None:
         """Resolve the number of disks in all, and of those that are its rest."""
@@ -311,70 +412,112 @@ class Scene(Section):
         """Resolve the motion of the tracer before t = 0 and the total momentum."""
         start = self.equilibrate
         velocities = self.velocities
-        has_tracer = isinstance(self.disks, Mixture) and self.disks.tracer is not None
         if self.placement and velocities is None:
             refuse(
                 "missing; must be given with species: {temperature: kT} or "
                 "{standard_deviation: speed}",
                 "velocities",
             )
-        if velocities is not None and not self.placement:
-            refuse("must not be given with an explicit list of disks", "velocities")
-        if start.time > 0 and not self.placement:
-            refuse("must not be given with an explicit list of disks", "equilibrate")
         if "tracer" not in start.model_fields_set or start.time == 0:
-            start._resolve(tracer="pinned" if has_tracer else "free")
-        elif start.tracer == "pinned" and not has_tracer:
+            start._resolve(tracer="pinned" if self.has_tracer else "free")
+        elif start.tracer == "pinned" and not self.has_tracer:
             refuse("must be free, as there is no tracer", "equilibrate", "tracer")
-        if velocities is None:
-            return
+        if start.time > 0 and start.tracer == "free" and self.tracer_velocity is not None:
+            refuse("must be pinned, as its velocity at t = 0 is given", "equilibrate", "tracer")
+        if velocities is not None:
+            self._resolve_velocities(velocities)
+
+    def _resolve_velocities(self, velocities: Velocities) -> None:
+        """Resolve the total momentum, and refuse distributions without a width, or with two."""
         if (velocities.standard_deviation is None) == (velocities.temperature is None):
             refuse("must have either standard_deviation or temperature", "velocities")
+        if velocities.distribution == "uniform" and velocities.standard_deviation is None:
+            problem = "must be normal with a temperature; uniform needs standard_deviation"
+            refuse(problem, "velocities", "distribution")
         if "zero_momentum" not in velocities.model_fields_set:
             # Periodic disks drift as a whole; a single one would stand still.
             velocities._resolve(zero_momentum=self.box.periodic and self.particles != 1)
+        if velocities.zero_momentum and self.tracer_velocity is not None and self.particles == 1:
+            problem = "must be false, as the only disk has a velocity of its own"
+            refuse(problem, "velocities", "zero_momentum")
 
     def _check_packing(self) -> None:
-        """Refuse listed disks that overlap and species that cannot fit; those accepted may still be
+        """Refuse given disks that overlap and species that cannot fit; those accepted may still be
         hard to place.
         """
-        sides = (self.box.x, self.box.y) if self.box.periodic else None
-        position = np.array([disk.position for disk in self.listed])
-        deepest = overlap(position, self.radius, sides) if len(position) > 1 else None
-        if deepest is not None:
-            *pair, gap = deepest
-            disks = " and ".join(f"disk {k} at {list(self.listed[k].position)}" for k in pair)
-            refuse(
-                f"{disks} overlap: the gap between their edges is {gap:.6g}; must be >= 0", "disks"
-            )
-        if self.species and self.packing_fraction > HEXAGONAL_PACKING * (1 + 1e-9):
+        if self.configuration is not None:
+            self._check_overlaps(self.configuration)
+            return
+        if self.packing_fraction > HEXAGONAL_PACKING * (1 + 1e-9):
             crowd = (
                 f"{self.particles} disks cover {self.packing_fraction:.4g} times the area of the "
                 "box"
             )
             refuse(f"{crowd}; must be at most {HEXAGONAL_PACKING:.4g} (hexagonal packing)", "disks")
 
-    def _check_disk(self, disk: Group, *path: str | int) -> None:
-        """Refuse a radius that does not fit or vanishes in round-off, and a centre outside the box
-        or in a wall.
+    def _check_overlaps(self, given: Configuration) -> None:
+        """Refuse disks that overlap by more than the scene pushes apart."""
+        sides = (self.box.x, self.box.y) if self.box.periodic else None
+        self._overlaps = overlaps(given.position, given.radius, sides)
+        if self._overlaps is None:
+            return
+        number, first, second, gap, depth = self._overlaps
+        pushed = self.disks.push_apart if isinstance(self.disks, GivenDisks) else 0.0
+        if depth <= pushed:
+            return
+        pair = " and ".join(f"disk {k} at {given.position[k].tolist()}" for k in (first, second))
+        problem = f"{pair} overlap: the gap between their edges is {gap:.6g}; must be >= 0"
+        if number > 1:
+            problem += f"; {number} pairs overlap, these two most"
+        if isinstance(self.disks, GivenDisks):
+            problem += f"; push_apart: {_rounded_up(depth):g} would push all apart"
+        refuse(problem, "disks")
+
+    def _check_places(self) -> None:
+        """Refuse radii that do not fit into the box, and centres outside it or in a wall."""
+        if self.configuration is not None:
+            self._check_given_places(self.configuration)
+        elif isinstance(self.disks, Mixture):
+            if self.disks.tracer is not None:
+                self._check_tracer(self.disks.tracer)
+            for k, species in enumerate(self.disks.species):
+                self._check_radius(species.radius, "disks", "species", k, "radius")
+
+    def _check_tracer(self, tracer: Tracer) -> None:
+        self._check_radius(tracer.radius, "disks", "tracer", "radius")
+        if tracer.position is None:
+            return
+        outside = _first_outside(self.box, np.array([tracer.position]), np.array([tracer.radius]))
+        if outside is not None:
+            refuse(outside.problem, "disks", "tracer", "position")
+
+    def _check_given_places(self, given: Configuration) -> None:
+        number = len(given.radius)
+        if not number:
+            return
+        is_list = isinstance(self.disks, tuple)
+        smallest = int(given.radius.argmin())
+        largest = int(given.radius.argmax())
+        for k in (smallest, largest):
+            path = ("disks", k, "radius") if is_list else ("disks", f"disk {k}", "radius")
+            self._check_radius(float(given.radius[k]), *path)
+        outside = _first_outside(self.box, given.position, given.radius)
+        if outside is not None:
+            k = outside.disk
+            path = ("disks", k, "position") if is_list else ("disks", f"disk {k}", "position")
+            refuse(outside.problem, *path)
+
+    def _check_radius(self, radius: float, *path: str | int) -> None:
+        """Refuse a radius that does not fit, or vanishes in round-off.
 
         In a periodic box of less than four radii a disk could touch two images of one neighbour.
         """
         box = self.box
-        radius = disk.radius
         smallest = SMALLEST_RADIUS * max(box.width, box.height)
         largest = min(box.width, box.height) / (4 if box.periodic else 2)
         if not smallest <= radius <= largest:
             allowed = f"{smallest:g} to {largest!r} in this {box.boundary} box"
-            refuse(f"must be {allowed}, not {radius!r}", *path, "radius")
-        if disk.position is None:
-            return
-        x, y = disk.position
-        for axis, value, side in (("x", x, box.x), ("y", y, box.y)):
-            inside = _range_if_outside(axis, value, side, 0.0 if box.periodic else radius)
-            if inside:
-                problem = f"must have the disk inside the box, {inside}, not {list(disk.position)}"
-                refuse(problem, *path, "position")
+            refuse(f"must be {allowed}, not {radius!r}", *path)
 
     def __repr__(self) -> str:
         box = f"{self.box.boundary} box {self.box.width:g} x {self.box.height:g}"
@@ -406,14 +549,33 @@ class Scene(Section):
         """The keys that were given, without what follows from them."""
         return self._given
 
-    @cached_property
-    def listed(self) -> tuple[Disk, ...]:
-        """The disks of an explicit list; () for species."""
-        return () if isinstance(self.disks, Mixture) else self.disks
+    @property
+    def configuration(self) -> Configuration | None:
+        """The disks whose positions the scene gives, with names of their species; None if the
+        program places them. Their velocities are None if they are drawn.
+        """
+        return self._configuration
+
+    @property
+    def overlaps(self) -> Overlaps | None:
+        """The pairs of given disks that overlap, and are pushed apart before a run; None without
+        any.
+        """
+        return self._overlaps
+
+    @property
+    def has_one_state(self) -> bool:
+        """Whether there are disks whose positions and velocities are given, so that nothing is
+        drawn, and all runs are the same.
+        """
+        is_given = self._configuration is not None and self.velocities is None
+        return is_given and self.particles > 0
 
     @cached_property
     def species(self) -> tuple[Tracer | Species, ...]:
-        """The tracer, if there is one, and the species; () for a list of disks."""
+        """The tracer, if there is one, and the species that the program places; () where positions
+        are given. `scene.species.species_table` has the species of both.
+        """
         if not isinstance(self.disks, Mixture):
             return ()
         if self.disks.tracer is None:
@@ -421,25 +583,57 @@ class Scene(Section):
         return (self.disks.tracer, *self.disks.species)
 
     @property
+    def has_tracer(self) -> bool:
+        """Whether disk 0 is a species of its own, called tracer."""
+        if self._configuration is not None:
+            return self._configuration.names[:1] == (TRACER,)
+        return isinstance(self.disks, Mixture) and self.disks.tracer is not None
+
+    @property
+    def tracer_position(self) -> tuple[float, float] | None:
+        """The given centre of disk 0 [length]; None if it is placed like the others."""
+        if self._configuration is not None:
+            places = self._configuration.position
+            return (float(places[0, 0]), float(places[0, 1])) if len(places) else None
+        if not isinstance(self.disks, Mixture) or self.disks.tracer is None:
+            return None
+        return self.disks.tracer.position
+
+    @property
+    def tracer_velocity(self) -> tuple[float, float] | None:
+        """The velocity [length/time] at t = 0 that the scene gives disk 0 while it draws those of
+        the others; None if it gives none.
+        """
+        if self.velocities is None:
+            return None
+        if isinstance(self.disks, tuple):
+            return self.disks[0].velocity if self.disks else None
+        return None if self.disks.tracer is None else self.disks.tracer.velocity
+
+    @property
     def placement(self) -> str:
-        """How the program places the disks: "auto", "random" or "lattice"; "" for a list of
-        disks.
+        """How the program places the disks: "auto", "random" or "lattice"; "" where positions are
+        given.
         """
         return self.disks.placement if isinstance(self.disks, Mixture) else ""
 
     @cached_property
     def radius(self) -> np.ndarray:
         """The radius of each disk (N,) [length], read-only."""
-        return self._of_each_disk([group.radius for group in self.listed or self.species])
+        if self._configuration is not None:
+            return self._configuration.radius
+        return self._of_each_disk([group.radius for group in self.species])
 
     @cached_property
     def mass(self) -> np.ndarray:
         """The mass of each disk (N,), read-only."""
-        return self._of_each_disk([group.mass for group in self.listed or self.species])
+        if self._configuration is not None:
+            return self._configuration.mass
+        return self._of_each_disk([group.mass for group in self.species])
 
     def _of_each_disk(self, values: list[float]) -> np.ndarray:
-        """Return the values of listed disks or species for each disk (N,), read-only."""
-        counts = [group.count for group in self.listed or self.species]
+        """Return the values of species for each disk (N,), read-only."""
+        counts = [group.count for group in self.species]
         repeated = np.repeat(np.array(values, float), np.array(counts, int))
         repeated.flags.writeable = False
         return repeated
@@ -500,10 +694,49 @@ class Scene(Section):
         """Return the scene as a mapping like that of a scene file, with every default written
         out.
         """
-        left_out = {"samples" if self.samples is None else "sample_interval"}
-        if not self.placement:
-            left_out |= {"particles", "velocities", "equilibrate"}
-        return self.model_dump(exclude=left_out)
+        keys = self.model_dump(exclude={"samples" if self.samples is None else "sample_interval"})
+        if self.velocities is not None and self.velocities.distribution == "normal":
+            del keys["velocities"]["distribution"]
+        if isinstance(self.disks, Mixture):
+            if self.disks.tracer is not None and self.disks.tracer.velocity is None:
+                del keys["disks"]["tracer"]["velocity"]
+            return keys
+        del keys["particles"]
+        if self.velocities is None:
+            del keys["velocities"]
+        if self.equilibrate.time == 0:
+            del keys["equilibrate"]
+        if isinstance(self.disks, tuple):
+            keys["disks"] = [reading.without_none(disk) for disk in keys["disks"]]
+        else:
+            keys["disks"] = self._given_disks_as_mapping(self.disks)
+        return keys
+
+    def _given_disks_as_mapping(self, disks: GivenDisks) -> dict[str, Any]:
+        """Return disks of a file as they are in the text of the scene: with what was in the file,
+        radii and masses of species beside them, and without its name.
+        """
+        given = self._configuration
+        assert given is not None
+        keys: dict[str, Any] = {"configuration": encoded(given)}
+        if disks.push_apart:
+            keys["push_apart"] = disks.push_apart
+        species: dict[str, dict[str, Any]] = {}
+        for k, name in enumerate(given.names):
+            of_species = given.species_index == k
+            radii = np.unique(given.radius[of_species])
+            masses = np.unique(given.mass[of_species])
+            species[name] = {}
+            if len(radii) == 1:
+                species[name]["radius"] = float(radii[0])
+            if len(masses) == 1:
+                species[name]["mass"] = float(masses[0])
+        if self.has_tracer:
+            keys["tracer"] = species.pop(TRACER)
+            if self.tracer_velocity is not None:
+                keys["tracer"]["velocity"] = self.tracer_velocity
+        keys["species"] = species
+        return keys
 
     @cached_property
     def text(self) -> str:
@@ -537,8 +770,8 @@ def parse_scene(
     """Return the scene of a mapping as read from a scene file.
 
     where: the file that messages name; its stem is the name of the scene, unless `name` is given.
-    particles: total number of disks instead of the file's; for an explicit list it must be the
-    length of the list.
+    particles: total number of disks instead of the file's; where positions are given it must be
+    their number.
 
     Raises RequestError for anything wrong.
     """
@@ -555,51 +788,138 @@ def parse_scene(
     return scene
 
 
-def _range_if_outside(axis: str, value: float, side: tuple[float, float], margin: float) -> str:
-    """Return the range of a coordinate, "1 <= x <= 9", in which a disk is `margin` from the walls;
-    nothing if `value` is in it. A margin of 0 stands for a periodic box.
+class Outside(NamedTuple):
+    """A disk that is not inside the box."""
+
+    disk: int
+    problem: str
+
+
+def _first_outside(box: Box, position: np.ndarray, radius: np.ndarray) -> Outside | None:
+    """Return the first of N disks at positions (N, 2) that is not inside the box; None if all are.
+
+    Its edge is in a reflecting box, its centre in a periodic one.
     """
-    low, high = side
-    slack = ROUND_OFF * margin + 2 * math.ulp(max(-low, high)) if margin else 0.0
-    is_inside = low - slack <= value - margin <= value + margin <= high + slack
-    if is_inside and (margin or value < high):
-        return ""
-    return f"{low + margin:.10g} <= {axis} {'<=' if margin else '<'} {high - margin:.10g}"
+    margin = np.zeros_like(radius) if box.periodic else radius
+    for column, (axis, (low, high)) in enumerate((("x", box.x), ("y", box.y))):
+        value = position[:, column]
+        if box.periodic:
+            is_inside = (low <= value) & (value < high)
+        else:
+            slack = ROUND_OFF * margin + 2 * math.ulp(max(-low, high))
+            is_inside = (low - slack <= value - margin) & (value + margin <= high + slack)
+        if not is_inside.all():
+            disk = int(np.argmin(is_inside))
+            least = float(low + margin[disk])
+            most = float(high - margin[disk])
+            sign = "<" if box.periodic else "<="
+            allowed = f"{least:.10g} <= {axis} {sign} {most:.10g}"
+            place = position[disk].tolist()
+            return Outside(disk, f"must have the disk inside the box, {allowed}, not {place}")
+    return None
 
 
-def overlap(
-    position: np.ndarray, radius: np.ndarray, box: tuple | None = None
-) -> tuple[int, int, float] | None:
-    """Return the two disks that overlap most and the (negative) gap between their edges, None if no
-    two overlap.
-
-    position: (N, 2), radius: (N,) [length], N > 0. box: (low, high) of x and of y if it is
-    periodic, at least twice the largest diameter, else None. Overlaps within round-off do not
-    count.
-
-    Two overlapping disks, the larger one of radius R, are closer than 2 R: a k-d tree finds them.
+def _listed(disks: tuple[Disk, ...], has_velocities: bool) -> Configuration:
+    """Return the disks of a list. Either all have velocities, or the scene draws them; then disk 0
+    alone may have one, and is a species of its own.
     """
-    from scipy.spatial import KDTree  # takes 0.2 s
+    for k, disk in enumerate(disks):
+        if has_velocities and disk.velocity is None:
+            problem = "missing; must be given, or `velocities` that draw those of all disks"
+            refuse(problem, "disks", k, "velocity")
+        if not has_velocities and disk.velocity is not None and k > 0:
+            problem = "must not be given with `velocities`; disk 0 alone may have one of its own"
+            refuse(problem, "disks", k, "velocity")
+        if (disk.species is None) != (disks[0].species is None):
+            refuse("must be given for all disks or for none", "disks", k, "species")
+    number = len(disks)
+    velocity = None
+    if has_velocities:
+        velocity = np.array([disk.velocity for disk in disks], float).reshape(number, 2)
+    configuration = Configuration(
+        position=np.array([disk.position for disk in disks], float).reshape(number, 2),
+        velocity=velocity,
+        radius=np.array([disk.radius for disk in disks], float),
+        mass=np.array([disk.mass for disk in disks], float),
+    )
+    names = [disk.species for disk in disks if disk.species is not None]
+    if names:
+        order = tuple(dict.fromkeys(names))
+        index = {name: k for k, name in enumerate(order)}
+        species_index = np.array([index[name] for name in names], np.int64)
+        configuration = configuration._replace(names=order, species_index=species_index)
+    if not has_velocities and disks and disks[0].velocity is not None:
+        configuration = with_own_species(configuration)
+    return _read_only(with_names(configuration))
 
-    margin = 2 * radius.max()  # of a box around all disks: in it none is near an image of another
-    if box is None:
-        low = position.min(axis=0) - margin
-        high = position.max(axis=0) + margin
-    else:
-        low, high = np.array(box, float).T
-    sides = high - low
-    tree = KDTree((position - low) % sides, boxsize=sides)
-    near = tree.query_ball_point(tree.data, 2 * radius)
-    a = np.repeat(np.arange(len(radius)), [len(neighbours) for neighbours in near])
-    b = np.concatenate(near).astype(int)
-    apart = position[a] - position[b]
-    apart -= sides * np.rint(apart / sides)
-    sigma = radius[a] + radius[b]
-    gap = np.hypot(*apart.T) - sigma
-    round_off = ROUND_OFF * sigma + 2 * np.spacing(np.abs(position).max())
-    gap[(a == b) | (gap >= -round_off)] = 0.0
-    deepest = int(np.argmin(gap))
-    if not gap[deepest] < 0:
-        return None
-    first, second = sorted((int(a[deepest]), int(b[deepest])))
-    return first, second, float(gap[deepest])
+
+def _with_changes(disks: GivenDisks, has_velocities: bool) -> Configuration:
+    """Return the disks of a file with the keys that replace those in it."""
+    if disks.configuration is None:
+        refuse("must be the path of a file that was read, as read_scene does", "disks", "file")
+    given = disks.configuration
+    if has_velocities and given.velocity is None and len(given.radius):
+        refuse("missing; must be given, as the disks have none", "velocities")
+    if disks.tracer is not None and not len(given.radius):
+        refuse("must not be given, as there are no disks", "disks", "tracer")
+    given = with_names(given) if disks.tracer is None else with_own_species(given)
+    position = given.position.copy()
+    velocity = None if given.velocity is None else given.velocity.copy()
+    radius = given.radius.copy()
+    mass = given.mass.copy()
+    for name, changes in disks.species.items():
+        if name not in given.names:
+            known = ", ".join(given.names)
+            refuse(f"must be a species of the disks: {known}", "disks", "species", name)
+        of_species = given.species_index == given.names.index(name)
+        _replace_where(of_species, radius, changes.radius)
+        _replace_where(of_species, mass, changes.mass)
+    if disks.tracer is not None:
+        _replace_where(0, radius, disks.tracer.radius)
+        _replace_where(0, mass, disks.tracer.mass)
+        _replace_where(0, position, disks.tracer.position)
+        if has_velocities and velocity is not None:
+            _replace_where(0, velocity, disks.tracer.velocity)
+    changed = given._replace(position=position, velocity=velocity, radius=radius, mass=mass)
+    return _read_only(changed)
+
+
+def _replace_where(
+    disks: int | np.ndarray, values: np.ndarray, value: float | tuple[float, float] | None
+) -> None:
+    """Replace the values of some disks; None replaces none."""
+    if value is not None:
+        values[disks] = value
+
+
+def _read_only(configuration: Configuration) -> Configuration:
+    for array in configuration:
+        if isinstance(array, np.ndarray):
+            array.flags.writeable = False
+    return configuration
+
+
+def scaled_disks(scene: Scene, factor: float) -> list[dict[str, Any]] | dict[str, Any]:
+    """Return the disks of a scene whose positions are given, as in its mapping, with positions
+    multiplied by a factor.
+    """
+    given = scene.configuration
+    assert given is not None
+    position = factor * given.position
+    if isinstance(scene.disks, tuple):
+        disks = scene.as_mapping()["disks"]
+        for disk, place in zip(disks, position.tolist(), strict=True):
+            disk["position"] = place
+        return disks
+    keys = scene.as_mapping()["disks"]
+    return keys | {"configuration": given._replace(position=position)}
+
+
+def _rounded_up(value: float) -> float:
+    """Return a value rounded up to two digits.
+
+    >>> _rounded_up(3.2614e-6)
+    3.3e-06
+    """
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.ceil(value / digit) * digit:.3g}")

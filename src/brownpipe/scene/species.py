@@ -1,12 +1,15 @@
-"""Species of a scene: groups of disks of one radius and mass, which observables and estimators
-distinguish.
+"""Species of a scene: groups of disks that observables and estimators distinguish, and kinds of
+disks, of one radius and mass, of which theory makes its sums.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.scene.configuration import in_order_of_appearance
 from brownpipe.scene.scene import Scene
+
+MOST_KINDS_IN_SUMS = 64  # of more kinds, disks of similar radius and mass are taken as one
 
 
 class SpeciesTable(NamedTuple):
@@ -14,32 +17,82 @@ class SpeciesTable(NamedTuple):
 
     name: tuple[str, ...]  # K of them
     number: np.ndarray  # (K,) int64 disks
+    radius: np.ndarray  # (K,) [length]; the mean of a species of several radii
+    mass: np.ndarray  # (K,); the mean of a species of several masses
+    species_index: np.ndarray  # (N,) int64 of the species of each disk
+    has_one_kind: np.ndarray  # (K,) bool, whether all its disks have one radius and mass
+
+
+class Kinds(NamedTuple):
+    """Disks by radius and mass, K kinds; disk 0 is of the first."""
+
+    number: np.ndarray  # (K,) int64 disks
     radius: np.ndarray  # (K,) [length]
     mass: np.ndarray  # (K,)
-    species_index: np.ndarray  # (N,) int64 of the species of each disk
 
 
 def species_table(scene: Scene) -> SpeciesTable:
-    """Return the species of a scene.
-
-    An explicit list of disks names no species: disks of equal radius and mass are one, called
-    kind-1, kind-2, ... in the order of the list.
+    """Return the species of a scene, as they are named in it (`scene.configuration.with_names` says
+    what unnamed disks are called).
     """
-    kinds: list[tuple[float, float]]  # radius and mass of each species
-    if scene.listed:
-        disks = [(disk.radius, disk.mass) for disk in scene.listed]
-        kinds = list(dict.fromkeys(disks))
-        names = tuple(f"kind-{k + 1}" for k in range(len(kinds)))
-        index = {kind: k for k, kind in enumerate(kinds)}
-        species_index = np.array([index[disk] for disk in disks])
-    else:
-        present = [species for species in scene.species if species.count]
-        kinds = [(species.radius, species.mass) for species in present]
-        names = tuple(species.name for species in present)
-        species_index = np.repeat(np.arange(len(present)), [species.count for species in present])
+    given = scene.configuration
+    if given is not None:
+        return _species_of_given(given.names, given.species_index, scene)
+    present = [species for species in scene.species if species.count]
+    number = np.array([species.count for species in present], np.int64)
+    return SpeciesTable(
+        name=tuple(species.name for species in present),
+        number=number,
+        radius=np.array([species.radius for species in present], float),
+        mass=np.array([species.mass for species in present], float),
+        species_index=np.repeat(np.arange(len(present)), number),
+        has_one_kind=np.ones(len(present), bool),
+    )
+
+
+def _species_of_given(
+    names: tuple[str, ...], species_index: np.ndarray, scene: Scene
+) -> SpeciesTable:
     number = np.bincount(species_index, minlength=len(names))
-    radius, mass = np.array(kinds, float).reshape(-1, 2).T
-    return SpeciesTable(names, number, radius, mass, species_index)
+    radius = np.zeros(len(names))
+    mass = np.zeros(len(names))
+    has_one_kind = np.zeros(len(names), bool)
+    for k in range(len(names)):
+        radii = scene.radius[species_index == k]
+        masses = scene.mass[species_index == k]
+        has_one_kind[k] = np.ptp(radii) == 0 and np.ptp(masses) == 0
+        # the mean of equal numbers may differ from them in its last digit
+        radius[k] = radii[0] if np.ptp(radii) == 0 else radii.mean()
+        mass[k] = masses[0] if np.ptp(masses) == 0 else masses.mean()
+    return SpeciesTable(names, number, radius, mass, species_index, has_one_kind)
+
+
+def kinds_of(scene: Scene) -> Kinds:
+    """Return the kinds of disks in a scene, for sums over all disks or pairs of disks.
+
+    Of given disks with more than MOST_KINDS_IN_SUMS radii and masses, the tracer is a kind, and the
+    others are classes of equal number in the order of their radii, with their rms radii and mean
+    masses: the area that the disks cover is exact, other sums differ by the square of the width of
+    a class.
+    """
+    given = scene.configuration
+    if given is None:
+        table = species_table(scene)
+        return Kinds(table.number, table.radius, table.mass)
+    disks = np.stack([scene.radius, scene.mass], axis=1)
+    kind = in_order_of_appearance(np.unique(disks, axis=0, return_inverse=True)[1])
+    number = np.bincount(kind)
+    if len(number) <= MOST_KINDS_IN_SUMS:
+        first = np.unique(kind, return_index=True)[1]
+        return Kinds(number, scene.radius[first], scene.mass[first])
+    others = 1 + np.lexsort((scene.mass[1:], scene.radius[1:]))
+    classes = [np.array([0]), *np.array_split(others, MOST_KINDS_IN_SUMS - 1)]
+    square_radii = np.array([np.mean(scene.radius[members] ** 2) for members in classes])
+    return Kinds(
+        number=np.array([len(members) for members in classes]),
+        radius=np.sqrt(square_radii),
+        mass=np.array([scene.mass[members].mean() for members in classes]),
+    )
 
 
 def equal_disks(scene: Scene) -> np.ndarray:

@@ -2,7 +2,7 @@
 `brownpipe.scan`.
 
 A key is a path such as `disks.tracer.mass`, `disks.species.bath.count` (a species by its name) or
-`duration`; `packing_fraction` scales the box, with the place of the tracer in it.
+`duration`; `packing_fraction` scales the box, with the given places in it.
 """
 
 import math
@@ -27,7 +27,7 @@ from brownpipe.scene.reading import (
     validated,
     with_values,
 )
-from brownpipe.scene.scene import Scene, parse_scene
+from brownpipe.scene.scene import Scene, parse_scene, scaled_disks
 
 PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
@@ -121,20 +121,22 @@ def scene_with(
 
 
 def _scaled(mapping: Mapping[str, Any], where: str, packing_fraction: Any) -> Mapping[str, Any]:
-    """Return the mapping of a scene with a box, and the place of the tracer in it, scaled to this
-    packing fraction.
+    """Return the mapping of a scene with a box, and the given places in it, scaled to this packing
+    fraction.
     """
     wanted = validated(Annotated[Positive, Field(le=1)], packing_fraction, where, PACKING_FRACTION)
     scene = validated(Scene, mapping, where, context="box to be scaled")
-    if scene.listed or scene.packing_fraction == 0:
-        raise RequestError(
-            f"{where}: {PACKING_FRACTION}: must be of disks that are placed, and there are none"
-        )
+    if scene.packing_fraction == 0:
+        raise RequestError(f"{where}: {PACKING_FRACTION}: must be of disks, and there are none")
     factor = math.sqrt(scene.packing_fraction / wanted)
     lengths = {"box.x": scene.box.x, "box.y": scene.box.y}
-    if scene.species[0].position:
-        lengths["disks.tracer.position"] = scene.species[0].position
-    scaled = {path: [factor * first, factor * last] for path, (first, last) in lengths.items()}
+    if scene.configuration is None and scene.tracer_position is not None:
+        lengths["disks.tracer.position"] = scene.tracer_position
+    scaled: dict[str, Any] = {}
+    for path, (first, last) in lengths.items():
+        scaled[path] = [factor * first, factor * last]
+    if scene.configuration is not None:
+        scaled["disks"] = scaled_disks(scene, factor)
     return with_values(mapping, scaled, where)
 
 

@@ -107,15 +107,14 @@ def _momentum(scene: Scene) -> str | None:
     """Return what the total momentum of disks in a periodic box does to the tracer's D; None where
     there is nothing.
     """
-    if not scene.box.periodic or scene.listed or scene.particles < 2:
+    if not scene.box.periodic or scene.has_one_state or scene.particles < 2:
         return None
     if motion.starts_with_zero_momentum(scene):
         recoil = motion.bath_share(scene) ** 2
         return f"zero in total: D is (1 - m/M)^2 = {recoil:.3g} times that without recoil"
     growth = friction.drift_diffusion(scene)
-    mass = friction.tracer_species(scene).mass
     temperature = friction.bath_of(scene).temperature
-    expected = temperature / mass * not_diffusive_before(scene) / DECAY_TIMES
+    expected = temperature / scene.mass[0] * not_diffusive_before(scene) / DECAY_TIMES
     return (
         f"not zero: the centre of mass drifts, which adds {growth:.2g} to a D of {expected:.2g} "
         "by the end of a run"

@@ -317,7 +317,7 @@ class Study(Section):
             self._resolve(seeds=range(math.ceil(self.tolerance**-2)))
         sizes = [len(use.seeds or self.seeds) for use in self.uses]
         for use, size in zip(self.uses, sizes, strict=True):
-            if use.case.listed and size > 1:
+            if use.case.has_one_state and size > 1:
                 refuse(_repetition(use.case.name, size), "seeds")
         if self.batch == "auto":
             return
@@ -455,7 +455,7 @@ def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
     all.
     """
     for scene in scenes:
-        if scene.listed or rms_speed(scene) == 0.0:
+        if scene.has_one_state or rms_speed(scene) == 0.0:
             return f"{scene.name} leaves nothing to chance"
     return None
 
@@ -473,7 +473,7 @@ def forecast_of_runs(
     Raises RequestError for runs that would be identical, an engine, record, observable or average
     that does not fit the scene, and for more runs than this machine can hold.
     """
-    if scene.listed and len(seeds) > 1:
+    if scene.has_one_state and len(seeds) > 1:
         raise RequestError(f"seeds: {_repetition(scene.name, len(seeds))}")
     measures.refuse_unfit_observables(scene, names, average)
     engine.refuse_unfit(scene, record)
@@ -484,7 +484,7 @@ def forecast_of_runs(
 
 def _repetition(name: str, runs: int) -> str:
     return (
-        f"must be one seed, as the disks of {name} are listed one by one and leave nothing to "
+        f"must be one seed, as the disks of {name} have given velocities and leave nothing to "
         f"chance; found {runs}"
     )
 

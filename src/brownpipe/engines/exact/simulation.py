@@ -20,12 +20,12 @@ from brownpipe.engines.exact.run import (
     run_to_end,
     state_at_start,
 )
-from brownpipe.engines.start.initial_state import draw_state, remove_total_momentum
+from brownpipe.engines.start.initial_state import draw_state, with_zero_momentum
 from brownpipe.engines.units import State
 from brownpipe.errors import RunError
 from brownpipe.observables.own import own_arrays
 from brownpipe.observables.trajectory import Events, Run, Track
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 
 
 def simulate(
@@ -111,8 +111,8 @@ def equilibrate(
     if prepared.pinned:
         position[0] = state.position[0]
         velocity[0] = state.velocity[0]
-    if scene.velocities.zero_momentum:
-        velocity = remove_total_momentum(velocity, state.mass)
+    if motion.starts_with_zero_momentum(scene):
+        velocity = with_zero_momentum(scene, velocity)
     return state._replace(position=position, velocity=velocity)
 
 

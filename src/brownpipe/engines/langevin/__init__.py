@@ -20,7 +20,6 @@ from brownpipe.engines.friction import (
     bath_of,
     friction_rate,
     partners_of,
-    tracer_species,
 )
 from brownpipe.engines.units import SMALLEST_NORMAL
 from brownpipe.errors import RequestError
@@ -59,8 +58,8 @@ def refuse_unfit(
             f"--record {','.join(sorted(bath_records))}: the langevin engine has no bath; must be "
             "tracer or none"
         )
-    if scene.listed or scene.particles == 0:
-        _refuse(scene, "needs a scene with species, of which the first disk is followed")
+    if scene.has_one_state or scene.particles == 0:
+        _refuse(scene, "needs disks whose velocities are drawn, of which the first is followed")
     if scene.particles == 1:
         _refuse(scene, "needs a bath, and there is a single disk")
     mass_ratio = _mass_ratio(scene)
@@ -71,7 +70,7 @@ def refuse_unfit(
         )
         _refuse(scene, f"is for a heavy tracer: {ratio}; must be at least {LIGHTEST:g}")
     energy = bath_of(scene).temperature
-    smallest = min(energy, energy / tracer_species(scene).mass)
+    smallest = min(energy, energy / scene.mass[0])
     if motion.moves(scene) and not SMALLEST_NORMAL <= smallest <= energy < math.inf:
         allowed = f"from {SMALLEST_NORMAL:.3g} to 1.8e308"
         _refuse(scene, f"needs kT and kT/m {allowed}, found kT = {energy:.3g}")
@@ -86,7 +85,7 @@ def caution(scene: Scene) -> str | None:
 
     None, too, for scenes that `refuse_unfit` refuses because they have no bath.
     """
-    if scene.listed or scene.particles < 2:
+    if scene.has_one_state or scene.particles < 2:
         return None
     ratio = _mass_ratio(scene)
     if ratio >= HEAVY:
@@ -97,7 +96,7 @@ def caution(scene: Scene) -> str | None:
 
 def _mass_ratio(scene: Scene) -> float:
     """Return the tracer's mass over that of the heaviest bath disk."""
-    return tracer_species(scene).mass / bath_of(scene).mass.max()
+    return float(scene.mass[0] / bath_of(scene).mass.max())
 
 
 def _refuse(scene: Scene, why: str) -> NoReturn:

@@ -32,7 +32,6 @@ from brownpipe.engines.friction import (
     bath_of,
     friction_rate,
     rate_at_temperature,
-    tracer_species,
 )
 from brownpipe.engines.langevin import RATE_RUNS, Friction, Settings, refuse_unfit, scene_of_rate
 from brownpipe.engines.start.initial_state import draw_tracer, noise_stream
@@ -72,13 +71,11 @@ def simulate(
         raise RequestError(
             f"{scene.name}: the friction rate {gamma:g} times the duration must be below 1.8e308"
         )
-    square_speed = (
-        motion.bath_share(scene) * bath_of(scene).temperature / tracer_species(scene).mass
-    )
+    mass = float(scene.mass[0])
+    square_speed = motion.bath_share(scene) * bath_of(scene).temperature / mass
     weights = step_weights(steps, gamma, square_speed)
     measured = tracer_observables(observables)
     batch = new_batch(scene, seeds, record, measured, average if measured else "runs")
-    mass = scene.mass
     no_path = np.empty((0, 2, 2))
     compile_all(partial(follow, no_path, no_path, weights[:0]), partial(folded, scene, no_path))
 
@@ -86,7 +83,7 @@ def simulate(
         seed = int(batch.ensemble.seeds[column])
         stream = noise_stream(scene, seed)
         path = np.empty((len(weights) + 1, 2, 2))  # as if there were no walls
-        path[0] = draw_tracer(scene, mass, seed, stream)
+        path[0] = draw_tracer(scene, seed, stream)
         follow(path, stream.standard_normal((len(weights), 2, 2)), weights)
         track, known = folded(scene, path[1:])  # the first step is the time to equilibrate
         observables = {"friction_rate": gamma, "failed": np.uint8(not known)}
@@ -127,7 +124,7 @@ def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
     """Return the track (M = 1) of a free path (T, 2, 2) in the box, and whether it could be
     computed (`fold`).
     """
-    region = scene.box.accessible(tracer_species(scene).radius)
+    region = scene.box.accessible(float(scene.radius[0]))
     position, velocity = np.empty((2, len(path), 1, 2))
     image = np.empty((len(path), 1, 2), np.int32) if scene.box.periodic else None
     known = fold(path, *region, position, velocity, image)

@@ -41,43 +41,47 @@ TRIES_PER_CALL = 16_000
 def draw_state(scene: Scene, seed: int) -> State:
     """Return the initial state of one run. It depends on the scene and the seed alone.
 
-    An explicit list of disks is returned unchanged. For species, velocities are drawn first, each
-    component normal with the scene's standard deviation or with variance kT/m, and then positions
-    (`place_disks`), the tracer first. `zero_momentum` is applied here only if the scene has no time
-    to equilibrate, else at the end of that time. The random numbers are a Philox stream, seeded by
-    (ROOT_SEED, N, seed). Raises RequestError if the disks cannot be placed.
+    Velocities are drawn first, each component with the scene's standard deviation or with variance
+    kT/m, and then positions (`place_disks`), the tracer first; what the scene gives is not drawn.
+    `zero_momentum` is applied here only if the scene has no time to equilibrate, else at the end of
+    that time. The random numbers are a Philox stream, seeded by (ROOT_SEED, N, seed). Raises
+    RequestError if the disks cannot be placed.
     """
-    if scene.velocities is None:
-        position = np.array([disk.position for disk in scene.listed]).reshape(-1, 2)
-        velocity = np.array([disk.velocity for disk in scene.listed]).reshape(-1, 2)
-    else:
-        stream = _stream(ROOT_SEED, scene, seed)
-        velocity = _velocities(scene, scene.mass, stream)
-        position = place_disks(scene, stream)
-    return State(position, velocity, scene.radius, scene.mass)
+    stream = _stream(ROOT_SEED, scene, seed)
+    velocity = motion.given_velocities(scene)
+    velocity = _velocities(scene, scene.mass, stream) if velocity is None else velocity.copy()
+    return State(place_disks(scene, stream), velocity, scene.radius, scene.mass)
 
 
 def draw_tracer(
-    scene: Scene, mass: np.ndarray, seed: int, stream: np.random.Generator
+    scene: Scene, seed: int, stream: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return initial position (2,) and velocity (2,) of disk 0 alone; `mass` (N,) is the scene's.
+    """Return initial position (2,) and velocity (2,) of disk 0 alone.
 
     The velocity is that of `draw_state` for the same seed, where the tracer's is drawn first. With
     `zero_momentum` the other disks' velocities are drawn, too, to subtract that of the centre of
     mass, with the speeds that they have after equilibration (`motion.speed_ratios`). If the scene
     gives no position of the tracer, it is drawn from `stream`, uniform over the accessible box.
     """
-    zero_momentum = scene.velocities.zero_momentum
+    velocity = _tracer_velocity(scene, seed)
+    if scene.tracer_position is not None:
+        return np.array(scene.tracer_position), velocity
+    low, size = scene.box.accessible(float(scene.radius[0]))
+    return low + np.maximum(size, 0.0) * stream.random(2), velocity
+
+
+def _tracer_velocity(scene: Scene, seed: int) -> np.ndarray:
+    """Return the velocity (2,) of disk 0 at t = 0, its own or that drawn from the seed."""
+    if scene.tracer_velocity is not None:
+        return np.array(scene.tracer_velocity)
+    zero_momentum = motion.starts_with_zero_momentum(scene)
+    mass = scene.mass
     drawn = mass if zero_momentum else mass[:1]
     velocity = _velocities(scene, drawn, _stream(ROOT_SEED, scene, seed))
     if zero_momentum and scene.equilibrate.time > 0:
         velocity = velocity * motion.speed_ratios(scene)[:, None]
         velocity = remove_total_momentum(velocity, mass)
-    tracer = next(species for species in scene.species if species.count)
-    if tracer.position is not None:
-        return np.array(tracer.position), velocity[0]
-    low, size = scene.box.accessible(tracer.radius)
-    return low + np.maximum(size, 0.0) * stream.random(2), velocity[0]
+    return velocity[0]
 
 
 def noise_stream(scene: Scene, seed: int) -> np.random.Generator:
@@ -94,34 +98,55 @@ def _stream(root: int | tuple[int, ...], scene: Scene, seed: int) -> np.random.G
 
 
 def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> np.ndarray:
-    """Return velocities (n, 2), with normal components as the scene says, of disks of the given
-    masses (n,).
+    """Return velocities (n, 2) as the scene draws them, of disks of the given masses (n,); a tracer
+    with a velocity of its own has that.
     """
     distribution = scene.velocities
-    normal = stream.standard_normal((len(mass), 2))
-    if distribution.temperature is None:
-        velocity = distribution.standard_deviation * normal
+    assert distribution is not None
+    shape = (len(mass), 2)
+    if distribution.distribution == "uniform":  # of variance 1
+        components = math.sqrt(3.0) * (2.0 * stream.random(shape) - 1.0)
     else:
-        velocity = np.sqrt(distribution.temperature / mass)[:, None] * normal
+        components = stream.standard_normal(shape)
+    if distribution.temperature is None:
+        velocity = distribution.standard_deviation * components
+    else:
+        velocity = np.sqrt(distribution.temperature / mass)[:, None] * components
+    if scene.tracer_velocity is not None:
+        velocity[0] = scene.tracer_velocity
     if distribution.zero_momentum and len(mass) and scene.equilibrate.time == 0:
-        return remove_total_momentum(velocity, mass)
+        return with_zero_momentum(scene, velocity)
     return velocity
 
 
-def remove_total_momentum(velocity: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Return velocities (N, 2) relative to the centre of mass: their total momentum is zero."""
+def with_zero_momentum(scene: Scene, velocity: np.ndarray) -> np.ndarray:
+    """Return velocities (N, 2) at t = 0 of zero total momentum; a tracer with a velocity of its own
+    keeps it.
+    """
+    if scene.tracer_velocity is None:
+        return remove_total_momentum(velocity, scene.mass)
+    return remove_total_momentum(velocity, scene.mass, first=1)
+
+
+def remove_total_momentum(velocity: np.ndarray, mass: np.ndarray, first: int = 0) -> np.ndarray:
+    """Return velocities (N, 2) of zero total momentum: one vector is subtracted from those of the
+    disks from `first` on; from 0 on it is the velocity of the centre of mass.
+    """
     exponent = math.frexp(mass.max(initial=0.0))[1]
     share = np.ldexp(mass, -exponent)  # exact, and the sum of the masses cannot overflow
-    total = math.fsum(share)
-    centre_velocity = [math.fsum(share * component) / total for component in velocity.T]
-    return velocity - centre_velocity
+    total = math.fsum(share[first:])
+    excess = [math.fsum(share * component) / total for component in velocity.T]
+    balanced = velocity.copy()
+    balanced[first:] -= excess
+    return balanced
 
 
 # -- positions -------------------------------------------------------------------------------------
 
 
 def place_disks(scene: Scene, stream: np.random.Generator) -> np.ndarray:
-    """Return the centres (N, 2) [length] of the disks of a scene of species.
+    """Return the centres (N, 2) [length] of the disks of a scene: those that it gives, or of
+    disks of its species.
 
     A tracer is placed where the scene says, if it gives a position; all other disks by the scene's
     `placement`: `random`: random sequential insertion (B. Widom, J. Chem. Phys. 44, 3888 (1966)):
@@ -134,6 +159,8 @@ def place_disks(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     Raises RequestError if the disks do not fit, PlacementError if random insertion ends before all
     have a place.
     """
+    if scene.configuration is not None:
+        return scene.configuration.position.copy()
     if not scene.particles:
         return np.zeros((0, 2))
     if scene.placement == "lattice":
@@ -156,7 +183,7 @@ def _insertion(scene: Scene, scale: float) -> tuple[Places, np.ndarray]:
     order of insertion.
     """
     n = scene.particles
-    fixed = scene.species[0].position
+    fixed = scene.tracer_position
     sequence = np.argsort(-scene.radius, kind="stable")
     if fixed is not None:
         sequence = np.concatenate([[0], sequence[sequence > 0]])
@@ -197,7 +224,7 @@ def _insert_at_random(scene: Scene, stream: np.random.Generator, scale: float = 
     n = scene.particles
     batch = 2 * n + 64  # rows of random numbers: the stream ends with a whole number of batches
     progress = np.array(NOTHING_PLACED)
-    progress[NEXT] = scene.species[0].position is not None
+    progress[NEXT] = scene.tracer_position is not None
     start = stream.bit_generator.state
     outcome = OUT_OF_NUMBERS
     rows = batch
@@ -233,7 +260,7 @@ def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     """Return centres (N, 2) by random insertion of smaller disks, which grow and push each other
     apart.
     """
-    fixed = scene.species[0].position
+    fixed = scene.tracer_position
     small = math.sqrt(BEFORE_GROWTH / scene.packing_fraction)
     position = _insert_at_random(scene, stream, small) - scene.box.origin
     size = np.array((scene.box.width, scene.box.height))
@@ -259,7 +286,7 @@ def _on_lattice(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     """
     sites = lattice_sites(scene)
     order = stream.permutation(len(sites))
-    fixed = scene.species[0].position
+    fixed = scene.tracer_position
     if fixed is None:
         return sites[order[: scene.particles]]
     return np.concatenate([[fixed], sites[order[: scene.particles - 1]]])

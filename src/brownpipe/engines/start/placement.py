@@ -166,7 +166,7 @@ def lattice_sites(scene: Scene) -> np.ndarray:
     Around a fixed disk sites are lost: the lattice is refined until enough are left. Raises
     RequestError if there is no such lattice with places as large as the largest disk.
     """
-    fixed = scene.species[0].position
+    fixed = scene.tracer_position
     radius = scene.radius
     free = radius if fixed is None else radius[1:]
     if len(free) == 0:
