@@ -1,6 +1,6 @@
-# make study | report | tradeoff | validation | stability | test | test-quick | cluster-test | bench | lint | docs | gallery : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | report | tradeoff | validation | stability | test | test-quick | test-of | cluster-test | bench | lint | docs | gallery : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study report tradeoff validation stability test test-quick cluster-test bench lint docs gallery ready ready_dev ready_docs ready_cluster
+.PHONY: study report tradeoff validation stability test test-quick test-of cluster-test bench lint docs gallery ready ready_dev ready_docs ready_cluster
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
 STUDY ?= config/harrison2020.yaml
@@ -38,6 +38,10 @@ test: ready_dev
 # Without the tests marked `slow`, of more than half a second of CPU time: studies, benchmarks, statistics of many runs, random faults.
 test-quick: ready_dev
 	python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder -m "not slow"
+
+# The tests that cover a source file: make test-of FILE=src/brownpipe/theory.py
+test-of: ready_dev
+	@tests=$$(python tests/tests_of.py "$(FILE)") && python -m pytest $$tests
 
 # A study on a Slurm cluster of one node, which is started for it and thrown away. It needs Debian's packages slurm-wlm and munge, and root.
 cluster-test: ready_dev ready_cluster
