@@ -37,7 +37,8 @@ def integral(f, low, high, points=20001):
 
 
 def assert_mean(samples, expected):
-    assert abs(samples.mean() - expected) < SIGMAS * samples.std(ddof=1) / np.sqrt(samples.size)
+    standard_error = samples.std(ddof=1) / np.sqrt(samples.size)
+    assert abs(samples.mean() - expected) < SIGMAS * standard_error
 
 
 # --- diffusion
@@ -47,34 +48,33 @@ def square_walkers(rng, tau, runs=200_000):
     """Distances from the centre of runs that diffuse from there in the square of half-width 1,
     reflected exactly.
     """
-    x = np.sqrt(2 * tau) * rng.standard_normal((runs, 2))
-    return np.hypot(
-        *(np.abs((x + 1) % 4 - 2) - 1).T
-    )  # the method of images: fold the plane into the square
+    free = np.sqrt(2 * tau) * rng.standard_normal((runs, 2))
+    x, y = (np.abs((free + 1) % 4 - 2) - 1).T  # by images: fold the plane into the square
+    return np.hypot(x, y)
 
 
 @pytest.mark.parametrize("tau", [0.0067, 0.0069, 0.05, 0.3, 2.0])
 def test_radial_law_of_the_reflecting_square(tau):
     """Against 200,000 walkers; at 0.0068 the free law takes over."""
     r = np.array([0.05, 0.2, 0.5, 0.9, 1.0, 1.1, 1.35])
-    share = (square_walkers(np.random.default_rng(12), tau)[:, None] < r).mean(axis=0)
+    distance = square_walkers(np.random.default_rng(12), tau)
+    share = (distance[:, None] < r).mean(axis=0)
     law = theory.reflecting_square_within(r * 2.7, tau * 2.7**2 / 0.25, 0.25, 2.7)
-    assert (np.abs(share - law) <= SIGMAS * np.sqrt(law * (1 - law) / 200_000) + 1e-5).all()
+    standard_error = np.sqrt(law * (1 - law) / 200_000)
+    assert (np.abs(share - law) <= SIGMAS * standard_error + 1e-5).all()
 
 
 def test_radial_law_has_its_limits():
     r = np.linspace(0, 1.5, 31)
-    free, first = (
-        theory.reflecting_square_within(r, tau, 1.0, 1.0)
-        for tau in (0.0068 - 1e-12, 0.0068 + 1e-12)
-    )
+    free = theory.reflecting_square_within(r, 0.0068 - 1e-12, 1.0, 1.0)
+    first = theory.reflecting_square_within(r, 0.0068 + 1e-12, 1.0, 1.0)
     assert np.abs(free - first).max() < 1e-9  # the law itself moves by 1e-10 between the two times
     last = theory.reflecting_square_within(r, 50.0, 1.0, 1.0)
-    assert last[r <= 1] == pytest.approx(np.pi * r[r <= 1] ** 2 / 4, abs=1e-13)
+    inscribed = r <= 1
+    assert last[inscribed] == pytest.approx(np.pi * r[inscribed] ** 2 / 4, abs=1e-13)
     assert (last[r >= 1.4143] == 1).all()
-    assert theory.reflecting_square_within(np.sqrt(2) - 1e-9, 50.0, 1.0, 1.0) == pytest.approx(
-        1, abs=1e-12
-    )
+    corner = theory.reflecting_square_within(np.sqrt(2) - 1e-9, 50.0, 1.0, 1.0)
+    assert corner == pytest.approx(1, abs=1e-12)
 
 
 @pytest.mark.slow
@@ -82,35 +82,37 @@ def test_radial_law_has_the_msd_of_the_square():
     r = np.linspace(0, np.sqrt(2), 2001)
     for tau in (0.003, 0.02, 0.4):
         beyond = 1 - theory.reflecting_square_within(r, tau, 1.0, 1.0)
-        assert np.trapezoid(2 * r * beyond, r) == pytest.approx(
-            theory.reflecting_square_msd(tau, 1.0, 1.0), rel=1e-5
-        )
+        msd = theory.reflecting_square_msd(tau, 1.0, 1.0)
+        assert np.trapezoid(2 * r * beyond, r) == pytest.approx(msd, rel=1e-5)
 
 
 def test_diffusion_from_the_msd_in_the_square():
     for diffusion in (1e-3, 0.3, 2.0):
         msd = theory.reflecting_square_msd(1.3, diffusion, 2.7)
-        assert theory.reflecting_square_diffusion(msd, 1.3, 2.7) == pytest.approx(
-            diffusion, rel=1e-9
-        )
+        from_msd = theory.reflecting_square_diffusion(msd, 1.3, 2.7)
+        assert from_msd == pytest.approx(diffusion, rel=1e-9)
     assert np.isnan(theory.reflecting_square_diffusion(2 * 2.7**2 / 3, 1.3, 2.7))
     assert np.isnan(theory.reflecting_square_diffusion(0.0, 1.3, 2.7))
 
 
 def test_ring_probability_is_the_integral_of_the_propagator():
-    expected = integral(lambda r: propagator(r, 2.0, 0.3) * 2 * np.pi * r, 0.5, 0.9)
-    assert theory.ring_probability(0.5, 0.9, 2.0, 0.3) == pytest.approx(expected, rel=1e-8)
+    def density(r):
+        return propagator(r, 2.0, 0.3) * 2 * np.pi * r
+
+    probability = theory.ring_probability(0.5, 0.9, 2.0, 0.3)
+    assert probability == pytest.approx(integral(density, 0.5, 0.9), rel=1e-8)
 
 
 def test_thin_ring_keeps_its_digits():
-    assert theory.ring_probability(1.0, 1.0 + 1e-9, 0.25, 1.0) == pytest.approx(
-        2e-9 * np.exp(-1), rel=1e-7
-    )
+    probability = theory.ring_probability(1.0, 1.0 + 1e-9, 0.25, 1.0)
+    assert probability == pytest.approx(2e-9 * np.exp(-1), rel=1e-7)
 
 
 def test_reflecting_square_starts_free_and_ends_uniform():
-    assert theory.reflecting_square_msd(1e-9, 0.3, 2.7) == pytest.approx(4 * 0.3 * 1e-9, rel=1e-14)
-    assert theory.reflecting_square_msd(1e6, 0.3, 2.7) == pytest.approx(2 * 2.7**2 / 3, rel=1e-14)
+    early = theory.reflecting_square_msd(1e-9, 0.3, 2.7)
+    assert early == pytest.approx(4 * 0.3 * 1e-9, rel=1e-14)
+    late = theory.reflecting_square_msd(1e6, 0.3, 2.7)
+    assert late == pytest.approx(2 * 2.7**2 / 3, rel=1e-14)
     assert theory.reflecting_square_msd(0.0, 0.3, 2.7) == 0.0
 
 
@@ -128,12 +130,12 @@ def test_contact_values_of_a_thin_gas():
 
 
 def test_mixture_of_one_kind_is_henderson():
-    n, s = 0.6, 0.9
+    n = 0.6
+    s = 0.9
+    pure = theory.contact_value_henderson(np.pi / 4 * n * s**2)
     for densities, diameters in (([n], [s]), ([n / 3, 2 * n / 3], [s, s])):
         mixed = theory.contact_value_mixture(s, s, densities, diameters)
-        assert mixed == pytest.approx(
-            theory.contact_value_henderson(np.pi / 4 * n * s**2), rel=1e-14
-        )
+        assert mixed == pytest.approx(pure, rel=1e-14)
 
 
 @pytest.mark.parametrize(("phi", "z", "z_error", "rate", "rate_error"), [
@@ -144,32 +146,31 @@ def test_luding_against_simulation(phi, z, z_error, rate, rate_error):
     """Molecular dynamics of 1,024 periodic disks, s = m = temperature = 1; the form itself is good
     to 0.1 %.
     """
-    chi, n = theory.contact_value(phi), 4 * phi / np.pi
-    assert abs(theory.compressibility(phi, chi) - z) < SIGMAS * z_error + 1e-3 * z
-    assert (
-        abs(theory.collision_rate(n, 1.0, chi, 0.5, 1.0) - rate) < SIGMAS * rate_error + 1e-3 * rate
-    )
+    chi = theory.contact_value(phi)
+    n = 4 * phi / np.pi
+    off_z = theory.compressibility(phi, chi) - z
+    assert abs(off_z) < SIGMAS * z_error + 1e-3 * z
+    off_rate = theory.collision_rate(n, 1.0, chi, 0.5, 1.0) - rate
+    assert abs(off_rate) < SIGMAS * rate_error + 1e-3 * rate
 
 
 def test_collision_rate_against_free_flight():
     """Rate = n sigma chi times the mean over relative velocities of the swept width 2 |u|, by
     Maxwell sampling.
     """
-    rng, n, sigma, chi, temperature, m_a, m_b = (
-        np.random.default_rng(13),
-        0.5,
-        0.4,
-        1.3,
-        1.6,
-        1.0,
-        0.4,
-    )
+    rng = np.random.default_rng(13)
+    n = 0.5
+    sigma = 0.4
+    chi = 1.3
+    temperature = 1.6
+    m_a, m_b = 1.0, 0.4
     size = (200_000, 2)
-    u = rng.normal(0, np.sqrt(temperature / m_a), size) - rng.normal(
-        0, np.sqrt(temperature / m_b), size
-    )
-    expected = theory.collision_rate(n, sigma, chi, theory.reduced_mass(m_a, m_b), temperature)
-    assert_mean(2 * n * sigma * chi * np.hypot(*u.T), expected)
+    velocity_a = rng.normal(0, np.sqrt(temperature / m_a), size)
+    velocity_b = rng.normal(0, np.sqrt(temperature / m_b), size)
+    speed = np.hypot(*(velocity_a - velocity_b).T)
+    reduced_mass = theory.reduced_mass(m_a, m_b)
+    expected = theory.collision_rate(n, sigma, chi, reduced_mass, temperature)
+    assert_mean(2 * n * sigma * chi * speed, expected)
 
 
 def test_mean_root_of_a_chi_square():
@@ -178,9 +179,11 @@ def test_mean_root_of_a_chi_square():
     """
     assert theory.mean_root_chi_square(2) == pytest.approx(np.sqrt(np.pi) / 2, rel=1e-14)
     for d in range(2, 50, 2):  # Gamma(x + 1) = x Gamma(x)
-        expected = theory.mean_root_chi_square(d) * (d + 1) / np.sqrt(d * (d + 2))
+        recurrence = (d + 1) / np.sqrt(d * (d + 2))
+        expected = theory.mean_root_chi_square(d) * recurrence
         assert theory.mean_root_chi_square(d + 2) == pytest.approx(expected, rel=1e-13)
-    assert theory.mean_root_chi_square(1000) == pytest.approx(1 - 1 / 4000 + 1 / 32e6, abs=2e-10)
+    two_orders = 1 - 1 / 4000 + 1 / 32e6
+    assert theory.mean_root_chi_square(1000) == pytest.approx(two_orders, abs=2e-10)
     assert theory.mean_root_chi_square(2_000_000) == pytest.approx(1 - 1 / 8e6, abs=1e-8)
 
 
@@ -189,36 +192,45 @@ def test_mean_root_of_a_chi_square():
 
 def test_distance_of_points_in_two_rectangles():
     """Against 400,000 pairs of points, in bins up to the farthest distance there is."""
-    rng, first, second = np.random.default_rng(20), np.array([4.0, 3.0]), np.array([5.0, 1.0])
-    apart = (rng.random((400_000, 2)) - 0.5) * first - (rng.random((400_000, 2)) - 0.5) * second
+    rng = np.random.default_rng(20)
+    first = np.array([4.0, 3.0])
+    second = np.array([5.0, 1.0])
+    point = (rng.random((400_000, 2)) - 0.5) * first
+    partner = (rng.random((400_000, 2)) - 0.5) * second
+    distance = np.hypot(*(point - partner).T)
     edges = np.linspace(0, np.hypot(4.5, 2.0), 41)
     expected = 400_000 * theory.pair_distance_probability(edges, first, second)
     assert expected.sum() == pytest.approx(400_000, rel=1e-6)
-    counts = np.histogram(np.hypot(*apart.T), edges)[0]
+    counts = np.histogram(distance, edges)[0]
     assert (np.abs(counts - expected) < SIGMAS * np.sqrt(expected) + 2).all()
 
 
 def test_mixture_of_equal_species_is_one_species():
     chi = theory.contact_value(0.3)
     n = 0.3 / (np.pi / 4)
-    rates = theory.mixture_collision_rates([n / 3, 2 * n / 3], [1.0, 1.0], [2.0, 2.0], 1.7)
-    assert rates.sum(axis=1) == pytest.approx(theory.collision_rate(n, 1.0, chi, 1.0, 1.7))
-    assert theory.mixture_compressibility([n / 3, 2 * n / 3], [1.0, 1.0]) == pytest.approx(
-        1 + 0.6 * chi
-    )
-    second = (
-        np.pi / 2 * (3 * 3 * 1.0**2 + 2 * 3 * 5 * 0.7**2 + 5 * 5 * 0.4**2) / 8
-    )  # virial coefficient of unlike ones
-    assert (theory.mixture_compressibility([3e-7, 5e-7], [1.0, 0.4]) - 1) * 1e7 == pytest.approx(
-        second, rel=1e-5
-    )
+    densities = [n / 3, 2 * n / 3]
+    rates = theory.mixture_collision_rates(densities, [1.0, 1.0], [2.0, 2.0], 1.7)
+    pure_rate = theory.collision_rate(n, 1.0, chi, 1.0, 1.7)
+    assert rates.sum(axis=1) == pytest.approx(pure_rate)
+    z = theory.mixture_compressibility(densities, [1.0, 1.0])
+    assert z == pytest.approx(1 + 0.6 * chi)
+
+
+def test_second_virial_coefficient_of_a_mixture():
+    """Of 3 and 5 disks in 8, of diameters 1 and 0.4: unlike ones touch at 0.7."""
+    weighted_squares = 3 * 3 * 1.0**2 + 2 * 3 * 5 * 0.7**2 + 5 * 5 * 0.4**2
+    second = np.pi / 2 * weighted_squares / 8
+    z = theory.mixture_compressibility([3e-7, 5e-7], [1.0, 0.4])
+    assert (z - 1) * 1e7 == pytest.approx(second, rel=1e-5)
 
 
 def test_collisions_of_a_mixture_balance():
     """What species i suffers from j, j suffers from i."""
     n = np.array([0.2, 0.5])
     rates = theory.mixture_collision_rates(n, [1.0, 0.4], [3.0, 0.5], 1.1)
-    assert n[0] * rates[0, 1] == pytest.approx(n[1] * rates[1, 0])
+    suffered_by_first = n[0] * rates[0, 1]
+    suffered_by_second = n[1] * rates[1, 0]
+    assert suffered_by_first == pytest.approx(suffered_by_second)
 
 
 # --- an ideal gas around a disk in a box
@@ -226,29 +238,27 @@ def test_collisions_of_a_mixture_balance():
 
 def test_area_of_a_disk_within_and_around_a_rectangle():
     """The whole disk, half of it, a quarter, nothing, and the whole rectangle."""
-    for at, r, area in (
+    for centre, r, area in (
         ((0.2, -0.1), 1.3, np.pi * 1.3**2),
         ((2.0, 0.0), 1.0, np.pi / 2),
         ((2.0, -1.5), 1.0, np.pi / 4),
         ((3.5, 0.0), 1.0, 0.0),
         ((0.2, -0.1), 2.8, 12.0),
     ):
-        assert theory.disk_area_in_rectangle(r, *at, 4.0, 3.0) == pytest.approx(
-            area, rel=1e-14, abs=1e-14
-        )
+        inside = theory.disk_area_in_rectangle(r, *centre, 4.0, 3.0)
+        assert inside == pytest.approx(area, rel=1e-14, abs=1e-14)
 
 
 def test_rings_around_a_uniform_centre_are_those_of_two_uniform_points():
-    edges, first, second = np.linspace(0, 3, 13), (4.0, 3.0), (3.4, 2.4)
-    (x, wx), (y, wy) = (
-        (node * side / 2, weight / 2) for side in first for node, weight in [leggauss(200)]
-    )
+    edges = np.linspace(0, 3, 13)
+    first, second = (4.0, 3.0), (3.4, 2.4)
+    node, weight = leggauss(200)
+    x, y = first[0] / 2 * node, first[1] / 2 * node
     area = theory.disk_area_in_rectangle(edges, x[:, None, None], y[:, None], *second)
-    mean = np.einsum("i,j,ijk->k", wx, wy, area) / np.prod(second)
+    mean = np.einsum("i,j,ijk->k", weight / 2, weight / 2, area) / np.prod(second)
+    expected = theory.pair_distance_probability(edges, first, second)
     # a kink per wall: quadrature is off by some 200^-2
-    assert np.diff(mean) == pytest.approx(
-        theory.pair_distance_probability(edges, first, second), abs=1e-5
-    )
+    assert np.diff(mean) == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -259,23 +269,16 @@ def test_reduced_mass_friction_and_rate_in_any_units(light, heavy):
     are no numbers.
     """
     mu = theory.reduced_mass(light, heavy)
-    assert (
-        mu
-        == theory.reduced_mass(heavy, light)
-        == pytest.approx(
-            float(Fraction(light) * Fraction(heavy) / (Fraction(light) + Fraction(heavy))),
-            rel=1e-15,
-        )
-    )
+    assert mu == theory.reduced_mass(heavy, light)
+    exact = Fraction(light) * Fraction(heavy) / (Fraction(light) + Fraction(heavy))
+    assert mu == pytest.approx(float(exact), rel=1e-15)
     for temperature in (1e-200, 1.0, 1e200):
+        friction = theory.enskog_friction(1.0, 1.0, 1.0, mu, temperature)
         root = math.sqrt(2 * math.pi) * math.sqrt(mu) * math.sqrt(temperature)
-        assert theory.enskog_friction(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(
-            2 * root, rel=1e-15
-        )
+        assert friction == pytest.approx(2 * root, rel=1e-15)
+        rate = theory.collision_rate(1.0, 1.0, 1.0, mu, temperature)
         root = math.sqrt(2 * math.pi) / math.sqrt(mu) * math.sqrt(temperature)
-        assert theory.collision_rate(1.0, 1.0, 1.0, mu, temperature) == pytest.approx(
-            root, rel=1e-15
-        )
+        assert rate == pytest.approx(root, rel=1e-15)
 
 
 # --- Enskog's viscosity
@@ -289,19 +292,21 @@ def sonine_factors(trial):
     and the direction a of the relative velocity, by Gaussian rules (the direction by the
     trapezoidal rule): exact.
     """
-    (x, weight_x), (b, weight_b), (s, weight_s) = (
-        hermgauss(9),
-        leggauss(12),
-        roots_genlaguerre(9, 0.5),
-    )
+    x, weight_x = hermgauss(9)
+    b, weight_b = leggauss(12)
+    s, weight_s = roots_genlaguerre(9, 0.5)
     weight = np.einsum("i,j,k,l->ijkl", weight_x, weight_x, weight_s, weight_b)[..., None]
-    u, v, s, b, a = np.meshgrid(x, x, s, b, np.arange(18) * np.pi / 9, indexing="ij")
-    before, after = (
-        np.sqrt(s) * np.array([np.cos(q), np.sin(q)]) for q in (a, a + np.pi + 2 * np.arcsin(b))
-    )
+    direction = np.arange(18) * np.pi / 9
+    u, v, s, b, a = np.meshgrid(x, x, s, b, direction, indexing="ij")
+    deflected = a + np.pi + 2 * np.arcsin(b)
+    before = np.sqrt(s) * np.array([np.cos(a), np.sin(a)])
+    after = np.sqrt(s) * np.array([np.cos(deflected), np.sin(deflected)])
     change = [trial(p, (u, v), after) - trial(p, (u, v), before) for p in range(4)]
-    bracket = np.array([[(weight * one * other).sum() for other in change] for one in change])
-    return [bracket[0, 0] * np.linalg.inv(bracket[:k, :k])[0, 0] for k in (2, 3, 4)]
+    bracket = np.zeros((4, 4))
+    for p, q in np.ndindex(4, 4):
+        bracket[p, q] = (weight * change[p] * change[q]).sum()
+    inverses = [np.linalg.inv(bracket[:k, :k]) for k in (2, 3, 4)]
+    return [bracket[0, 0] * inverse[0, 0] for inverse in inverses]
 
 
 def disk_of(mean, relative, sign=1):
@@ -316,8 +321,11 @@ def test_sonine_factors_of_disks():
     """
 
     def stress(p, mean, relative):
-        pair = [disk_of(mean, relative, sign) for sign in (1, -1)]
-        return sum(c[0] * c[1] * eval_genlaguerre(p, 2, square) for c, square in pair)
+        total = 0.0
+        for sign in (1, -1):
+            c, square = disk_of(mean, relative, sign)
+            total = total + c[0] * c[1] * eval_genlaguerre(p, 2, square)
+        return total
 
     def current(p, mean, relative):
         c, square = disk_of(mean, relative)
@@ -336,23 +344,27 @@ def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
     """In a weak shear flow at the rate g a pair at contact has the mean relative velocity g s k_y
     along x.
     """
-    n, s, chi, m, kt = 0.4, 0.7, 1.9, 1.3, 2.1
+    n = 0.4
+    s = 0.7
+    chi = 1.9
+    m = 1.3
+    kt = 2.1
+    kinetic = 1.022 * np.sqrt(m * kt / np.pi) / (2 * s)
     thin = transport.enskog_viscosity(1e-9, s, 1.0, m, kt)
-    assert thin == pytest.approx(1.022 * np.sqrt(m * kt / np.pi) / (2 * s), rel=1e-8)
-    k, shear, width = np.arange(64) * 2 * np.pi / 64, 1e-4, np.sqrt(2 * kt / m)
+    assert thin == pytest.approx(kinetic, rel=1e-8)
+    k = np.arange(64) * 2 * np.pi / 64
+    shear = 1e-4
+    width = np.sqrt(2 * kt / m)
     mean = shear * s * np.cos(k) * np.sin(k)
     approach = np.linspace(-12 * width, 0, 20001)[:, None]
-    square = np.trapezoid(
-        approach**2 * np.exp(-((approach - mean) ** 2) / (2 * width**2)), approach, axis=0
-    )
+    density = np.exp(-((approach - mean) ** 2) / (2 * width**2))
+    square = np.trapezoid(approach**2 * density, approach, axis=0)
     square /= np.sqrt(2 * np.pi) * width
-    flux = n**2 * chi * s**2 * m / 2 * (np.cos(k) * np.sin(k) * square).sum() * 2 * np.pi / 64
-    carried = (
-        1.022 * np.sqrt(m * kt / np.pi) / (2 * s) * (1 + np.pi / 4 * n * s**2 * chi) ** 2 / chi
-    )
-    assert transport.enskog_viscosity(n, s, chi, m, kt) - carried == pytest.approx(
-        -flux / shear, rel=1e-6
-    )
+    over_directions = (np.cos(k) * np.sin(k) * square).sum() * 2 * np.pi / 64
+    flux = n**2 * chi * s**2 * m / 2 * over_directions
+    carried = kinetic * (1 + np.pi / 4 * n * s**2 * chi) ** 2 / chi
+    collisional = transport.enskog_viscosity(n, s, chi, m, kt) - carried
+    assert collisional == pytest.approx(-flux / shear, rel=1e-6)
 
 
 # --- examples in docstrings
