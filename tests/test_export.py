@@ -24,7 +24,7 @@ from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene
-from test_workflow import ROOT
+from pipeline import ROOT
 
 SINGLE = 2.0**-24  # largest relative error of a number rounded to single precision
 SHIFTED = 2.0**-25 + 1e-15  # and of a position, of the box: at most half of it from the centre

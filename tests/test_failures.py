@@ -28,7 +28,7 @@ from brownpipe.scene import parse_scene
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.trajectories import from_tree, read_trajectories, to_tree, write_trajectories
 from brownpipe.tradeoff.compare import read_runs
-from test_workflow import snakemake
+from pipeline import snakemake
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 

@@ -20,7 +20,7 @@ from brownpipe.storage.files import write_file
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import commands, files_of
 from brownpipe.study.verification import verify_results
-from test_workflow import SCENE
+from pipeline import SCENE
 
 RESULTS = Path("results/mine")
 DATASET, FIGURES = f"{RESULTS}/aggregate/mine.nc", f"{RESULTS}/figures"

@@ -42,8 +42,8 @@ from brownpipe.errors import (
 )
 from brownpipe.observables.trajectory import displacement
 from brownpipe.scene import parse_scene
+from pipeline import ROOT, environment
 from synthetic import render
-from test_workflow import ROOT, environment
 
 SCENE = str(ROOT / "config" / "scenes" / "harrison2020.yaml")
 KEYS = yaml.safe_load(Path(SCENE).read_text())

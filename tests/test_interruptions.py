@@ -22,7 +22,7 @@ from brownpipe.processes import held
 from brownpipe.storage.files import verified
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import commands, files_of
-from test_workflow import SCENE, command, environment, snakemake
+from pipeline import SCENE, command, environment, snakemake
 
 KILLS = ("kill snakemake", "interrupt snakemake", "kill a worker", "kill all", "interrupt all")
 LONGEST = 60.0  # s for a busy machine to compile the kernels and to end a process

@@ -19,7 +19,7 @@ from brownpipe.observables.reserved_names import RESERVED_NAMES
 from brownpipe.storage import layout
 from brownpipe.study import read_study, trial
 from brownpipe.study.run_sets import commands, files_of, run_sets
-from test_plan import SCENE
+from pipeline import FEW_DISKS
 
 GUIDE = Path(__file__).parents[1] / "docs" / "guide.md"
 _, _, SECTION = GUIDE.read_text().partition("An observable of your own")
@@ -35,7 +35,7 @@ def here(tmp_path, monkeypatch):
     """A folder with the scene of the guide's example, its module and study in a folder below."""
     monkeypatch.chdir(tmp_path)
     Path("sub").mkdir()
-    for name, text in (("few.yaml", SCENE), ("my_module.py", EXAMPLE), ("study.yaml", STUDY)):
+    for name, text in (("few.yaml", FEW_DISKS), ("my_module.py", EXAMPLE), ("study.yaml", STUDY)):
         Path("sub", name).write_text(text)
     return tmp_path
 

@@ -21,19 +21,10 @@ from brownpipe.study.plan import MOST_PILOT_RUNS, Performance, offers
 from brownpipe.study.run_sets import files_of, run_sets
 from brownpipe.study.study import read_keys
 from ensembles import make_scene
+from pipeline import FEW_DISKS
 
 EXACT = Engine("exact")
 COARSE = Engine("timestep", (("time_step", 0.03), ("collisions", "at_contact")))
-SCENE = """\
-box: {x: [-3.0, 3.0], y: [-3.0, 3.0]}
-particles: 12
-disks:
-  tracer: {radius: 0.3, mass: 1.0, position: [0.0, 0.0]}
-  species: [{name: bath, count: rest, radius: 0.1, mass: 0.4}]
-velocities: {standard_deviation: 2.0}
-duration: 0.5
-sample_interval: 0.05
-"""
 
 
 def measured(engine, runs, seconds, scene=None):
@@ -46,7 +37,7 @@ def measured(engine, runs, seconds, scene=None):
 def study_file(tmp_path):
     """A function that writes a study of one small scene; returns its path."""
     (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "few.yaml").write_text(SCENE)
+    (tmp_path / "scenes" / "few.yaml").write_text(FEW_DISKS)
 
     def make(**keys):
         path = tmp_path / "study.yaml"
@@ -161,7 +152,7 @@ def test_a_tracer_that_does_not_move_has_no_relative_error(
     study_file, tmp_path, here, capsys, target
 ):
     (tmp_path / "scenes" / "few.yaml").write_text(
-        SCENE.replace("standard_deviation: 2.0", "temperature: 0.0")
+        FEW_DISKS.replace("standard_deviation: 2.0", "temperature: 0.0")
     )
     with pytest.raises(
         RequestError, match="tolerance: few leaves nothing to chance; must be seeds: 1"
@@ -224,7 +215,7 @@ def test_a_study_that_stores_no_displacements_has_no_plan_for_them(study_file, h
                     study_file(tolerance=0.1, target=target, record="none", observables=[measured])
                 )
             )
-    (here / "scenes" / "few.yaml").write_text(SCENE.replace("sample_interval: 0.05", ""))
+    (here / "scenes" / "few.yaml").write_text(FEW_DISKS.replace("sample_interval: 0.05", ""))
     with pytest.raises(
         AnalysisError, match=r"fit window \[0.25, 0.5\]: must .* have three samples or more"
     ):
@@ -275,7 +266,7 @@ def test_only_engines_of_the_study_are_considered_in_their_order(
     study_file, here, monkeypatch, capsys
 ):
     monkeypatch.setattr("brownpipe.study.plan.MOST_PILOT_RUNS", 20)
-    (here / "scenes" / "few.yaml").write_text(SCENE.replace("mass: 1.0", "mass: 5.0"))
+    (here / "scenes" / "few.yaml").write_text(FEW_DISKS.replace("mass: 1.0", "mass: 5.0"))
     langevin = {"name": "langevin", "friction": "enskog"}
     for first, engines in (
         (7, ["exact"]),
@@ -353,7 +344,7 @@ sample_interval: 0.5
 
 def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_path):
     (tmp_path / "scenes" / "equal.yaml").write_text(
-        SCENE.replace("radius: 0.3, mass: 1.0", "radius: 0.1, mass: 0.4")
+        FEW_DISKS.replace("radius: 0.3, mass: 1.0", "radius: 0.1, mass: 0.4")
     )
     engines = ["exact", {"name": "langevin", "friction": "enskog", "scenes": "few", "seeds": 3}]
     keys = {"scenes": ["scenes/few.yaml", "scenes/equal.yaml"], "seeds": 7}

@@ -15,7 +15,7 @@ import yaml
 import forked
 from brownpipe.errors import DONE, FAILED
 from brownpipe.storage.datasets import read_dataset
-from test_workflow import SCENE, age_backwards, snakemake
+from pipeline import SCENE, age_backwards, snakemake
 
 STUDY = """\
 scenes: [scenes/full.yaml, scenes/half.yaml]

@@ -3,7 +3,6 @@ be.
 """
 
 import fcntl
-import os
 import re
 import shlex
 import shutil
@@ -20,22 +19,8 @@ from brownpipe.cli import main
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.storage.files import write_file
 from brownpipe.study import read_study
+from pipeline import ROOT, SCENE, age_backwards, environment, snakemake
 
-ROOT = Path(__file__).parent.parent
-PROGRAM = [sys.executable, "-m", "snakemake"]
-SNAKEMAKE = [*PROGRAM, "--snakefile", str(ROOT / "Snakefile"), "--workflow-profile"]
-SNAKEMAKE += [str(ROOT / "profiles" / "default")]
-SCENE = """\
-# a hot tracer
-box: {x: [-3.0, 3.0], y: [-3.0, 3.0]}
-particles: 10
-disks:
-  tracer: {radius: 0.3, mass: 1.0}
-  species: [{name: bath, count: rest, radius: 0.1, mass: 0.4}]
-velocities: {standard_deviation: 2.0}
-duration: 1.0
-sample_interval: 0.1
-"""
 STUDY = """\
 scenes: [scenes/hot.yaml, scenes/thermal.yaml]
 particles: [8, 12]
@@ -56,32 +41,6 @@ def write_study(folder):
         SCENE.replace("standard_deviation: 2.0", "temperature: 1.6")
     )
     return folder
-
-
-def command(folder, *arguments):
-    return [
-        *SNAKEMAKE,
-        "--directory",
-        str(folder),
-        "--configfile",
-        str(folder / "study.yaml"),
-        *arguments,
-    ]
-
-
-def environment(**more):
-    """As in a shell: not as below `make test`."""
-    usual = {name: value for name, value in os.environ.items() if name != "MAKEFLAGS"}
-    return usual | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"} | more
-
-
-def snakemake(folder, *arguments, status=DONE, **more):
-    """What snakemake printed. It and the commands of its rules are forked processes."""
-    words = command(folder, *arguments)[len(PROGRAM) :]
-    path = f"{forked.programs()}:{environment()['PATH']}"
-    done = forked.snakemake(*words, cwd=folder.parent, env=environment(**{"PATH": path} | more))
-    assert done.returncode == status, done.printed
-    return done.printed
 
 
 def planned(folder, *arguments, **more):
@@ -209,15 +168,6 @@ def test_a_study_from_the_shell_of_a_notebook_without_a_home_in_a_locale_without
 
 
 # -- what is made again: by content, not by times or Snakemake's records ---------------------------
-
-
-def age_backwards(folder):
-    """Let figures be older than their dataset, that than the runs, all in the future, and Snakemake
-    know nothing.
-    """
-    shutil.rmtree(folder / ".snakemake")
-    for age, path in enumerate(sorted((folder / "results").rglob("*.*"), reverse=True)):
-        os.utime(path, (2e9 + age, 2e9 + age))
 
 
 ALL = {"simulate": 4, "aggregate": 1, "figures": 1}
