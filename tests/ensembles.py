@@ -69,7 +69,8 @@ def make_runs(scene, seeds, failed=(), diffusion=DIFFUSION):
 
 def write(folder, trajectories):
     """The trajectory file of a batch; its path."""
-    scene, seeds = trajectories.scene, trajectories.ensemble.seeds
+    scene = trajectories.scene
+    seeds = trajectories.ensemble.seeds
     path = (
         folder
         / f"{scene.name}-{scene.particles}-{trajectories.engine.name}-{seeds[0]}-{seeds[-1]}.h5"

@@ -10,7 +10,10 @@ from itertools import product
 
 import numpy as np
 
-LEFT, RIGHT, BOTTOM, TOP = -1, -2, -3, -4
+LEFT = -1
+RIGHT = -2
+BOTTOM = -3
+TOP = -4
 
 
 def dot(u, v):

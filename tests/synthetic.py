@@ -71,8 +71,10 @@ def _spread(dataset, shape, values):
 
 
 def _over_time(dataset, rng):
-    t, rate = dataset.time.values, 8.0
-    decay, late = np.exp(-rate * t), 0.004 / np.maximum(t, 0.02) * (1 - np.exp(-10 * t))
+    t = dataset.time.values
+    rate = 8.0
+    decay = np.exp(-rate * t)
+    late = 0.004 / np.maximum(t, 0.02) * (1 - np.exp(-10 * t))
     speed2 = dataset.initial_square_speed.values[..., None]
     vacf = speed2 * (0.97 * decay + late)
     integral = np.concatenate(
@@ -113,7 +115,8 @@ def _over_time(dataset, rng):
 
 def _own(dataset, rng):
     """A curve and a number that a function of the user measured."""
-    time, left = (*EACH, "time"), 75 + 5 * np.exp(-3 * dataset.time.values)
+    time = (*EACH, "time")
+    left = 75 + 5 * np.exp(-3 * dataset.time.values)
     found = _estimate("left_disks", time, _spread(dataset, left.shape, left), 0.1, rng)
     found |= _estimate("turned", EACH, _spread(dataset, (), 0.0), 0.2, rng)
     described = {"units": "1", "long_name": "as measured", "observable": "my_module:my_function"}
@@ -124,14 +127,19 @@ def _own(dataset, rng):
 
 
 def _distributions(dataset, rng):
-    v, u, r = np.arange(-5.95, 6, 0.1), np.arange(0.05, 8, 0.1), np.arange(0.0025, 1.5, 0.005)
-    z, species = np.arange(0.005, 1.0, 0.01), (*EACH, "species")
+    v = np.arange(-5.95, 6, 0.1)
+    u = np.arange(0.05, 8, 0.1)
+    r = np.arange(0.0025, 1.5, 0.005)
+    z = np.arange(0.005, 1.0, 0.01)
+    species = (*EACH, "species")
     profile = np.array([[0.03], [4.0]]) * (1 + 0.8 * np.exp(-5 * z) * np.cos(12 * z))
-    normal, maxwell = np.exp(-(v**2) / 2) / np.sqrt(2 * np.pi), u * np.exp(-(u**2) / 2)
+    normal = np.exp(-(v**2) / 2) / np.sqrt(2 * np.pi)
+    maxwell = u * np.exp(-(u**2) / 2)
     x = r / np.array(CONTACT)[:, None]
     g = np.where(x >= 1, 1 + 0.35 * np.exp(-2.5 * (x - 1)) * np.cos(6 * (x - 1)), 0.0)
     g[0] = np.nan
-    pair, contact = (*EACH, "species_pair"), np.array([np.nan, 1.36, 1.34])
+    pair = (*EACH, "species_pair")
+    contact = np.array([np.nan, 1.36, 1.34])
     noise = np.where(x >= 1, 0.03 / np.sqrt(x), 0.0) * np.array([[1], [1], [0.2]])
     return {
         **_density("velocity", dataset, normal, rng),

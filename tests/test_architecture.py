@@ -58,7 +58,8 @@ def needed_by(*modules):
     """The files of modules and of all that they import; the list of engines imports all engines,
     and is left out.
     """
-    files, waiting = {}, list(modules)
+    files = {}
+    waiting = list(modules)
     while waiting:
         module = waiting.pop()
         if module not in files and module != "brownpipe.engines":
@@ -88,10 +89,8 @@ def test_files_and_tables_are_known_from_storage_on():
         for name in MODULES
         if name != "brownpipe" and layer_of(name) in LAYERS[: LAYERS.index("storage")]
     ]
-    assert (
-        len(below) > 40
-        and [name for name in below if known.search(MODULES[name].read_text())] == []
-    )
+    assert len(below) > 40
+    assert [name for name in below if known.search(MODULES[name].read_text())] == []
 
 
 @pytest.mark.parametrize("module", ENTRY_POINTS)

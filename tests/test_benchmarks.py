@@ -31,7 +31,8 @@ def test_a_quick_pass_reports_and_leaves_the_tables_of_docs_alone(path, monkeypa
     Plans time their engines for a tenth of the usual time. The commands of a whole study are forked
     processes.
     """
-    before, run = docs(), subprocess.run
+    before = docs()
+    run = subprocess.run
 
     def forked_run(words, env=os.environ, **more):
         return run(words, env=env | {"PATH": f"{forked.programs()}:{env['PATH']}"}, **more)

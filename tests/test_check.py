@@ -114,10 +114,8 @@ def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
         "duration": 1.0,
     }
     scene = parse_scene(mapping, "some.yaml")
-    found, expected = (
-        exact.simulate(scene, range(20), frozenset({"none"})).observables,
-        forecast.run_cost(scene),
-    )
+    found = exact.simulate(scene, range(20), frozenset({"none"})).observables
+    expected = forecast.run_cost(scene)
     assert np.isclose(found["pair_collisions"].mean(), expected.pair_collisions, rtol=0.08)
     assert np.isclose(found["wall_collisions"].mean(), expected.wall_collisions, rtol=0.06)
 
@@ -318,10 +316,8 @@ def test_remarks_are_on_the_engine_of_the_study(tmp_path):
     crowded = crowd(75)
     crowded["disks"]["tracer"] = {"radius": 0.5, "mass": 20.0}
     report(tmp_path, crowded, "crowd")
-    study, langevin = (
-        {"scenes": "crowd.yaml", "seeds": 10},
-        {"name": "langevin", "friction": "boltzmann"},
-    )
+    study = {"scenes": "crowd.yaml", "seeds": 10}
+    langevin = {"name": "langevin", "friction": "boltzmann"}
     assert cautions(report(tmp_path, study | {"engines": [langevin]}, "study")) == []
     (caution,) = cautions(report(tmp_path, study | {"engines": ["exact", langevin]}, "study"))
     assert caution.startswith("crowd, N = 76: random placement is expected to fail in every run")

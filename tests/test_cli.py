@@ -22,13 +22,12 @@ from brownpipe.verbs import VERBS
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
 SCENE = str(SCENES / "harrison2020.yaml")
-STUDY, COMPARED = str(SCENES.parent / "small.yaml"), str(SCENES.parent / "tradeoff.yaml")
+STUDY = str(SCENES.parent / "small.yaml")
+COMPARED = str(SCENES.parent / "tradeoff.yaml")
 STEP_ONLY = 'engines=[{"name": "timestep", "time_step": 0.01}]'
 PAIR = str(Path(__file__).parent / "scenes" / "pair_head_on.yaml")
-STEP, LANGEVIN = (
-    ["--engine", "timestep", "--time-step", "0.01"],
-    ["--engine", "langevin", "--friction"],
-)
+STEP = ["--engine", "timestep", "--time-step", "0.01"]
+LANGEVIN = ["--engine", "langevin", "--friction"]
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
@@ -60,7 +59,8 @@ def test_simulate_writes_what_was_asked_for_and_one_seed_again_to_the_bit(runs, 
         0,
         1,
         2,
-    ] and before.ensemble.tracer.position.shape == (101, 3, 2)
+    ]
+    assert before.ensemble.tracer.position.shape == (101, 3, 2)
     status, out, err = said(
         "simulate", SCENE, "--particles", 10, "--seeds", 2, "--record", "all,events"
     )

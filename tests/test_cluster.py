@@ -129,7 +129,8 @@ def slurm_cluster(folder):
 
 def write_configuration(configuration, folder):
     """Write the configuration of a cluster whose files are in a folder to an open file."""
-    host, cpus = socket.gethostname().partition(".")[0], os.cpu_count()
+    host = socket.gethostname().partition(".")[0]
+    cpus = os.cpu_count()
     controller, node = free_ports(2)
     values = {
         "host": host,
@@ -146,7 +147,8 @@ def write_configuration(configuration, folder):
 
 def start_daemons(folder, daemons):
     """Start the daemons of a cluster, append each to a list, and wait until the node takes jobs."""
-    key, sock = folder / "munge.key", folder / "munge.socket"
+    key = folder / "munge.key"
+    sock = folder / "munge.socket"
     key.write_bytes(os.urandom(128))
     key.chmod(0o400)
     private = [f"--{name}-file={folder}/munge.{name}" for name in ("key", "pid", "seed", "log")]

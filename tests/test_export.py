@@ -49,10 +49,8 @@ def fluid(tmp_path_factory):
         "duration": 2.0,
         "sample_interval": 0.1,
     }
-    scene, measured = (
-        parse_scene(mapping, "fluid.yaml"),
-        ("pair_distribution", "square_displacement"),
-    )
+    scene = parse_scene(mapping, "fluid.yaml")
+    measured = ("pair_distribution", "square_displacement")
     path = tmp_path_factory.mktemp("fluid") / "fluid.h5"
     ensemble = simulate(scene, [5], {"tracer", "all"}, observables=measured, average="disks")
     write_trajectories(path, scene, Engine("exact"), ensemble)
@@ -71,7 +69,8 @@ def walled(tmp_path_factory):
 
 def written(path, scene, seeds, speed=1.0):
     """A file of runs of random positions and velocities."""
-    runs, shape = make_runs(scene, seeds), (len(scene.times), scene.particles, 2)
+    runs = make_runs(scene, seeds)
+    shape = (len(scene.times), scene.particles, 2)
     numbers = np.random.default_rng(1)
     image = numbers.integers(-2, 3, shape).astype(np.int32) if scene.box.periodic else None
     whole = {
@@ -117,7 +116,8 @@ def refused(capsys, *options):
 def test_gsd_has_the_first_run_in_single_precision(name, seed, types, request, capsys):
     path = request.getfixturevalue(name)
     scene, times, track = run_in(path, seed)
-    edges, periodic = edges_of(scene), scene.box.periodic
+    edges = edges_of(scene)
+    periodic = scene.box.periodic
     target = exported(path, "gsd")
     assert (
         "GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err
@@ -125,7 +125,8 @@ def test_gsd_has_the_first_run_in_single_precision(name, seed, types, request, c
     with gsd.hoomd.open(target) as frames:
         assert len(frames) == len(times) == 21
         for k, frame in enumerate(frames):
-            box, disks = frame.configuration, frame.particles
+            box = frame.configuration
+            disks = frame.particles
             assert (box.step, box.dimensions, list(box.box)) == (k, 2, [*edges, 0, 0, 0, 0])
             assert frame.log["time"] == times[k] and frame.log["periodic"] == periodic
             assert (disks.types, list(disks.typeid)) == (
@@ -140,11 +141,9 @@ def test_gsd_has_the_first_run_in_single_precision(name, seed, types, request, c
             np.testing.assert_array_equal(
                 disks.image[:, :2], track.image[k] if periodic else 0 * disks.image[:, :2]
             )
-            assert (
-                not disks.position[:, 2].any()
-                and not disks.velocity[:, 2].any()
-                and not disks.image[:, 2].any()
-            )
+            assert not disks.position[:, 2].any()
+            assert not disks.velocity[:, 2].any()
+            assert not disks.image[:, 2].any()
     assert track.image.any() if periodic else not disks.image.any()
 
 
@@ -157,7 +156,8 @@ def test_ase_reads_every_digit_of_the_xyz(name, seed, periodic, request):
     frames = ase.io.read(exported(path, "xyz", "--seed", str(seed)), ":")
     assert [frame.info["Time"] for frame in frames] == list(times)
     for k, frame in enumerate(frames):
-        assert list(frame.pbc) == [periodic, periodic, False] and list(frame.cell.lengths()) == [
+        assert list(frame.pbc) == [periodic, periodic, False]
+        assert list(frame.cell.lengths()) == [
             *edges_of(scene),
             1,
         ]
@@ -338,7 +338,8 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize(("length", "speed"), [(1e-40, 1.0), (1e40, 1.0), (1.0, 1e40)])
 def test_gsd_refuses_what_it_would_round_to_nothing(length, speed, tmp_path, capsys):
-    side, disks = [0.0, 10 * length], [{"name": "disk", "count": 2, "radius": length, "mass": 1.0}]
+    side = [0.0, 10 * length]
+    disks = [{"name": "disk", "count": 2, "radius": length, "mass": 1.0}]
     velocities = {"standard_deviation": length}
     scene = make_scene(
         "far", 2, velocities=velocities, box={"x": side, "y": side}, disks={"species": disks}

@@ -112,15 +112,14 @@ def test_a_run_that_finds_no_place_leaves_the_others_as_they_are(crowd, alone, e
     assert batch.observables["failed"].tolist() == [seed in expected for seed in seeds]
     assert batch.whole.keys() == set(seeds) - expected.keys()
     for seed in batch.whole:
-        own, other = arrays_of(batch, seed), arrays_of(alone(engine, seed), seed)
+        own = arrays_of(batch, seed)
+        other = arrays_of(alone(engine, seed), seed)
         assert own.keys() == other.keys()
         assert all(own[name].tobytes() == other[name].tobytes() for name in own), seed
     for seed in expected:
         column = seeds.index(seed)
-        assert (
-            np.isnan(batch.tracer.position[:, column]).all()
-            and not batch.tracer.image[:, column].any()
-        )
+        assert np.isnan(batch.tracer.position[:, column]).all()
+        assert not batch.tracer.image[:, column].any()
         assert all(
             np.isnan(values[column])
             for values in batch.observables.values()
@@ -207,7 +206,8 @@ def test_the_reason_is_in_the_file_and_in_the_python_interface(crowd, whole, see
     assert runs.ensemble.stopped == batch.stopped and sorted(batch.stopped) == [0, 2]
     assert runs.ensemble.whole.keys() == runs.ensemble.events.keys() == set(seeds) - {0, 2}
     tree = to_tree(runs)
-    assert tree.stopped.sel(seed=2).item() == batch.stopped[2] and bool(tree.failed.sel(seed=2))
+    assert tree.stopped.sel(seed=2).item() == batch.stopped[2]
+    assert bool(tree.failed.sel(seed=2))
     bp.save(tree, "b.h5")
     assert to_tree(read_trajectories(Path("b.h5"))).identical(tree)
     assert reproduction.differing_variables(reproduction.read_original("a.h5")) == {}
@@ -272,7 +272,8 @@ def test_the_python_interface_warns_of_runs_that_could_not_go_on(crowd):
     stopped = "^crowd: could not go on: 2 of 4 runs: 0,2 .*; analyse leaves them out$"
     with pytest.warns(UserWarning, match=expected), pytest.warns(UserWarning, match=stopped):
         runs = bp.simulate(crowd, 4, quiet=True)
-    assert bp.analyse(runs).runs.item() == 2 and np.isnan(runs.position.sel(seed=2)).all()
+    assert bp.analyse(runs).runs.item() == 2
+    assert np.isnan(runs.position.sel(seed=2)).all()
 
 
 # -- studies ---------------------------------------------------------------------------------------
@@ -283,7 +284,8 @@ def batches(crowd, whole, tmp_path_factory):
     """The function from a size to trajectory files of the same runs in batches of it, some of
     stopped runs alone.
     """
-    folder, tracers = tmp_path_factory.mktemp("batches"), whole._replace(whole={}, events={})
+    folder = tmp_path_factory.mktemp("batches")
+    tracers = whole._replace(whole={}, events={})
 
     def in_batches(size, seeds=SEEDS):
         parts = [[*seeds[first : first + size]] for first in range(0, len(seeds), size)]

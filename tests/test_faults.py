@@ -23,7 +23,8 @@ from brownpipe.study.verification import verify_results
 from pipeline import SCENE
 
 RESULTS = Path("results/mine")
-DATASET, FIGURES = f"{RESULTS}/aggregate/mine.nc", f"{RESULTS}/figures"
+DATASET = f"{RESULTS}/aggregate/mine.nc"
+FIGURES = f"{RESULTS}/figures"
 
 
 @pytest.fixture(scope="module")
@@ -76,10 +77,8 @@ def limited(size):
 
 @pytest.mark.slow
 def test_without_space_there_is_one_line_and_no_half_a_file(study, faults, said):
-    words, written = (
-        ["simulate", "hot.yaml", "--seeds", "0-1", "--output", "out/0-1.h5"],
-        Path("out/0-1.h5"),
-    )
+    words = ["simulate", "hot.yaml", "--seeds", "0-1", "--output", "out/0-1.h5"]
+    written = Path("out/0-1.h5")
     assert main(words) == DONE
     expected = written.read_bytes()
     shutil.rmtree("out")
@@ -130,7 +129,8 @@ def test_killed_writers_leave_the_old_file_and_the_next_one_no_litter(faults, tm
 
 def test_a_file_is_on_disk_before_it_has_its_name(monkeypatch, tmp_path):
     """Else a power cut may leave an empty file under the name of a whole one."""
-    calls, replace = [], os.replace
+    calls = []
+    replace = os.replace
     monkeypatch.setattr(
         os, "fsync", lambda number: calls.append(os.readlink(f"/proc/self/fd/{number}"))
     )

@@ -82,7 +82,8 @@ def rendered(dataset, tmp_path_factory):
     """The folder of all tables, with empty pictures, and the figures by name, which have no layout
     yet.
     """
-    folder, figures = tmp_path_factory.mktemp("tables"), []
+    folder = tmp_path_factory.mktemp("tables")
+    figures = []
 
     def kept(figure, kind, _):
         figures.extend([figure] if kind == "png" else [])
@@ -212,7 +213,8 @@ def test_figures_and_particle_count_asked_for(plain, dataset, tmp_path):
         ValueError, match=r"particles: 15 is not in the dataset; choose one of \[10, 20\]"
     ):
         render(dataset, "never made", particles=15)
-    assert shown(dataset) == [("hot", 20), ("thermal", 20)] and shown(dataset, 10) == [
+    assert shown(dataset) == [("hot", 20), ("thermal", 20)]
+    assert shown(dataset, 10) == [
         ("hot", 10),
         ("thermal", 10),
     ]
@@ -295,7 +297,9 @@ def test_residuals_of_velocities_that_follow_the_model_are_standard_normal(corre
     Of 100 data sets of 40 runs; the bounds are four standard errors of independent residuals. Each
     has at least five independent counts expected, so that its distribution is not far from normal.
     """
-    rng, name, width = np.random.default_rng(1), "velocity_density", 0.1
+    rng = np.random.default_rng(1)
+    name = "velocity_density"
+    width = 0.1
     centres = np.arange(-5.95, 6, width)
     _, expected = velocity_distribution._expected(centres, name)
     shown = []
@@ -350,30 +354,27 @@ def test_uncertain_bins_are_pooled_for_drawing_alone(dataset):
         noisy = case.assign(pair_distribution_standard_error=error)
         assert pair_distribution._bins_pooled(noisy) == number
         pooled = pair_distribution._pooled(noisy, number)
-        r, g, value = (
-            case.distance.values,
-            case.pair_distribution.values,
-            pooled.pair_distribution.values,
-        )
+        r = case.distance.values
+        g = case.pair_distribution.values
+        value = pooled.pair_distribution.values
         whole = number * value.size
         ring = r[:whole].reshape(-1, number).sum(axis=1)
-        assert whole > r.size - number and value @ ring == pytest.approx(g[:whole] @ r[:whole])
+        assert whole > r.size - number
+        assert value @ ring == pytest.approx(g[:whole] @ r[:whole])
         if number > 1:
-            down, up = (
-                value - pooled.pair_distribution_low.values,
-                pooled.pair_distribution_high.values - value,
-            )
+            down = value - pooled.pair_distribution_low.values
+            up = pooled.pair_distribution_high.values - value
             single = 1.96 * error.values[:whole].reshape(-1, number).mean(axis=1)
-            assert down == pytest.approx(up) and up == pytest.approx(
-                single / np.sqrt(number), rel=0.05
-            )
+            assert down == pytest.approx(up)
+            assert up == pytest.approx(single / np.sqrt(number), rel=0.05)
 
 
 def test_depletion_of_large_disks_among_small_ones_survives_pooling():
     """Ten diameters of small disks make one of the large ones: the well and the barrier, each some
     half a small diameter wide, are there however uncertain single bins are.
     """
-    small, large = 0.3, 3.0
+    small = 0.3
+    large = 3.0
     distance = (np.arange(800) + 0.5) * small / 40
     gap = (distance - large) / small
     g = np.select([gap < 0, gap < 0.5, gap < 1.1], [0.0, 3.1, 0.45], 1.0)
@@ -423,7 +424,8 @@ def words(figure):
 
 def touching(figure):
     """Pairs of texts that cover each other, and texts that leave the figure."""
-    found, whole = words(figure), figure.bbox
+    found = words(figure)
+    whole = figure.bbox
     pairs = [
         (one, other)
         for k, (one, box) in enumerate(found)
@@ -492,10 +494,8 @@ def test_words_cover_no_data_and_no_words(dataset, name, apart, monkeypatch):
             for axes in panels_of(figure)
             if title(axes)
         }
-        assert (
-            len([axes for axes in figure.axes if title(axes)]) == 3
-            and max(heights) - min(heights) < 0.3
-        )
+        assert len([axes for axes in figure.axes if title(axes)]) == 3
+        assert max(heights) - min(heights) < 0.3
 
 
 @pytest.mark.parametrize("length", [20, 90])
@@ -586,15 +586,11 @@ def test_cases_share_a_panel_with_colours_and_words_that_tell_them_apart(dataset
         assert [line.get_label()[:15] for line in lines] == [
             f"tracer_mass = {k}" for k in (1, 2, 3)
         ]
-        assert (
-            len({tuple(line.get_color()) for line in lines}) == 3
-            and "hot, N = 20" in title(axes).get_text()
-        )
-    shown, part, variable = (
-        cases_shown(data, names=[name])[name],
-        RECORDS[name].component,
-        RECORDS[name].variables[0],
-    )
+        assert len({tuple(line.get_color()) for line in lines}) == 3
+        assert "hot, N = 20" in title(axes).get_text()
+    shown = cases_shown(data, names=[name])[name]
+    part = RECORDS[name].component
+    variable = RECORDS[name].variables[0]
     apart = cases.panels_of(shown, ["tracer_mass"], part, variable)
     assert len(apart) == (6 if name == "pair_distribution" else 3)
 
@@ -630,7 +626,8 @@ def test_at_most_six_cases_share_a_panel(dataset):
     masses = in_densities(dataset, 4)
     both = masses.isel(scene=[0, 0]).assign_coords(scene=["hot", "b"])
     assert groups(masses) == [4] and groups(both) == [4, 4]
-    assert groups(in_densities(dataset, 7)) == [1] * 7 and groups(both, ["tracer_mass"]) == [2] * 4
+    assert groups(in_densities(dataset, 7)) == [1] * 7
+    assert groups(both, ["tracer_mass"]) == [2] * 4
     assert groups(dataset) == [4] and groups(dataset, ["scene", "particles"]) == [1] * 4
     longer = dataset.assign(duration=dataset.duration.where(dataset.scene == "hot", 11.0))
     assert groups(longer) == [2, 2], "one time axis cannot show both"
@@ -642,7 +639,8 @@ def test_at_most_six_cases_share_a_panel(dataset):
     looks = [
         (bar.lines[0].get_color(), bar.lines[0].get_marker()) for bar in own.axes[-1].containers
     ]
-    assert len({*looks}) == len(looks) == 8 and own.get_figheight() > 3.7 * len(own.axes)
+    assert len({*looks}) == len(looks) == 8
+    assert own.get_figheight() > 3.7 * len(own.axes)
 
 
 @pytest.mark.parametrize("name", [*OVERLAID, "orientational_order"])
@@ -714,16 +712,15 @@ def test_points_are_the_values_with_their_intervals_beside_theory(dataset, as_it
     """Theory: dashed lines of the scan, deviations in a second row, of the rate at the scene's
     temperature if known.
     """
-    end, panels = dataset.isel(time=-1, window=0, engine=0), as_it_is[name][1]
+    end = dataset.isel(time=-1, window=0, engine=0)
+    panels = as_it_is[name][1]
     assert name != "scan" or title(panels[1]).get_text() == "diffusion coefficient over [0.1, 1] °"
     for k, variable in enumerate({"scan": scan, "thermodynamics": thermodynamics}[name].PANELS):
         dashed = [line.get_ydata() for line in panels[k].lines if line.get_linestyle() == "--"]
         expected = f"enskog_{'diffusion' if variable == 'diffusion_coefficient' else variable}"
         for j, case in enumerate(end.sel(scene=scene) for scene in ("hot", "thermal")):
-            x, at = (
-                case["particles" if name == "scan" else "packing_fraction"],
-                f"{variable}_at_temperature",
-            )
+            x = case["particles" if name == "scan" else "packing_fraction"]
+            at = f"{variable}_at_temperature"
             assert np.allclose(
                 points_of(panels[k].containers[j]), [x, *values_of(case, variable)], rtol=1e-12
             )
@@ -743,16 +740,13 @@ def test_lines_are_those_of_the_dataset_and_their_legend_has_its_numbers(dataset
     )
     of = {name: case[name].values for name in case.variables}
     said = partial(estimate, case)
-    vacf, bath, d = (
-        of["velocity_autocorrelation"],
-        of["bath_velocity_autocorrelation"],
-        of["diffusion_coefficient"],
-    )
-    gamma, line = (
-        -of["vacf_initial_slope_expected"] / vacf[0],
-        of["intercept"][0] + of["slope"][0] * np.array([0.1, 1]),
-    )
-    counts, models = of["expected_counts"], of["model_diffusion_coefficient"]
+    vacf = of["velocity_autocorrelation"]
+    bath = of["bath_velocity_autocorrelation"]
+    d = of["diffusion_coefficient"]
+    gamma = -of["vacf_initial_slope_expected"] / vacf[0]
+    line = of["intercept"][0] + of["slope"][0] * np.array([0.1, 1])
+    counts = of["expected_counts"]
+    models = of["model_diffusion_coefficient"]
     p = goodness.in_words(of["p_value_joint"][0])
     decay = cases.plus_minus(
         *(abs(of[f"vacf_initial_slope{part}"]) / vacf[0] for part in ("", "_standard_error"))
@@ -865,13 +859,12 @@ def test_other_tables_have_the_numbers_of_the_dataset(dataset, folder):
     }
     assert [float(row["ballistic"]) for row in of_hot["msd"]] == (8 * case.time**2).values.tolist()
     fit = np.array([float(row["fit over [0.1, 1]"] or "nan") for row in of_hot["msd"]])
-    assert np.isnan(fit[:2]).all() and np.allclose(np.diff(fit[2:]) / 0.05, case.slope.values[0])
+    assert np.isnan(fit[:2]).all()
+    assert np.allclose(np.diff(fit[2:]) / 0.05, case.slope.values[0])
     rings = of_hot["displacement_distribution"]
-    assert (
-        len(rings) == 25
-        and rings[-1]["r_outer"] == "inf"
-        and sum(float(row["runs"]) for row in rings) == 58
-    )
+    assert len(rings) == 25
+    assert rings[-1]["r_outer"] == "inf"
+    assert sum(float(row["runs"]) for row in rings) == 58
     for end in ("", "_low", "_high"):
         counts = case[f"displacement_counts{end}"].values.ravel()[:24]
         assert [float(row[f"runs{end}"]) for row in rings[:-1]] == counts.tolist()
@@ -890,10 +883,8 @@ def test_other_tables_have_the_numbers_of_the_dataset(dataset, folder):
         if (row["particles"], row["measure"]) == ("20", "energy_drift")
     )
     for share, column in ((0.05, "5 %"), (0.95, "95 %"), (1.0, "greatest")):
-        assert (
-            float(worst[column]) == abs(case.energy_drift).quantile(share).item()
-            and worst["failed_runs"] == "2"
-        )
+        assert float(worst[column]) == abs(case.energy_drift).quantile(share).item()
+        assert worst["failed_runs"] == "2"
     for of, mean_square in (("velocity", 1), ("speed", 2)):
         mine = [
             row
@@ -919,7 +910,8 @@ def test_every_number_of_the_summary_table_is_that_of_the_dataset(dataset):
     twice = twice.assign(
         {name: twice[name] * twice.displacement_time for name in (*SHAPE, *TESTED)}
     )
-    table, end = summary_table(twice), twice.isel(displacement_time=-1, time=-1)
+    table = summary_table(twice)
+    end = twice.isel(displacement_time=-1, time=-1)
     assert len(table) == 8 and {*FIT, *SHAPE, "msd", "species_energy, bath", "p_value, msd"} <= {
         *table
     }
@@ -977,7 +969,8 @@ def estimate(case, name, **at):
 
 
 def test_the_answer_begins_with_what_the_study_measured(dataset):
-    found, case = columns(dataset), dataset.sel(scene="thermal", particles=20, engine="exact")
+    found = columns(dataset)
+    case = dataset.sel(scene="thermal", particles=20, engine="exact")
     energy = [f"energy, {name}" for name in SPECIES]
     contact = [f"g(contact), {name}" for name in PAIRS[1:]]
     of_walls = [f"n(wall), {name}" for name in SPECIES]
@@ -1019,9 +1012,8 @@ def test_msd_and_d_are_in_the_answer_if_they_were_asked_for_and_an_observable_of
     meaning = {"observable": "my_module:chirality", "long_name": "chirality of the fluid"}
     one = (0 * plain.duration + 0.25).assign_attrs(meaning)
     found = plain.assign(chirality=one, chirality_standard_error=0.01 * one / 0.25)
-    assert [*columns(found)][3:] == ["chirality", "MSD(t = 1)", "D"] and columns(found)[
-        "chirality"
-    ] == "0.250 ± 0.010"
+    assert [*columns(found)][3:] == ["chirality", "MSD(t = 1)", "D"]
+    assert columns(found)["chirality"] == "0.250 ± 0.010"
     assert "chirality: chirality of the fluid (my_module:chirality)." in summary(found)
 
 
@@ -1029,10 +1021,8 @@ def test_the_verdict_on_eq_18_is_given_where_rings_were_asked_for(tmp_path):
     """Of two scenes, normal displacements in one and displacements of nearly one length in the
     other.
     """
-    normal, ring = (
-        make_runs(make_scene("normal"), range(400)),
-        make_runs(make_scene("ring"), range(400)),
-    )
+    normal = make_runs(make_scene("normal"), range(400))
+    ring = make_runs(make_scene("ring"), range(400))
     direction = (
         (np.exp(1j * np.arange(400.0)) * np.linspace(0.9, 1.1, 400)).view(float).reshape(400, 2)
     )
@@ -1066,10 +1056,8 @@ def test_the_verdict_on_eq_18_is_given_where_rings_were_asked_for(tmp_path):
 
 
 def test_summary_names_missing_seeds_and_engines(tmp_path):
-    full, partial = (
-        make_runs(make_scene(), range(20)),
-        make_runs(make_scene(), [*range(5), *range(9, 20)]),
-    )
+    full = make_runs(make_scene(), range(20))
+    partial = make_runs(make_scene(), [*range(5), *range(9, 20)])
     coarse = partial._replace(
         engine=engine_of_request("timestep", {"time_step": 0.01, "collisions": "late"})
     )
@@ -1126,13 +1114,12 @@ def test_distributions_in_rings_of_different_widths_keep_their_own_axes(tmp_path
         paths.append(write(tmp_path, trajectories))
     shown = cases.cases_of(aggregate(paths, displacement_times=(0.2, 1.0)))
     figure = displacement_distribution.draw_distributions(shown)
-    mains, lows = (
-        figure.axes[:4] + figure.axes[8:10],
-        figure.axes[4:8] + figure.axes[10:],
-    )  # of the two rows
+    mains = figure.axes[:4] + figure.axes[8:10]
+    lows = figure.axes[4:8] + figure.axes[10:]  # of the two rows
     for main, low, one in zip(mains, lows, cases.distributions_of(shown), strict=True):
         edge = one.r_outer.values[-1]
-        assert 0.9 * edge < main.get_xlim()[1] < 1.5 * edge and main.get_xlim() == low.get_xlim()
+        assert 0.9 * edge < main.get_xlim()[1] < 1.5 * edge
+        assert main.get_xlim() == low.get_xlim()
         assert any(
             f"beyond $r$ = {edge:g}" in words for words in main.get_legend_handles_labels()[1]
         )

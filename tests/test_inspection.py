@@ -84,7 +84,8 @@ def test_the_worst_and_the_failed_runs_are_named(tmp_path):
         worst_overlap=np.zeros(4),
         momentum_residual=np.array([1e-16, 2e-16, 3e-16, np.nan]),
     )
-    path, counts = write(tmp_path, runs), runs.ensemble.observables["pair_collisions"]
+    path = write(tmp_path, runs)
+    counts = runs.ensemble.observables["pair_collisions"]
     health = (
         "failed their health check: 2 of 4 runs: 1,7; worst energy drift 3e-15 (seed 1); worst "
         "overlap 0"
@@ -111,9 +112,11 @@ def test_one_run_says_all_about_itself(folder):
     assert "recorded     all, events, tracer\n" in text
     assert "health       no failed runs; worst energy drift" in text
     for name in ensemble.observables.keys() - {"failed"}:
-        values, units = ensemble.observables[name], described(name)["units"]
+        values = ensemble.observables[name]
+        units = described(name)["units"]
         (line,) = (line for line in text.splitlines() if line.startswith(f"{name} "))
-        assert f" {units} " in line and (values.ndim > 1 or f" {values[1]:.6g} " in line)
+        assert f" {units} " in line
+        assert values.ndim > 1 or f" {values[1]:.6g} " in line
     assert "recorded     none\n" in inspection.file_report(folder / "nothing.h5", 5)
 
 
@@ -183,9 +186,8 @@ def test_all_variables_with_units_and_meaning(dataset, said):
     path, contents, _ = dataset
     status, out, err = said("inspect", path, "--variables")
     lines = {line.split()[0]: line for line in out.splitlines()[1:]}
-    assert (status, err) == (DONE, "") and lines.keys() == {
-        str(name) for name in contents.variables
-    }
+    assert (status, err) == (DONE, "")
+    assert lines.keys() == {str(name) for name in contents.variables}
     for name in contents.data_vars:
         attributes = contents[name].attrs
         assert attributes["units"] in lines[name] and lines[name].endswith(attributes["long_name"])

@@ -98,7 +98,8 @@ def test_runs_and_analysis_are_those_of_the_command_line_to_the_byte(folder, run
 
 @pytest.mark.slow
 def test_runs_in_parts_in_memory_and_in_files_make_the_same_analysis(folder, runs, result):
-    first, second = runs.isel(seed=slice(4)), runs.isel(seed=slice(4, None))
+    first = runs.isel(seed=slice(4))
+    second = runs.isel(seed=slice(4, None))
     bp.save(second, folder / "second.h5")
     assert bp.analyse([first, str(folder / "second.h5")]).identical(result)
     assert bp.open(folder / "second.h5").events.a.count() == second.events.a.count()
@@ -152,7 +153,9 @@ def test_periodic_runs_without_image_are_not_analysed():
 @pytest.mark.slow
 def test_variables_that_a_user_adds_are_neither_analysed_nor_saved(runs, result, tmp_path):
     """Nor is one taken for an observable that was not measured."""
-    heated, logged, joined = runs.copy(), runs.copy(), runs.copy()
+    heated = runs.copy()
+    logged = runs.copy()
+    joined = runs.copy()
     heated["disks/energy"] = runs.disks.mass * 1
     logged["events/energy"] = runs.events.a * 1
     joined["mine"] = xarray.DataTree(xarray.Dataset({"a": 1}))
@@ -373,7 +376,8 @@ def test_the_mean_of_an_own_array_is_that_of_the_analysis(boundary):
         .sum("component")
         .assign_attrs(units="length^2")
     )
-    found, expected = bp.mean(square), bp.analyse(runs).squeeze()
+    found = bp.mean(square)
+    expected = bp.analyse(runs).squeeze()
     ends = {"value": "", "standard_error": "_standard_error", "low": "_low", "high": "_high"}
     for name, end in ends.items():
         np.testing.assert_allclose(found[name], expected[f"msd{end}"], rtol=1e-12, atol=1e-15)
@@ -521,7 +525,9 @@ def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
     study = {"scenes": "settled.yaml", "seeds": 60, "fit_windows": [[0.1, 1]], "figures": "health"}
     Path("study.yaml").write_text(yaml.safe_dump(study | asked))
     result = bp.run("study.yaml", cores=1, config={"seeds": 6})
-    stored, made, simulate = sorted(Path("results/runs").rglob("*.h5")), [], Engine.simulate
+    stored = sorted(Path("results/runs").rglob("*.h5"))
+    made = []
+    simulate = Engine.simulate
 
     def counted(self, scene, seeds, *rest, **options):
         made.extend(seeds)
@@ -618,7 +624,8 @@ NAMES = ["bath", "089", "1e3", "no", "null", "0x1f", "1_0", "12.30", "6e-1", "y"
     ids=["species", "listed", "logarithmic", "names"],
 )
 def test_a_scene_is_saved_as_the_file_that_it_is_read_from(scene, tmp_path):
-    saved, path = scene(), tmp_path / "mine.yaml"
+    saved = scene()
+    path = tmp_path / "mine.yaml"
     saved.save(path)
     assert bp.read_scene(path) == saved
     assert bp.read_scene(str(path)).replace(duration=1.0) == saved.replace(duration=1.0)

@@ -102,7 +102,8 @@ def test_a_signal_at_a_random_moment_ends_a_simulation(tmp_path, faults):
         (["--engine", "langevin", "--friction", "enskog"], {"NUMBA_CACHE_DIR": "cache"}),
     )
     words, apart = faults.random.choice(ways)
-    command, pipe = [*MODULE, "simulate", "scene.yaml", *words], subprocess.PIPE
+    command = [*MODULE, "simulate", "scene.yaml", *words]
+    pipe = subprocess.PIPE
     process = subprocess.Popen(
         command, cwd=tmp_path, env=os.environ | apart, stderr=pipe, text=True
     )
@@ -145,7 +146,8 @@ def folder(tmp_path_factory):
 @pytest.mark.slow
 def test_a_killed_study_goes_on_where_it_was(folder, tmp_path, faults):
     study = shutil.copytree(folder, tmp_path / "study")
-    kill, wanted = faults.random.choice(KILLS), faults.random.randint(1, 3)
+    kill = faults.random.choice(KILLS)
+    wanted = faults.random.randint(1, 3)
     lost = killed(study, kill, wanted, faults.random.uniform(0, 1))
     assert len(lost) <= 2, kill  # at most one for each core
     there = batches(study)

@@ -28,8 +28,10 @@ from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 
-W, P = "reflecting", "periodic"
-SQUARE, QUARTIC = ("square_displacement",), ("quartic_displacement",)
+W = "reflecting"
+P = "periodic"
+SQUARE = ("square_displacement",)
+QUARTIC = ("quartic_displacement",)
 TRACER_ALONE = (*SQUARE, "velocity_autocorrelation", *QUARTIC)
 ALL = tuple(OBSERVABLES)
 REPORTED = {"quarter_collisions", "quarter_virial", "quarter_energy"}  # by the exact engine itself

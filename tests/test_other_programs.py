@@ -56,7 +56,8 @@ def test_freud_finds_the_means_over_runs_of_the_dataset():
     result = bp.analyse(runs).squeeze()
     box = freud.box.Box(20.0, 12.0)
     shift = np.array([10.0, 6.0])
-    found, count = [], len(result.distance)
+    found = []
+    count = len(result.distance)
     pairs = freud.density.RDF(count, count * float(result.distance[1] - result.distance[0]))
     for seed in range(6):
         disks = runs["disks"].to_dataset().isel(seed=seed)

@@ -109,7 +109,8 @@ def counted(study):
 
 def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, here, monkeypatch):
     study = read_study(study_file(tolerance="4%"))
-    runs, text = counted(study), Path("counted.yaml").read_bytes()
+    runs = counted(study)
+    text = Path("counted.yaml").read_bytes()
     assert counted(study) == runs and Path("counted.yaml").read_bytes() == text
     assert plan.settled(study, "counted.yaml").seeds == range(runs)
     for others in (
@@ -240,9 +241,11 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(
     )
     first, *others = files_of(plan.settled(study, "counted.yaml"))
     ends = "-".join(one.path.stem for one in others).split("-")
-    assert first.path == file and (ends[0], ends[-1]) == (f"{MOST_PILOT_RUNS}", f"{runs - 1}")
+    assert first.path == file
+    assert (ends[0], ends[-1]) == (f"{MOST_PILOT_RUNS}", f"{runs - 1}")
     again, (pilot,) = plan.write_plan(study, "counted.yaml")
-    assert (again, pilot.made) == (runs, 0) and [*Path("results/runs").rglob("*.h5")] == [file]
+    assert (again, pilot.made) == (runs, 0)
+    assert [*Path("results/runs").rglob("*.h5")] == [file]
     assert cli.main(["plan", str(path), "--write", "planned.yaml"]) == DONE
     said = capsys.readouterr().out
     assert f"exact: {runs:,} runs" in said and "0 pilot runs made" in said
@@ -288,7 +291,9 @@ def test_intervals_cover_the_truth_although_pilot_runs_decide_their_number(fewer
 
     400 studies know a coverage of 95 % to 1.1 %, and a bias to a twentieth of the tolerance.
     """
-    rng, covered, means = np.random.default_rng(5), [], []
+    rng = np.random.default_rng(5)
+    covered = []
+    means = []
     for _ in range(400):
         pilot = rng.exponential(size=100)
         more = rng.exponential(
@@ -364,10 +369,8 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
 
 
 def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, here):
-    path, engine = (
-        study_file(seeds="7-9", figures=["thermodynamics"]),
-        engine_of_request("langevin", {"friction": "enskog"}),
-    )
+    path = study_file(seeds="7-9", figures=["thermodynamics"])
+    engine = engine_of_request("langevin", {"friction": "enskog"})
     keys = read_keys(path, {"particles": 9})
     plan.write_study(
         read_study(path, {"particles": 9}),

@@ -83,7 +83,8 @@ def in_old_surroundings(folder):
 def test_trajectories_have_the_same_bits_on_an_old_processor_elsewhere_and_other_numbers_agree(
     tmp_path, monkeypatch
 ):
-    here, there = tmp_path / "here", tmp_path / "there" / "elsewhere"
+    here = tmp_path / "here"
+    there = tmp_path / "there" / "elsewhere"
     here.mkdir()
     there.mkdir(parents=True)
     monkeypatch.chdir(here)

@@ -27,7 +27,8 @@ from snakemake_logger_plugin_brownpipe import LogHandler
 from synthetic import render
 
 SCENE = mixture(box(6, 6, PERIODIC), [(1, 0.6, 9), (30, 0.25, 1)], 4.0).replace(equilibrate=4.0)
-EXACT, STEPS = engine_of_request("exact", {}), engine_of_request("timestep", {"time_step": 0.01})
+EXACT = engine_of_request("exact", {})
+STEPS = engine_of_request("timestep", {"time_step": 0.01})
 
 
 @pytest.fixture
@@ -87,7 +88,9 @@ def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypa
     assert {(unit, total) for unit, _, total in found} == {("runs", 2)}
     done = np.array([done for _, done, _ in found])
     inside = done % 1
-    assert np.all(np.diff(done) >= 0) and {1.0, 2.0} <= set(done) and done[0] < 0.2
+    assert np.all(np.diff(done) >= 0)
+    assert {1.0, 2.0} <= set(done)
+    assert done[0] < 0.2
     assert (
         np.count_nonzero((inside > 0) & (inside < 0.5)) > 2 < np.count_nonzero(inside > 0.5)
     )  # half equilibrates
@@ -247,7 +250,8 @@ def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_
     ]
 
 
-WARNING, ERROR = logging.WARNING, logging.ERROR
+WARNING = logging.WARNING
+ERROR = logging.ERROR
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,8 @@ def check(text):
     names = [attributes["id"] for _, attributes, _ in elements.found if "id" in attributes]
     assert len({*names}) == len(names)
     levels = [int(tag[1]) for tag, _, _ in elements.found if re.fullmatch("h[1-6]", tag)]
-    assert levels[0] == 1 and all(after <= before + 1 for before, after in pairwise(levels))
+    assert levels[0] == 1
+    assert all(after <= before + 1 for before, after in pairwise(levels))
     assert all(attributes.get("alt") for attributes, _ in elements.named("img"))
     assert all(attributes.get("scope") for attributes, _ in elements.named("th"))
     for _, attributes, _ in elements.found:

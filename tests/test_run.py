@@ -88,14 +88,16 @@ def test_run_starts_the_workflow_of_this_installation_and_passes_other_options_o
     further = ["tradeoff_figures", "-n", "--config", "seeds=3"]
     assert said("run", study, "-j", "3", *further) == (DONE, "", "")
     ((command, environment),) = started
-    assert command[1:4] == ["-P", "-m", "snakemake"] and command[4:6] == [
+    assert command[1:4] == ["-P", "-m", "snakemake"]
+    assert command[4:6] == [
         "--snakefile",
         str(ROOT / "Snakefile"),
     ]
     assert command[6:] == ["--configfile", study, "--cores", "3", *further]
     own, _, rest = environment["PATH"].partition(":")
     assert rest == "/nowhere" and os.access(f"{own}/brownpipe", os.X_OK)
-    assert said("run", study) == (DONE, "", "") and started[1][0][-2:] == ["--cores", "all"]
+    assert said("run", study) == (DONE, "", "")
+    assert started[1][0][-2:] == ["--cores", "all"]
 
 
 @pytest.mark.parametrize(
@@ -190,7 +192,8 @@ def test_a_profile_says_where_jobs_run_and_how_many(said, study, started, plugin
         assert said("run", study, "--profile", name) == (DONE, "", "")
         assert started[-1][0][-2:] == ["--profile", str(folder)]
     assert said("run", study, "--profile", "slurm", "-j", "9") == (DONE, "", "")
-    assert started[-1][0][-2:] == ["--jobs", "9"] and "--cores" not in started[-1][0]
+    assert started[-1][0][-2:] == ["--jobs", "9"]
+    assert "--cores" not in started[-1][0]
 
 
 @pytest.mark.parametrize(

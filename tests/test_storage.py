@@ -65,7 +65,8 @@ def case(request):
 @pytest.fixture
 def full(tmp_path):
     """A file with everything in it."""
-    scene, path = make_scene(particles=5, boundary="periodic"), tmp_path / "full.h5"
+    scene = make_scene(particles=5, boundary="periodic")
+    path = tmp_path / "full.h5"
     write_trajectories(path, scene, Engine("exact"), make_ensemble(scene))
     return path
 
@@ -124,7 +125,8 @@ def test_round_trip(case, engine, tmp_path):
 
 def test_an_engine_of_another_version(tmp_path):
     """A setting of no meaning here is refused."""
-    path, scene = tmp_path / "runs.h5", make_scene(particles=5)
+    path = tmp_path / "runs.h5"
+    scene = make_scene(particles=5)
     write_trajectories(path, scene, Engine("exact", (("cell_side", 1.5),)), make_ensemble(scene))
     assert "cell_side: unknown key; allowed: name; if a version" in refusal(read_trajectories, path)
 
@@ -159,7 +161,8 @@ def test_xarray_shows_the_tree_of_brownpipe(engine, full):
 
 @pytest.mark.filterwarnings("error")
 def test_dataset_round_trip(tmp_path):
-    path, dataset = tmp_path / "study.nc", make_dataset()
+    path = tmp_path / "study.nc"
+    dataset = make_dataset()
     write_dataset(path, dataset)
     assert read_dataset(path).identical(dataset)
     with xarray.open_dataset(path) as plain:

@@ -17,7 +17,8 @@ SCENE = make_scene(sample_interval=0.25)
 @pytest.fixture(scope="module")
 def everything():
     """All runs of a study, as one record."""
-    rng, n = np.random.default_rng(1), len(SEEDS)
+    rng = np.random.default_rng(1)
+    n = len(SEEDS)
     counts = {
         name: rng.poisson(30, n)
         for name in ("pair_collisions", "wall_collisions", "tracer_collisions")

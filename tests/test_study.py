@@ -103,7 +103,9 @@ def test_title_note_and_panel_concern_the_figures_alone():
 
 
 ALL = {"runs", "plan", "aggregate", "figures", "tradeoff", "tradeoff_figures"}
-LATER, ANALYSIS, FIGURE = ALL - {"runs"}, {"aggregate", "figures"}, {"figures"}
+LATER = ALL - {"runs"}
+ANALYSIS = {"aggregate", "figures"}
+FIGURE = {"figures"}
 TRADEOFF = {"tradeoff", "tradeoff_figures"}
 OTHERS = {  # keys with another value than in config/small.yaml, and what is made from it
     "scenes": ("scenes/harrison2020.yaml", ALL),
@@ -142,11 +144,9 @@ def due(before, after):
 @pytest.mark.parametrize("key", Study.model_fields)
 def test_each_key_makes_the_steps_due_that_are_made_from_it_and_no_others(key):
     value, expected = OTHERS[key]
-    before, replaced, alone = (
-        small(),
-        {key: value},
-        key not in ("average", "record"),
-    )  # they must go with others
+    before = small()
+    replaced = {key: value}
+    alone = key not in ("average", "record")  # they must go with others
     after = small(**replaced) if alone else before.model_copy(update=replaced)
     assert due(made_from(before), made_from(after)) == expected
     if (
@@ -240,12 +240,16 @@ def test_what_is_measured_in_the_runs(tmp_path):
         scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins"
     )
     assert told(study) == "tracer --observables square_displacement --average origins"
-    assert {*study.figures} > {*of_tracer} and "displacement_distribution" not in small(
-        scenes=str(tmp_path / "mixed.yaml"),
-        observables="square_displacement",
-        average="origins",
-        record="none",
-    ).figures
+    assert {*study.figures} > {*of_tracer}
+    assert (
+        "displacement_distribution"
+        not in small(
+            scenes=str(tmp_path / "mixed.yaml"),
+            observables="square_displacement",
+            average="origins",
+            record="none",
+        ).figures
+    )
 
 
 # -- keys replaced by `snakemake --config` ---------------------------------------------------------
@@ -337,7 +341,8 @@ def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(
     cost, runs, first, more
 ):
     found = batches(range(first, first + runs), cost)
-    assert found[0][0] == first and found[-1][1] == first + runs - 1
+    assert found[0][0] == first
+    assert found[-1][1] == first + runs - 1
     assert all(before[1] + 1 == after[0] for before, after in pairwise(found))
     assert found == [(first + one, first + last) for one, last in batches(range(runs), cost)]
     longer = batches(range(first, first + runs + more), cost)
@@ -359,10 +364,8 @@ def test_automatic_batches_take_tens_of_seconds_and_more_where_they_are_many(
 ):
     found = batches(range(int(days * 86400 / seconds)), forecast.Cost(0, 0, seconds, 0, 0, 0))
     assert 15 <= (found[0][1] + 1) * seconds <= 30
-    assert (
-        len(found) <= most_jobs
-        and max(last - first + 1 for first, last in found) * seconds <= longest_job
-    )
+    assert len(found) <= most_jobs
+    assert max(last - first + 1 for first, last in found) * seconds <= longest_job
 
 
 # -- refusals: test_wrong_input.py ---

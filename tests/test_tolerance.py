@@ -87,7 +87,8 @@ def test_every_engine_has_a_cost_in_its_scenes(finished):
 def test_seeds_are_as_many_as_the_tolerance_needs(finished):
     made = finished[0] / "results/study"
     plan = yaml.safe_load(next((made / "plan").iterdir()).read_text())
-    assert plan["runs"] == max(plan["needed"].values()) and set(plan["needed"]) == {
+    assert plan["runs"] == max(plan["needed"].values())
+    assert set(plan["needed"]) == {
         "full, N = 12",
         "half, N = 6",
     }

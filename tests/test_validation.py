@@ -120,7 +120,8 @@ def test_effect_of_a_fixed_number_of_disks_is_that_of_the_virial_series():
     """The canonical partition function of N disks gives (1 - 1/N) B_2 n + [(1 - 1/N)(1 - 2/N) B_3 +
     ...] n^2 + ...
     """
-    phi, b3 = np.array([1e-3, 2e-3]), VIRIAL_COEFFICIENTS[2]
+    phi = np.array([1e-3, 2e-3])
+    b3 = VIRIAL_COEFFICIENTS[2]
     in_density = -2 * phi + (2 - 3 * b3) * (2 * phi) ** 2
     assert 100 * finite_size(phi, 100) == pytest.approx(in_density, abs=20 * phi[-1] ** 3)
 
@@ -141,15 +142,20 @@ def test_functional_has_the_published_direct_correlation_function(q):
 
     The cells change it by 5e-4; a coefficient a = 2.7 instead of 11/4 by 3e-3 to 8e-3.
     """
-    phi, cells, amplitude = 0.4, fundamental_measure.CELLS, 1e-4
+    phi = 0.4
+    cells = fundamental_measure.CELLS
+    amplitude = 1e-4
     wave = amplitude * np.cos(
         q * fundamental_measure.RADIUS / cells * np.arange(-4 * cells, 2 * cells + 1)
     )
-    weights, bulk = fundamental_measure.projected_weights(), 4 / np.pi * phi
+    weights = fundamental_measure.projected_weights()
+    bulk = 4 / np.pi * phi
     up, down = (
         fundamental_measure.direct_correlation(bulk + sign * wave, weights)[-1] for sign in (1, -1)
     )
-    first, second, free = j0(q / 2), j1(q / 2), 1 - phi
+    first = j0(q / 2)
+    second = j1(q / 2)
+    free = 1 - phi
     terms = (
         5 / 4 * (free * q) ** 2 * (second**2 - first**2) + 4 * (phi**2 - 20 * phi + 7) * second**2
     )
@@ -192,7 +198,8 @@ def test_dilute_disks_have_the_pair_distribution_of_first_order():
     """The size of the correlation within two diameters over that of theory: 1 within four standard
     errors of 10 %.
     """
-    number, phi = 1000, 0.05
+    number = 1000
+    phi = 0.05
     side = np.sqrt(number * np.pi / 4 / phi)
     scene = bp.Scene(
         box={"x": (0, side), "y": (0, side), "boundary": "periodic"},

@@ -36,7 +36,8 @@ FLUID = {
     "duration": 4.0,
     "sample_interval": 0.25,
 }
-MASS, PHI = "disks.tracer.mass", "packing_fraction"
+MASS = "disks.tracer.mass"
+PHI = "packing_fraction"
 VARY = {MASS: [1.0, 10.0, 100.0], PHI: [0.1, 0.2]}
 
 
@@ -166,10 +167,8 @@ def test_packing_fractions_of_several_numbers_of_disks_have_boxes_of_their_own(f
     fit.
     """
     Path("fluid.yaml").write_text(yaml.safe_dump(FLUID).replace("count: 15", "count: rest"))
-    vary, energy = (
-        {PHI: [0.1, 0.2], "velocities.temperature": [1.0, 1.5]},
-        {"observables": "species_energy"},
-    )
+    vary = {PHI: [0.1, 0.2], "velocities.temperature": [1.0, 1.5]}
+    energy = {"observables": "species_energy"}
     write_study(vary=vary, vary_together=True, particles=[16, 100], **energy)
     study = read_study("study.yaml")
     dataset = dataset_of(study)
@@ -191,10 +190,8 @@ def test_packing_fractions_of_several_numbers_of_disks_have_boxes_of_their_own(f
         )
         assert case.box.area == pytest.approx(count * math.pi * 0.5**2 / phi)
         assert scenes[case.digest] == json.loads(case.text)
-        single, part = (
-            bp.analyse(bp.simulate(case, 6, quiet=True)),
-            dataset.sel(packing_fraction=phi, particles=count),
-        )
+        single = bp.analyse(bp.simulate(case, 6, quiet=True))
+        part = dataset.sel(packing_fraction=phi, particles=count)
         for name in ("msd", "collision_rate", "compressibility", "runs"):
             assert np.array_equal(part[name].squeeze(), single[name].squeeze(), equal_nan=True), (
                 name
@@ -246,7 +243,8 @@ def test_points_of_a_scan_against_the_density_are_named_by_what_they_share():
 
 def test_a_scan_refuses_what_is_wrong_before_any_scene_is_run(monkeypatch):
     monkeypatch.setattr(Engine, "simulate", None)
-    langevin, window = {"engine": "langevin", "friction": "enskog"}, {"fit_windows": [(1, 9)]}
+    langevin = {"engine": "langevin", "friction": "enskog"}
+    window = {"fit_windows": [(1, 9)]}
     unused = {"fit_windows": [(0, 1)], "record": "none"}, "fit_windows: must go with record"
     for options, wrong in (
         (langevin, "for a heavy tracer"),

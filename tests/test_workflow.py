@@ -270,10 +270,8 @@ def test_a_file_in_the_place_of_another_and_what_is_edited_meanwhile_are_refused
 ):
     monkeypatch.chdir(study)
     one, other = sorted(Path("results/runs/hot").rglob("*.h5"))
-    dataset, figure = (
-        Path("results/study/aggregate/study.nc"),
-        Path("results/study/figures/health.svg"),
-    )
+    dataset = Path("results/study/aggregate/study.nc")
+    figure = Path("results/study/figures/health.svg")
     figure.unlink()
     command = due(study, "figures")
     assert main(["aggregate", str(one), "--output", str(dataset)]) == DONE
