@@ -5,6 +5,7 @@ import re
 import warnings
 from dataclasses import replace
 from functools import partial
+from itertools import combinations, product
 
 import matplotlib
 import numpy as np
@@ -35,26 +36,28 @@ from brownpipe.figures.summary import FIT, SHAPE, TESTED, answer, summary, summa
 from brownpipe.needs import COUNTED_COLLISIONS, DISPLACEMENTS, FIGURES, FOLLOWED_DISK, SPREADING
 from brownpipe.observables.trajectory import Track
 from ensembles import make_runs, make_scene, study, write
-from synthetic import CONTACT, PAIRS, SPECIES, at_times, render, with_measures
+from synthetic import CONTACT, EACH, PAIRS, SPECIES, at_times, render, with_measures
 
 NAMES = tuple(FIGURES)
 OF_ALL = {"summary.csv", "summary.txt", "provenance.json"}  # written beside the figures
 RECORDS = {name: figure_named(name) for name in NAMES}
 WITH_TRAJECTORIES = {FOLLOWED_DISK, COUNTED_COLLISIONS, DISPLACEMENTS, SPREADING}
 OF_TRAJECTORIES = [name for name in NAMES if set(FIGURES[name]) <= WITH_TRAJECTORIES]
-OF_OBSERVABLES = {
-    name: tuple(RECORDS[name].variables)
-    for name in NAMES
-    if any(need.text.startswith("the observable ") for need in FIGURES[name])
-}
+
+
+def needs_observable(name):
+    """Whether the runs for a figure must have measured an observable."""
+    return any(need.text.startswith("the observable ") for need in FIGURES[name])
+
+
+OF_OBSERVABLES = {name: tuple(RECORDS[name].variables) for name in NAMES if needs_observable(name)}
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
     """What trajectories alone give."""
-    return aggregate(
-        study(tmp_path_factory.mktemp("study"), failed=(7, 33)), [(0.1, 1.0), (0.5, 1.0)]
-    )
+    runs = study(tmp_path_factory.mktemp("study"), failed=(7, 33))
+    return aggregate(runs, [(0.1, 1.0), (0.5, 1.0)])
 
 
 @pytest.fixture(scope="module")
@@ -305,9 +308,8 @@ def test_residuals_of_velocities_that_follow_the_model_are_standard_normal(corre
     shown = []
     for _ in range(100):
         times = rng.geometric(1 / correlated, (40, 3000 // correlated))
-        bins = np.clip((rng.standard_normal(times.shape) + 6) / width, 0, centres.size - 1).astype(
-            int
-        )
+        velocities = rng.standard_normal(times.shape)
+        bins = np.clip((velocities + 6) / width, 0, centres.size - 1).astype(int)
         counts = [
             np.bincount(*of_run, minlength=centres.size) for of_run in zip(bins, times, strict=True)
         ]
@@ -422,21 +424,20 @@ def words(figure):
     return [(text.get_text(), Text.get_window_extent(text)) for text in texts]
 
 
+def leaves(box, whole):
+    """Whether a box reaches beyond the figure's, which begins at 0."""
+    return box.x0 < 0 or box.y0 < 0 or box.x1 > whole.x1 or box.y1 > whole.y1
+
+
 def touching(figure):
     """Pairs of texts that cover each other, and texts that leave the figure."""
-    found = words(figure)
-    whole = figure.bbox
+    texts = words(figure)
     pairs = [
-        (one, other)
-        for k, (one, box) in enumerate(found)
-        for other, its in found[:k]
-        if box.overlaps(its)
+        (text, earlier)
+        for (earlier, before), (text, box) in combinations(texts, 2)
+        if box.overlaps(before)
     ]
-    cut = [
-        one
-        for one, box in found
-        if box.x0 < 0 or box.y0 < 0 or box.x1 > whole.x1 or box.y1 > whole.y1
-    ]
+    cut = [text for text, box in texts if leaves(box, figure.bbox)]
     return pairs + cut
 
 
@@ -444,11 +445,11 @@ def scenes(dataset, count):
     """The dataset with its two scenes over and over; every second name, as that of the last in a
     row, is long.
     """
-    names = [
-        f"a-scene_with.a-name-of-42-characters-at-N{k}0" if k % 2 else f"scene-{k}"
-        for k in range(count)
-    ]
-    return dataset.isel(scene=[k % 2 for k in range(count)]).assign_coords(scene=names)
+    names = [f"scene-{k}" for k in range(count)]
+    for k in range(1, count, 2):
+        names[k] = f"a-scene_with.a-name-of-42-characters-at-N{k}0"
+    repeated = dataset.isel(scene=[k % 2 for k in range(count)])
+    return repeated.assign_coords(scene=names)
 
 
 TIMES = {
@@ -478,23 +479,17 @@ def test_words_cover_no_data_and_no_words(dataset, name, apart, monkeypatch):
         lay_out(figure)
     assert not touching(figure)
     panels = [axes.get_window_extent() for axes in panels_of(figure)]
-    heads = [
-        one
-        for axes in figure.axes
-        for one in (title(axes), axes.get_legend())
-        if one and title(axes)
-    ]
-    heads += [axes.xaxis.label for axes in figure.axes if axes.get_xlabel()]
-    assert heads and not any(
-        one.get_window_extent().overlaps(panel) for one in heads for panel in panels
-    )
+    titled = [axes for axes in figure.axes if title(axes)]
+    above = [title(axes) for axes in titled]
+    above += [axes.get_legend() for axes in titled if axes.get_legend()]
+    above += [axes.xaxis.label for axes in figure.axes if axes.get_xlabel()]
+    assert above
+    for text, panel in product(above, panels):
+        assert not text.get_window_extent().overlaps(panel)
     if apart:
-        heights = {
-            axes.get_position().height * figure.get_figheight()
-            for axes in panels_of(figure)
-            if title(axes)
-        }
-        assert len([axes for axes in figure.axes if title(axes)]) == 3
+        with_title = [axes for axes in panels_of(figure) if title(axes)]
+        heights = [axes.get_position().height * figure.get_figheight() for axes in with_title]
+        assert len(titled) == 3
         assert max(heights) - min(heights) < 0.3
 
 
@@ -507,7 +502,8 @@ def test_titles_stand_right_above_legends_small_or_not(length):
             axes[0, 0].plot([0, 1], [0, k], label="m" * length)
         style.heads(axes[0], ["title"])
         lay_out(figure)
-    title, legend = (part.get_window_extent() for part in (axes[0, 0].title, axes[0, 0].legend_))
+    title = axes[0, 0].title.get_window_extent()
+    legend = axes[0, 0].legend_.get_window_extent()
     gap = (title.y0 - legend.y1) * 72 / figure.dpi  # [point]
     assert 0 <= gap < 13.5
 
@@ -547,10 +543,10 @@ def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(hot):
         "accessible_half_width": hot.accessible_half_width * 0 + 0.5
     }  # that have stopped it, says the MSD
     assert claimed(hot.assign(flying | walls)) == ""
-    late = hot.assign(
-        accessible_half_width=hot.accessible_half_width * 0 + 1.3
-    )  # D of the last MSD below 1.3^2/3
-    last = float(hot.time[np.flatnonzero(hot.msd.sel(particles=20) > 1.3**2 / 3)[0] - 1])
+    half_width = hot.accessible_half_width * 0 + 1.3
+    late = hot.assign(accessible_half_width=half_width)  # D of the last MSD below 1.3^2/3
+    beyond = np.flatnonzero(hot.msd.sel(particles=20) > 1.3**2 / 3)
+    last = float(hot.time[beyond[0] - 1])
     assert claimed(late).startswith(f"diffusion between walls: D from MSD({last:.3g}) = ")
 
 
@@ -685,13 +681,12 @@ def test_theory_is_beside_the_pair_distribution(hot):
     ("key", "label"), [(None, "packing fraction $\\phi$"), ("tracer_mass", "tracer mass")]
 )
 def test_order_is_drawn_against_what_is_varied(dataset, key, label):
-    (axes,) = draw_figure(
-        dataset if key is None else in_densities(dataset, 3), "orientational_order"
-    ).axes
+    drawn = dataset if key is None else in_densities(dataset, 3)
+    (axes,) = draw_figure(drawn, "orientational_order").axes
     assert axes.get_xlabel() == label
-    assert key is None or [bar.lines[0].get_xdata().tolist() for bar in axes.containers] == [
-        [1.0, 2.0, 3.0]
-    ]
+    if key is not None:
+        (bar,) = axes.containers
+        assert bar.lines[0].get_xdata().tolist() == [1.0, 2.0, 3.0]
 
 
 # -- what is drawn ---------------------------------------------------------------------------------
@@ -832,32 +827,32 @@ def test_table_of_a_measure_is_the_dataset(dataset, folder, name):
     along = DATASET_TABLES[name].dims
     variables = DATASET_TABLES[name].variables
     table = rows(folder / f"{name}.csv")
+    numbers = {"particles", *(dim for dim in along if dataset[dim].dtype.kind == "f")}
+    some_rows = table[:: 1 + len(table) // 30]
     for variable in (variable for variable in variables if f"{variable}_low" in table[0]):
-        for row in (row for row in table[:: 1 + len(table) // 30] if row[f"{variable}_low"]):
-            at = {
-                dim: float(row[dim]) if dataset[dim].dtype.kind == "f" else row[dim]
-                for dim in along
-            }
-            of_variable = dataset[[variable + part for part in cases.PARTS]]
-            case = of_variable.sel(
-                scene=row["scene"], particles=int(row["particles"]), engine=row["engine"], **at
-            )
+        with_errors = dataset[[variable + part for part in cases.PARTS]]
+        for row in (row for row in some_rows if row[f"{variable}_low"]):
+            at = {dim: row[dim] for dim in (*EACH, *along)}
+            at |= {dim: float(row[dim]) for dim in numbers}
+            case = with_errors.sel(at)
             for part in cases.PARTS:
                 assert float(row[variable + part]) == case[variable + part].item()
-        expected = (
-            dataset[variable] if RECORDS[name].every_count else dataset[variable].sel(particles=20)
-        )
+        expected = dataset[variable]
+        if not RECORDS[name].every_count:
+            expected = expected.sel(particles=20)
         assert sum(bool(row[variable]) for row in table) == np.isfinite(expected).sum()
 
 
 @pytest.mark.slow
 def test_other_tables_have_the_numbers_of_the_dataset(dataset, folder):
     case = dataset.sel(scene="hot", particles=20, engine="exact")
-    of_hot = {
-        name: [row for row in rows(folder / f"{name}.csv") if row["scene"] == "hot"]
-        for name in NAMES
-    }
-    assert [float(row["ballistic"]) for row in of_hot["msd"]] == (8 * case.time**2).values.tolist()
+
+    def hot_rows(name):
+        return [row for row in rows(folder / f"{name}.csv") if row["scene"] == "hot"]
+
+    of_hot = {name: hot_rows(name) for name in NAMES}
+    ballistic = [float(row["ballistic"]) for row in of_hot["msd"]]
+    assert ballistic == (8 * case.time**2).values.tolist()
     fit = np.array([float(row["fit over [0.1, 1]"] or "nan") for row in of_hot["msd"]])
     assert np.isnan(fit[:2]).all()
     assert np.allclose(np.diff(fit[2:]) / 0.05, case.slope.values[0])

@@ -2,7 +2,7 @@
 
 import re
 import shutil
-from itertools import pairwise
+from itertools import chain, pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -40,13 +40,12 @@ def test_default_study_is_the_note(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # where there are no runs
     study = read_study(CONFIG / "harrison2020.yaml")
     assert study.name == "harrison2020"
-    assert [(case.name, case.particles) for case in study.cases] == [
-        (scene, count)
-        for scene in ("harrison2020", "harrison2020_thermal")
-        for count in (50, 100, 150, 200)
-    ]
+    scenes = ("harrison2020", "harrison2020_thermal")
+    expected = list(product(scenes, (50, 100, 150, 200)))
+    assert [(case.name, case.particles) for case in study.cases] == expected
     assert [file.path.name for file in files_of(study)] == 8 * ["0-2399.h5"]
-    assert (len(run_sets(study)), study.engines) == (8, (Engine("exact"),))
+    assert len(run_sets(study)) == 8
+    assert study.engines == (Engine("exact"),)
     assert (study.rings.dr, study.rings.count) == (0.04, 24)
     assert all(path.is_file() for path in study.scenes)
 
@@ -58,13 +57,12 @@ def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_r
     paths = [str(file.path) for file in files_of(small(particles=[50]))]
     assert len(set(paths)) == len(paths) == 4
     assert re.fullmatch(r"results/runs/harrison2020/N50/exact-[0-9a-f]{8}/0-29\.h5", paths[0])
-    assert paths == [
-        str(file.path)
-        for file in files_of(small(particles=[50], fit_windows=[[0.2, 1]], seeds="0-59"))
-    ]
+    analysed_otherwise = small(particles=[50], fit_windows=[[0.2, 1]], seeds="0-59")
+    assert paths == [str(file.path) for file in files_of(analysed_otherwise)]
     assert len(commands(small(particles=[50], engines=ALL_ENGINES))) == 8
     namesake = shutil.copy(SCENE, tmp_path / "of_the_same_text.yaml")
-    assert len(commands(small(particles=[50], scenes=[str(SCENE), str(namesake)]))) == 2
+    twice = small(particles=[50], scenes=[str(SCENE), str(namesake)])
+    assert len(commands(twice)) == 2
 
 
 @given(
@@ -86,18 +84,17 @@ def test_stored_and_new_batches_hold_each_seed_once(tmp_path, seeds, stored):
     assert len(held) == len(set(held))
     left = seeds_without_file(wanted, chosen)
     assert sorted([*(seeds & set(held)), *left]) == wanted.tolist()
-    files = [{*range(first, first + more + 1)} for first, more in stored]
-    assert all(
-        file & set(held) for file in files if file & {*left.tolist()}
-    )  # each that can be used is
+    files = [set(range(first, first + more + 1)) for first, more in stored]
+    with_seeds_left = [file for file in files if file & set(left.tolist())]
+    for file in with_seeds_left:
+        assert file & set(held)  # it could not be used
 
 
 def test_title_note_and_panel_concern_the_figures_alone():
     study = small(title="Hot and cold", note="Two baths.", panel=["scene"])
     assert figure_options(study) == ["--panel=scene", "--title=Hot and cold", "--note=Two baths."]
-    assert figure_options(small()) == [] and figure_options(small(figures=["msd"])) == [
-        "--figures=msd"
-    ]
+    assert figure_options(small()) == []
+    assert figure_options(small(figures=["msd"])) == ["--figures=msd"]
     masses = small(vary={"disks.tracer.mass": [1, 3]}, panel="disks.tracer.mass")
     assert figure_options(masses) == ["--panel=tracer_mass"]
 
@@ -232,24 +229,20 @@ def test_what_is_measured_in_the_runs(tmp_path):
         "density_profile" in small(observables="density_profile", vary=one).figures for one in vary
     ]
     assert shown == [False, True]
-    text = (
-        CONFIG / "scenes" / "harrison2020_thermal.yaml"
-    ).read_text() + "equilibrate: {time: 1, tracer: free}\n"
-    (tmp_path / "mixed.yaml").write_text(text)
+    thermal = (CONFIG / "scenes" / "harrison2020_thermal.yaml").read_text()
+    (tmp_path / "mixed.yaml").write_text(thermal + "equilibrate: {time: 1, tracer: free}\n")
     study = small(
         scenes=str(tmp_path / "mixed.yaml"), observables="square_displacement", average="origins"
     )
     assert told(study) == "tracer --observables square_displacement --average origins"
     assert {*study.figures} > {*of_tracer}
-    assert (
-        "displacement_distribution"
-        not in small(
-            scenes=str(tmp_path / "mixed.yaml"),
-            observables="square_displacement",
-            average="origins",
-            record="none",
-        ).figures
+    without_trajectories = small(
+        scenes=str(tmp_path / "mixed.yaml"),
+        observables="square_displacement",
+        average="origins",
+        record="none",
     )
+    assert "displacement_distribution" not in without_trajectories.figures
 
 
 # -- keys replaced by `snakemake --config` ---------------------------------------------------------
@@ -289,10 +282,9 @@ def test_seeds_and_tolerance_replace_each_other(tmp_path):
 def test_seeds_written_one_by_one_or_in_ranges_are_the_same(seeds):
     one_by_one = validated(Seeds, ",".join(map(str, seeds)))
     assert list(one_by_one) == sorted(seeds)
-    assert [
-        *validated(Seeds, ",".join(f"{first}-{last}" for first, last in ranges(one_by_one)))
-    ] == [*one_by_one]
-    assert [*validated(Seeds, seed_text(one_by_one))] == [*one_by_one]
+    in_ranges = ",".join(f"{first}-{last}" for first, last in ranges(one_by_one))
+    assert list(validated(Seeds, in_ranges)) == list(one_by_one)
+    assert list(validated(Seeds, seed_text(one_by_one))) == list(one_by_one)
 
 
 def test_seeds_as_text():
@@ -303,9 +295,8 @@ def test_seeds_as_text():
         "0-2,7,9-10": [0, 1, 2, 7, 9, 10],
         "0,2,4": range(0, 6, 2),
     }
-    assert {text: seed_text(seeds) for text, seeds in cases.items()} == {
-        text: text for text in cases
-    }
+    for text, seeds in cases.items():
+        assert seed_text(seeds) == text
     assert (list(validated(Seeds, "9,3,5,3")), list(validated(Seeds, "0-9,2-3,5"))) == (
         [3, 5, 9],
         [*range(10)],
@@ -317,8 +308,9 @@ def test_seeds_as_text():
 @settings(max_examples=100, deadline=None)
 def test_batches_hold_each_seed_once_and_at_most_as_many_as_asked_for(seeds, batch):
     found = batches(tuple(sorted(seeds)), forecast.Cost(0, 0, 1.0, 0, 0, 0), batch)
-    assert [seed for first, last in found for seed in range(first, last + 1)] == sorted(seeds)
-    assert all(last - first < batch for first, last in found)
+    ranges_of_seeds = [range(first, last + 1) for first, last in found]
+    assert list(chain.from_iterable(ranges_of_seeds)) == sorted(seeds)
+    assert all(len(seeds_of_batch) <= batch for seeds_of_batch in ranges_of_seeds)
 
 
 # -- batch: auto ---
