@@ -11,61 +11,69 @@ from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from ensembles import make_runs, make_scene, write
 
-TIMES, WINDOWS = (0.2, 0.55, 1.0), ((0.1, 1.0), (0.5, 1.0))
+TIMES = (0.2, 0.55, 1.0)
+WINDOWS = ((0.1, 1.0), (0.5, 1.0))
 
 
 def test_counts_and_tests_at_every_time_are_those_of_single_runs():
     """Of diffusers between walls, which they reach. In the square changes by ln MSD stand for those
     by ln D.
     """
-    edges, runs = 0.2 * np.arange(18), make_runs(make_scene(), range(600), diffusion=0.8)
+    edges = 0.2 * np.arange(18)
+    runs = make_runs(make_scene(), range(600), diffusion=0.8)
     track = runs.ensemble.tracer.position
     track[...] = 2.7 - np.abs((track + 2.7) % 10.8 - 5.4)
     dataset = aggregate([runs], WINDOWS, dr=0.2, rings=17, displacement_times=TIMES).squeeze()
-    squared, times = (track**2).sum(axis=-1).T, runs.ensemble.times
+    squared = (track**2).sum(axis=-1).T
+    times = runs.ensemble.times
+    slopes = [squared @ displacement.line_weights(times, window)[0] for window in WINDOWS]
     assert np.allclose(dataset.r, edges[1:] - 0.1)
     for k, t in enumerate(TIMES):
-        one, r2 = dataset.isel(displacement_time=k), squared[:, round(t / 0.05)]
-        slopes = [squared @ displacement.line_weights(times, window)[0] for window in WINDOWS]
-        ring, msd = distribution.ring_of(np.sqrt(r2), edges), r2.mean()
+        results = dataset.isel(displacement_time=k)
+        r2 = squared[:, round(t / 0.05)]
+        msd = r2.mean()
+        ring = distribution.ring_of(np.sqrt(r2), edges)
         plane = [test_goodness.model(ring, each, edges, time=t) for each in (r2 / t, *slopes)]
-        d = [
+        observed, of_msd, _, *source = plane[0]
+
+        d, d_more, d_less = (
             theory.reflecting_square_diffusion(msd * change, t, 2.7)
             for change in (1, 1.0001, 0.9999)
-        ]
-        expected, more, less = (
-            distribution.expected_ring_counts(600, edges, t, each, 2.7) for each in d
         )
-        square = plane[0][0], expected, (more - less) / 2e-4, *plane[0][3:]
-        found = [goodness.chi_square(*of_model) for of_model in (*plane, square)]
-        of_runs, p = (
-            [*one.displacement_counts, one.displacement_overflow],
-            np.array([test.p for test in found]),
-        )
-        assert one.displacement_time == t and np.array_equal(of_runs, plane[0][0])
-        of_models = [msd / (4 * t), *(slope.mean() / 4 for slope in slopes), d[0]]
-        assert one.model_diffusion_coefficient.values == pytest.approx(of_models)
-        assert np.append(one.expected_counts[3], one.expected_overflow[3]) == pytest.approx(
-            expected
-        )
-        assert one.chi_square.values == pytest.approx([test.statistic for test in found])
-        assert one.p_value.values == pytest.approx(p, rel=1e-3)
-        assert one.kurtosis == pytest.approx((r2**2).mean() / (2 * msd**2))
-        of_shape = goodness.kurtosis_p_value(float(one.kurtosis), 600)
+        expected = distribution.expected_ring_counts(600, edges, t, d, 2.7)
+        more = distribution.expected_ring_counts(600, edges, t, d_more, 2.7)
+        less = distribution.expected_ring_counts(600, edges, t, d_less, 2.7)
+        square = (observed, expected, (more - less) / 2e-4, *source)
+        tests = [goodness.chi_square(*model) for model in (*plane, square)]
+        p = np.array([test.p for test in tests])
+        counts = [*results.displacement_counts, results.displacement_overflow]
+        assert results.displacement_time == t
+        assert np.array_equal(counts, observed)
+        coefficients = [msd / (4 * t), *(slope.mean() / 4 for slope in slopes), d]
+        assert results.model_diffusion_coefficient.values == pytest.approx(coefficients)
+        of_square = np.append(results.expected_counts[3], results.expected_overflow[3])
+        assert of_square == pytest.approx(expected)
+        statistics = [test.statistic for test in tests]
+        assert results.chi_square.values == pytest.approx(statistics)
+        assert results.p_value.values == pytest.approx(p, rel=1e-3)
+        assert results.kurtosis == pytest.approx((r2**2).mean() / (2 * msd**2))
+        of_shape = goodness.kurtosis_p_value(float(results.kurtosis), 600)
         joint = np.minimum(2 * np.minimum(p[:3], of_shape), 1)
-        assert one.p_value_joint.values == pytest.approx([*joint, p[3]], rel=1e-3)
-        wrong = [
-            distribution.expected_ring_counts(600, edges, t, msd / (4 * t) * scale)
-            for scale in (0.95, 1.05)
-        ]
-        power = min(goodness.power(plane[0][1], other, goodness.LEVEL / 2) for other in wrong)
-        assert one.power_5_percent[0] == pytest.approx(power)
-        counts, z = plane[0][0][:-1], 1.959964  # E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927)
-        middle, reach = counts + z**2 / 2, z * np.sqrt(counts * (1 - counts / 600) + z**2 / 4)
-        ends = one.displacement_counts_low.values, one.displacement_counts_high.values
-        assert np.stack(ends) * (1 + z**2 / 600) == pytest.approx(
-            np.stack([middle - reach, middle + reach]), abs=1e-4
-        )
+        assert results.p_value_joint.values == pytest.approx([*joint, p[3]], rel=1e-3)
+        powers = []
+        for scale in (0.95, 1.05):
+            wrong = distribution.expected_ring_counts(600, edges, t, msd / (4 * t) * scale)
+            powers.append(goodness.power(of_msd, wrong, goodness.LEVEL / 2))
+        assert results.power_5_percent[0] == pytest.approx(min(powers))
+        # E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927)
+        within = observed[:-1]
+        z = 1.959964
+        middle = within + z**2 / 2
+        reach = z * np.sqrt(within * (1 - within / 600) + z**2 / 4)
+        low = results.displacement_counts_low.values * (1 + z**2 / 600)
+        assert low == pytest.approx(middle - reach, abs=1e-4)
+        high = results.displacement_counts_high.values * (1 + z**2 / 600)
+        assert high == pytest.approx(middle + reach, abs=1e-4)
 
 
 # --- rings from the data
@@ -84,19 +92,20 @@ def test_rings_suit_the_data_where_none_are_given(tmp_path):
             path.unlink()
         found = aggregate([write(tmp_path, trajectories)], displacement_times=(0.2, 1.0)).squeeze()
         for time in (0, 1):
-            one = found.isel(displacement_time=time).dropna("r", subset=["displacement_counts"])
-            rms = np.sqrt(found.msd.sel(time=one.displacement_time, method="nearest").item())
-            width = (one.r_outer - one.r_inner).values
-            assert np.all(width == width[0]) and np.log2(width[0]) % 1 == 0
-            assert (
-                one.r_outer.values.tolist()[:-1] == one.r_inner.values.tolist()[1:]
-                and 16 <= one.sizes["r"] <= 32
-            )
-            assert 3 * rms <= one.r_outer.values[-1] < 3 * rms + width[0]
-            assert one.displacement_counts.sum() + one.displacement_overflow == 500
-            assert (one.p_value.sel(model="msd") > 1e-4) and one.degrees_of_freedom.sel(
-                model="msd"
-            ) > 5
+            at_time = found.isel(displacement_time=time)
+            rings = at_time.dropna("r", subset=["displacement_counts"])
+            msd = found.msd.sel(time=rings.displacement_time, method="nearest").item()
+            inner, outer = rings.r_inner.values, rings.r_outer.values
+            width = outer - inner
+            assert np.all(width == width[0])
+            assert np.log2(width[0]) % 1 == 0
+            assert outer.tolist()[:-1] == inner.tolist()[1:]
+            assert 16 <= rings.sizes["r"] <= 32
+            assert 3 * np.sqrt(msd) <= outer[-1] < 3 * np.sqrt(msd) + width[0]
+            assert rings.displacement_counts.sum() + rings.displacement_overflow == 500
+            of_msd = rings.sel(model="msd")
+            assert of_msd.p_value > 1e-4
+            assert of_msd.degrees_of_freedom > 5
 
 
 def test_rings_are_chosen_from_more_than_a_first_block_of_one_run(tmp_path):
@@ -106,7 +115,8 @@ def test_rings_are_chosen_from_more_than_a_first_block_of_one_run(tmp_path):
     This run ends at a twelfth of the rms displacement; of rings up to three times as far, 190 of
     200 runs were beyond.
     """
-    found = aggregate([write(tmp_path, make_runs(make_scene(), range(24575, 24775)))]).squeeze()
+    runs = make_runs(make_scene(), range(24575, 24775))
+    found = aggregate([write(tmp_path, runs)]).squeeze()
     assert 3 * np.sqrt(found.msd[-1]) <= found.r_outer[-1]
     assert found.displacement_overflow <= 2
 
@@ -120,7 +130,8 @@ def test_a_few_percent_of_runs_are_beyond_the_last_ring_however_they_are_distrib
     track /= np.hypot(*track[-1].T)[:, None]
     track[:, ::12] *= 9.9
     found = aggregate([write(tmp_path, trajectories)]).squeeze()
-    assert 3 * np.sqrt(found.msd[-1].item()) < 9.9 < found.r_outer[-1]
+    rms = np.sqrt(found.msd[-1].item())
+    assert 3 * rms < 9.9 < found.r_outer[-1]
     assert found.displacement_overflow <= 0.03 * 240
 
 
@@ -140,15 +151,16 @@ def test_interval_of_the_kurtosis_covers(n, least):
     """Of a normal law, in 400 ensembles. 95 % of 20 runs and 94 % of 400 are expected, less
     between.
     """
-    times, squared = 0.5 + np.arange(400), np.random.default_rng(n).exponential(1.0, (n, 400))
+    times = 0.5 + np.arange(400)
+    squared = np.random.default_rng(n).exponential(1.0, (n, 400))
     rings = (0.1 * np.arange(11),) * 400
-    case = estimator.Case(
-        make_scene(), Engine("exact"), times, windows=WINDOWS, displacement_times=times, rings=rings
-    )
-    estimate = distribution.kurtosis(
-        test_estimators.averages_of(case, {"square_displacement": squared}, distribution.ESTIMATOR)
-    )
-    assert least <= ((estimate.low < 1) & (estimate.high > 1)).mean() <= 0.99
+    sampling = {"windows": WINDOWS, "displacement_times": times, "rings": rings}
+    case = estimator.Case(make_scene(), Engine("exact"), times, **sampling)
+    seen = {"square_displacement": squared}
+    averages = test_estimators.averages_of(case, seen, distribution.ESTIMATOR)
+    estimate = distribution.kurtosis(averages)
+    covered = (estimate.low < 1) & (estimate.high > 1)
+    assert least <= covered.mean() <= 0.99
 
 
 # --- where the square is

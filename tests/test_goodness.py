@@ -22,25 +22,29 @@ def ensembles(runs, edges, sets=SETS, seed=1, sample=-1):
     rng = np.random.default_rng(seed)
     weights = [line_weights(TIMES, window)[0] for window in ((0.1, 1.0), (0.5, 1.0))]
     for _ in range(sets):
-        track = np.cumsum(rng.normal(0, math.sqrt(0.025), (runs, len(TIMES) - 1, 2)), axis=1)
-        squared = np.concatenate([np.zeros((runs, 1)), (track**2).sum(axis=-1)], axis=1)
-        ring = distribution.ring_of(np.sqrt(squared[:, sample]), edges)
-        estimates = squared[:, sample] / TIMES[sample], *(squared @ weight for weight in weights)
-        yield squared[:, sample], ring, estimates
+        steps = rng.normal(0, math.sqrt(0.025), (runs, len(TIMES) - 1, 2))
+        track = np.cumsum(steps, axis=1)
+        later = (track**2).sum(axis=-1)
+        squared = np.concatenate([np.zeros((runs, 1)), later], axis=1)
+        at_sample = squared[:, sample]
+        ring = distribution.ring_of(np.sqrt(at_sample), edges)
+        estimates = at_sample / TIMES[sample], *(squared @ weight for weight in weights)
+        yield at_sample, ring, estimates
 
 
 def model(ring, estimate, edges, scale=1.0, time=1.0):
     """Counts, what eq. (18) expects with D from these estimates (times a scale), and the source of
     this D.
     """
-    runs, d = len(ring), estimate.mean() / 4 * scale
+    runs = len(ring)
+    mean = estimate.mean()
     expected, more, less = (
-        distribution.expected_ring_counts(runs, edges, time, d * factor)
+        distribution.expected_ring_counts(runs, edges, time, mean / 4 * scale * factor)
         for factor in (1, 1.0001, 0.9999)
     )
-    shared = np.bincount(ring, estimate / estimate.mean() - 1, len(edges))
-    source = (more - less) / 2e-4, shared, estimate.var() / estimate.mean() ** 2
-    return np.bincount(ring, minlength=len(edges)), expected, *source
+    observed = np.bincount(ring, minlength=len(edges))
+    shared = np.bincount(ring, estimate / mean - 1, len(edges))
+    return observed, expected, (more - less) / 2e-4, shared, estimate.var() / mean**2
 
 
 @pytest.mark.slow
@@ -55,22 +59,21 @@ def test_true_ensembles_are_rejected_as_often_as_stated(runs, width, sample):
     level: more than that.
     """
     edges = width * np.arange(25)
-    p, joint = [], []
+    p = []
+    joint = []
     for squared, ring, estimates in ensembles(runs, edges, sample=sample):
-        shape = goodness.kurtosis_p_value((squared**2).mean() / (2 * squared.mean() ** 2), runs)
-        p.append(
-            [
-                goodness.chi_square(*model(ring, one, edges, time=TIMES[sample])).p
-                for one in estimates
-            ]
-        )
-        joint.append([goodness.both(one, shape) for one in p[-1]])
+        kurtosis = (squared**2).mean() / (2 * squared.mean() ** 2)
+        of_shape = goodness.kurtosis_p_value(kurtosis, runs)
+        models = [model(ring, estimate, edges, time=TIMES[sample]) for estimate in estimates]
+        of_counts = [goodness.chi_square(*columns).p for columns in models]
+        p.append(of_counts)
+        joint.append([goodness.both(of_model, of_shape) for of_model in of_counts])
     for level in (0.05, 0.01):
         bound = 4 * math.sqrt(level * (1 - level) / SETS) + 0.004
-        assert np.all(np.abs(np.mean(np.array(p) < level, axis=0) - level) < bound)
-    assert np.all(
-        np.abs(np.mean(np.array(joint) < 0.01, axis=0) - 0.01) < 4 * math.sqrt(0.01 / SETS) + 0.004
-    )
+        rejected = np.mean(np.array(p) < level, axis=0)
+        assert np.all(np.abs(rejected - level) < bound)
+    rejected = np.mean(np.array(joint) < 0.01, axis=0)
+    assert np.all(np.abs(rejected - 0.01) < 4 * math.sqrt(0.01 / SETS) + 0.004)
 
 
 @pytest.mark.slow
@@ -78,30 +81,36 @@ def test_power_is_the_share_of_tests_that_reject_a_wrong_d():
     """D 5 % too large, from all three sources; within 4 standard errors of 300 sets and 3 % for the
     cumulants.
     """
-    edges, shares, said = 0.04 * np.arange(25), [], []
-    for set_, (_, ring, estimates) in enumerate(ensembles(2400, edges, 300, seed=2)):
-        tests = [goodness.chi_square(*model(ring, one, edges, 1.05)) for one in estimates]
-        shares.append([test.p < goodness.LEVEL for test in tests])
-        if set_ < 20:  # it hardly differs from set to set
-            models = [model(ring, one, edges)[1:] for one in estimates]
-            wrong = [
-                distribution.expected_ring_counts(2400, edges, 1.0, one.mean() / 4 * 1.05)
-                for one in estimates
-            ]
-            said.append(
-                [goodness.power(one[0], other) for one, other in zip(models, wrong, strict=True)]
-            )
-    share, stated = np.mean(shares, axis=0), np.mean(said, axis=0)
-    assert np.all(np.abs(share - stated) < 4 * np.sqrt(stated * (1 - stated) / 300) + 0.03)
+    edges = 0.04 * np.arange(25)
+    rejections = []
+    powers = []
+    for number, (_, ring, estimates) in enumerate(ensembles(2400, edges, 300, seed=2)):
+        models = [model(ring, estimate, edges, 1.05) for estimate in estimates]
+        rejections.append([goodness.chi_square(*columns).p < goodness.LEVEL for columns in models])
+        if number >= 20:  # the power hardly differs from set to set
+            continue
+        powers_of_set = []
+        for estimate in estimates:
+            true = model(ring, estimate, edges)[1]
+            d = estimate.mean() / 4 * 1.05
+            wrong = distribution.expected_ring_counts(2400, edges, 1.0, d)
+            powers_of_set.append(goodness.power(true, wrong))
+        powers.append(powers_of_set)
+    share = np.mean(rejections, axis=0)
+    stated = np.mean(powers, axis=0)
+    standard_error = np.sqrt(stated * (1 - stated) / 300)
+    assert np.all(np.abs(share - stated) < 4 * standard_error + 0.03)
     assert np.all(stated > 0.02)
 
 
 def test_a_known_d_gives_pearsons_chi_square():
     from scipy.stats import chisquare
 
-    observed, expected = [18, 25, 30, 27], [20.0, 20.0, 35.0, 25.0]
+    observed = [18, 25, 30, 27]
+    expected = [20.0, 20.0, 35.0, 25.0]
     test = goodness.chi_square(observed, expected, *KNOWN)
-    assert (test.statistic, test.p) == pytest.approx(tuple(chisquare(observed, expected)))
+    pearson = chisquare(observed, expected)
+    assert (test.statistic, test.p) == pytest.approx(tuple(pearson))
 
 
 def test_sparse_bins_are_pooled():
@@ -123,10 +132,10 @@ def test_a_d_fitted_to_the_counts_costs_one_degree_of_freedom():
     change = (more - less) / 2e-4
     information = (change**2 / expected).sum()
     counts = np.random.default_rng(1).multinomial(5000, expected / 5000)
-    test = goodness.chi_square(
-        counts, expected, change, 5000 * change / information, 5000 / information
-    )
-    assert test.p == pytest.approx(chi2.sf(test.statistic, test.degrees_of_freedom), rel=1e-3)
+    shared = 5000 * change / information
+    test = goodness.chi_square(counts, expected, change, shared, 5000 / information)
+    p = chi2.sf(test.statistic, test.degrees_of_freedom)
+    assert test.p == pytest.approx(p, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -136,20 +145,23 @@ def test_the_kurtosis_is_tested_at_the_stated_level(runs, extra):
     concedes.
     """
     squared = np.random.default_rng(runs).exponential(1.0, (4000, runs))
-    each = (squared**2).mean(axis=1) / (2 * squared.mean(axis=1) ** 2)
+    kurtosis = (squared**2).mean(axis=1) / (2 * squared.mean(axis=1) ** 2)
+    p = np.array([goodness.kurtosis_p_value(each, runs) for each in kurtosis])
     for level in (0.05, 0.01):
-        share = np.mean([goodness.kurtosis_p_value(one, runs) < level for one in each])
-        assert abs(share - level) < 4 * math.sqrt(level * (1 - level) / 4000) + extra
+        tolerance = 4 * math.sqrt(level * (1 - level) / 4000) + extra
+        assert abs(np.mean(p < level) - level) < tolerance
 
 
 def test_holm_keeps_the_family_wise_level():
     """16 tests of which all hold, independent or all the same: one or more rejected in 5 % of
     tables or fewer.
     """
-    rng, tables = np.random.default_rng(1), 4000
-    for p in (rng.random((tables, 16)), np.repeat(rng.random((tables, 1)), 16, axis=1)):
+    rng = np.random.default_rng(1)
+    tables = 4000
+    independent = rng.random((tables, 16))
+    alike = np.repeat(rng.random((tables, 1)), 16, axis=1)
+    for p in (independent, alike):
         wrong = np.mean([goodness.holm(row).min() < 0.05 for row in p])
         assert 0.0 < wrong < 0.05 + 4 * math.sqrt(0.05 * 0.95 / tables)
-    assert goodness.holm([0.01, 0.04, np.nan, 0.03]) == pytest.approx(
-        [0.03, 0.06, np.nan, 0.06], nan_ok=True
-    )
+    adjusted = goodness.holm([0.01, 0.04, np.nan, 0.03])
+    assert adjusted == pytest.approx([0.03, 0.06, np.nan, 0.06], nan_ok=True)
