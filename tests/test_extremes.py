@@ -39,7 +39,8 @@ def state_of(disks, radius=0.125, mass=1.0):
 
 def outcome(where, state, duration, **more):
     """Final positions and velocities, events and observables of a run that must not fail."""
-    run = simulate(scene_of_state(where, state, duration, **more), [0], {"all", "events"})
+    scene = scene_of_state(where, state, duration, **more)
+    run = simulate(scene, [0], {"all", "events"})
     seen = {key: column[0] for key, column in run.observables.items()}
     assert not seen["failed"]
     assert abs(seen["energy_drift"]) <= 1e-14
@@ -67,9 +68,8 @@ def test_exact_contact_at_the_start(boundary, u, v, collisions, after):
 
 @pytest.mark.parametrize(("u", "bounces"), [(-1.0, 1), (1.0, 0), (0.0, 0)])
 def test_exact_contact_with_a_wall_at_the_start(u, bounces):
-    position, velocity, events, seen = outcome(
-        box(6, 6, WALLS), state_of([(-3 + 0.125, 0, u, 0.5)]), 1.0
-    )
+    disks = state_of([(-3 + 0.125, 0, u, 0.5)])
+    position, velocity, events, seen = outcome(box(6, 6, WALLS), disks, 1.0)
     assert velocity.tolist() == [[abs(u), 0.5]]
     assert position.tolist() == [[-3 + 0.125 + abs(u), 0.5]]
     assert seen["wall_collisions"] == bounces
@@ -90,12 +90,14 @@ def test_behind_contact_with_a_wall_by_round_off():
         return state._replace(position=position, velocity=state.velocity * turn)
 
     def columns(edge):
-        return prepare_scene(
-            scene_of_state(box(4, 4, WALLS), disks(edge, 1), 1.0), np.zeros(0)
-        ).workspace.grid.columns
+        scene = scene_of_state(box(4, 4, WALLS), disks(edge, 1), 1.0)
+        return prepare_scene(scene, np.zeros(0)).workspace.grid.columns
 
-    edges = {n: 4 / n * round(n / 4) for n in range(5, 16)}
-    found = [edge for n, edge in edges.items() if edge < 1.15 and columns(edge) == n]
+    found = []
+    for n in range(5, 16):
+        edge = 4 / n * round(n / 4)
+        if edge < 1.15 and columns(edge) == n:
+            found.append(edge)
     assert found
     for edge, turn in product(found, (1, -1)):
         position, _, _, seen = outcome(box(4, 4, WALLS), disks(edge, turn), 0.01)
@@ -108,24 +110,24 @@ def test_a_cradle_in_contact(boundary):
     """Equal masses in a line: the last one leaves with all the speed, whatever the order of
     collisions at t = 0.
     """
+    line = [(0.25 * i, 0, float(i == 0), 0) for i in range(6)]
+    end = [[0.25 * i, 0] for i in range(5)] + [[0.25 * 5 + 0.5, 0]]
     for order in (1, -1):
-        disks = state_of([(0.25 * i, 0, float(i == 0), 0) for i in range(6)][::order])
+        disks = state_of(line[::order])
         position, velocity, events, _ = outcome(box(6, 6, boundary), disks, 0.5)
         assert velocity[::order].tolist() == [[0, 0]] * 5 + [[1, 0]]
-        assert position[::order].tolist() == [[0.25 * i + 0.5 * (i == 5), 0] for i in range(6)]
+        assert position[::order].tolist() == end
         assert events.time.tolist() == [0.0] * 5
 
 
 def test_a_cradle_of_unequal_masses_in_contact_conserves_and_separates():
-    disks = state_of(
-        [(0.25 * i, 0, float(i == 0), 0) for i in range(4)], mass=np.array([1.0, 4.0, 2.0, 3.0])
-    )
+    line = [(0.25 * i, 0, float(i == 0), 0) for i in range(4)]
+    disks = state_of(line, mass=np.array([1.0, 4.0, 2.0, 3.0]))
     _, velocity, _, _ = outcome(box(6, 6, WALLS), disks, 0.5)
-    assert (
-        np.diff(velocity[:, 0]) >= -1e-15
-    ).all()  # each at least as fast as the one behind it: they separate
-    assert disks.mass @ velocity[:, 0] == pytest.approx(1.0, rel=1e-14)
-    assert disks.mass @ velocity[:, 0] ** 2 == pytest.approx(1.0, rel=1e-14)
+    vx = velocity[:, 0]
+    assert (np.diff(vx) >= -1e-15).all()  # each at least as fast as the one behind it
+    assert disks.mass @ vx == pytest.approx(1.0, rel=1e-14)
+    assert disks.mass @ vx**2 == pytest.approx(1.0, rel=1e-14)
 
 
 @pytest.mark.parametrize("gap", [1e-6, 1e-10, 1e-14])
@@ -133,13 +135,14 @@ def test_small_gaps(gap):
     """Collision after gap/speed, to the round-off of the positions, and the speed handed on from
     disk to disk.
     """
-    disks = state_of([(0.25 * (1 + gap) * i, 0, float(i == 0), 0) for i in range(6)])
-    _, velocity, events, _ = outcome(box(6, 6, WALLS), disks, 0.5)
+    line = [(0.25 * (1 + gap) * i, 0, float(i == 0), 0) for i in range(6)]
+    _, velocity, events, _ = outcome(box(6, 6, WALLS), state_of(line), 0.5)
     first = []
     for i in range(1, 6):
         has_part = (events.a == i) | (events.b == i)
         first.append(events.time[has_part][0])
-    np.testing.assert_allclose(first, 0.25 * gap * np.arange(1, 6), rtol=0, atol=2e-15)
+    expected = 0.25 * gap * np.arange(1, 6)
+    np.testing.assert_allclose(first, expected, rtol=0, atol=2e-15)
     np.testing.assert_allclose(velocity, [[0, 0]] * 5 + [[1, 0]], rtol=0, atol=1e-15)
 
 
@@ -169,23 +172,27 @@ def test_grazing(boundary, angle):
 def test_into_a_corner(corner):
     """Both walls at once, exactly: back the way it came."""
     corner = np.array(corner)
-    disks = state_of([(0.5, 0.5, *corner)])._replace(position=np.array([0.5 * corner]))
+    mover = state_of([(0.5, 0.5, *corner)])
+    disks = mover._replace(position=np.array([0.5 * corner]))
     position, velocity, events, _ = outcome(box(4, 4, WALLS), disks, 3.0)
     assert velocity.tolist() == [(-corner).tolist()]
-    assert position.tolist() == [(corner * (0.5 + 2 * 1.375 - 3.0)).tolist()]
+    end = corner * (0.5 + 2 * 1.375 - 3.0)
+    assert position.tolist() == [end.tolist()]
     assert events.time.tolist() == [1.375, 1.375]
 
 
 @BOTH
 def test_many_pairs_at_the_same_time(boundary):
     """400 head-on collisions at t = 1/4 exactly; a bucket of the queue holds 15."""
-    pairs = [(x * 1.0, y * 0.5) for x in range(20) for y in range(20)]
-    disks = [each for x, y in pairs for each in ((x - 0.25, y, 0.5, 0), (x + 0.25, y, -0.5, 0))]
-    position, velocity, events, _ = outcome(
-        box(20.5, 10.5, boundary, (9.5, 4.75)), state_of(disks), 0.5
-    )
+    disks = []
+    for x, y in product(range(20), range(20)):
+        disks.append((x - 0.25, 0.5 * y, 0.5, 0))
+        disks.append((x + 0.25, 0.5 * y, -0.5, 0))
     start = state_of(disks)
-    assert np.array_equal(velocity, -start.velocity) and np.array_equal(position, start.position)
+    where = box(20.5, 10.5, boundary, (9.5, 4.75))
+    position, velocity, events, _ = outcome(where, start, 0.5)
+    assert np.array_equal(velocity, -start.velocity)
+    assert np.array_equal(position, start.position)
     assert events.time.tolist() == [0.25] * 400
 
 
@@ -219,8 +226,10 @@ def neighbours(scene):
     position = draw_state(scene, 0).position
     size = np.array((scene.box.width, scene.box.height))
     apart = position[:, None] - position
-    apart -= size * np.round(apart / size) if scene.box.periodic else 0
-    a, b = np.nonzero(np.triu(np.hypot(*np.moveaxis(apart, -1, 0)) < 1.3, 1))
+    if scene.box.periodic:
+        apart -= size * np.round(apart / size)
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    a, b = np.nonzero(np.triu(distance < 1.3, 1))
     return set(zip(a.tolist(), b.tolist(), strict=True))
 
 
@@ -236,10 +245,12 @@ def test_a_packing_keeps_its_neighbours(gap):
     """
     scene = crystal(12, gap, gap * 2700)
     result = simulate(scene, [0], {"tracer", "events"})
-    events, around = result.events[0], neighbours(scene)
+    events = result.events[0]
+    around = neighbours(scene)
     assert len(around) == 3 * 144
     assert len(events.time) > 400_000
-    pairs = np.unique(np.sort(np.stack([events.a, events.b], axis=1), axis=1), axis=0)
+    partners = np.sort(np.stack([events.a, events.b], axis=1), axis=1)
+    pairs = np.unique(partners, axis=0)
     assert set(map(tuple, pairs.tolist())) == around
     assert result.observables["failed"][0] == 0
     assert result.observables["worst_overlap"][0] <= 1e-12
@@ -273,7 +284,8 @@ def block(columns):
 def crowded_row():
     """A row from wall to wall, and 60 disks that are free above it."""
     first = row(11)
-    free = state_of([(0.015 * k - 0.45, 1.0, math.cos(k), math.sin(k)) for k in range(60)], 0.005)
+    flights = [(0.015 * k - 0.45, 1.0, math.cos(k), math.sin(k)) for k in range(60)]
+    free = state_of(flights, 0.005)
     return State(*(np.concatenate(pair) for pair in zip(first, free, strict=True)))
 
 
@@ -302,7 +314,8 @@ def test_disks_that_touch_all_round_end_with_an_error(name, record):
     signal.alarm(60)
     stopped = simulate(JAMMED[name], [7], record).stopped
     signal.alarm(0)
-    assert stopped.keys() == {7} and "no progress at t = " in stopped[7]
+    assert stopped.keys() == {7}
+    assert "no progress at t = " in stopped[7]
 
 
 @pytest.mark.slow
@@ -312,7 +325,8 @@ def test_narrow_gaps_are_no_standstill(gap):
     beside each other in a box of their width.
     """
     shots = crystal(10, gap, gap * 40_000)
-    pair = state_of([(-0.5 - gap / 3, 0, 1.1, 0), (0.5 + gap / 3, 0, -0.3, 0)], 0.5)
+    left, right = (-0.5 - gap / 3, 0, 1.1, 0), (0.5 + gap / 3, 0, -0.3, 0)
+    pair = state_of([left, right], 0.5)
     beside = scene_of_state(box(2 + 2 * gap, 4, WALLS), pair, gap * 4_000_000)
     for scene in (shots, beside):
         seen = simulate(scene, [0]).observables
@@ -328,17 +342,13 @@ def scaled(scene, seed, length=0, time=0, mass=0):
     0.
     """
     state = draw_state(scene, seed)
-    state = State(
-        np.ldexp(state.position, length),
-        np.ldexp(state.velocity, length - time),
-        np.ldexp(state.radius, length),
-        np.ldexp(state.mass, mass),
-    )
-    where = box(
-        math.ldexp(scene.box.width, length),
-        math.ldexp(scene.box.height, length),
-        scene.box.boundary,
-    )
+    position = np.ldexp(state.position, length)
+    velocity = np.ldexp(state.velocity, length - time)
+    radius = np.ldexp(state.radius, length)
+    state = State(position, velocity, radius, np.ldexp(state.mass, mass))
+    width = math.ldexp(scene.box.width, length)
+    height = math.ldexp(scene.box.height, length)
+    where = box(width, height, scene.box.boundary)
     return scene_of_state(where, state, math.ldexp(scene.duration, time))
 
 
@@ -364,8 +374,13 @@ def test_units_of_both_engines(name, units):
     plain = scaled(SMALL_SCENES[name], 3)
     other = scaled(SMALL_SCENES[name], 3, *units)
     step = largest_step(plain) / 64
-    powers = {"kinetic_energy": mass + 2 * (length - time), "virial": mass + 2 * length - time}
-    powers |= {"initial_square_speed": 2 * (length - time), "wall_impulse": mass + length - time}
+    square_speed = 2 * (length - time)
+    powers = {
+        "kinetic_energy": mass + square_speed,
+        "virial": mass + 2 * length - time,
+        "initial_square_speed": square_speed,
+        "wall_impulse": mass + length - time,
+    }
     for engine, short, long in (
         (simulate, {}, {}),
         (timestep.simulate, {"time_step": step}, {"time_step": math.ldexp(step, time)}),
@@ -396,12 +411,9 @@ def test_units_that_are_no_powers_of_two(factors):
     length, time, mass = factors
     scene = scaled(SMALL_SCENES["periodic"], 3).replace(duration=1.0, sample_interval=1.0)
     state = draw_state(scene, 0)
-    moved = State(
-        state.position * length,
-        state.velocity * (length / time),
-        state.radius * length,
-        state.mass * mass,
-    )
+    position = state.position * length
+    velocity = state.velocity * (length / time)
+    moved = State(position, velocity, state.radius * length, state.mass * mass)
     sides = [side * length for side in (scene.box.width, scene.box.height)]
     other = scene_of_state(box(*sides, PERIODIC), moved, time)
     step = largest_step(scene) / 64
@@ -409,12 +421,14 @@ def test_units_that_are_no_powers_of_two(factors):
         (simulate, {}, {}),
         (timestep.simulate, {"time_step": step}, {"time_step": step * time}),
     ):
-        one, two = engine(scene, [0], {"all"}, **short), engine(other, [0], {"all"}, **long)
-        assert one.observables["pair_collisions"] == two.observables["pair_collisions"] > 0
-        np.testing.assert_allclose(
-            two.whole[0].position / length, one.whole[0].position, rtol=0, atol=1e-11
-        )
-        assert not two.observables["failed"][0]
+        run = engine(scene, [0], {"all"}, **short)
+        run_in_units = engine(other, [0], {"all"}, **long)
+        collisions = run.observables["pair_collisions"]
+        assert collisions == run_in_units.observables["pair_collisions"] > 0
+        expected = run.whole[0].position
+        found = run_in_units.whole[0].position / length
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+        assert not run_in_units.observables["failed"][0]
 
 
 def test_a_disk_that_is_nowhere_fails_the_run_and_so_do_lost_energy_lost_momentum_and_an_overlap():
@@ -427,7 +441,8 @@ def test_a_disk_that_is_nowhere_fails_the_run_and_so_do_lost_energy_lost_momentu
     first = motion_of(draw_state(scene, 3), prepared.frame)
     first[:, 2:] -= first[:, 2:].mean(axis=0)
     disks = w.disk.reshape(len(first), -1)
-    slower = np.concatenate([first[:, :2], first[:, 2:] * (1 - 1e-8)], axis=1)
+    slower = first[:, :4].copy()
+    slower[:, 2:] *= 1 - 1e-8
     harms = []
     for index in range(4):
         for value in (math.nan, math.inf, -math.inf):
@@ -458,27 +473,27 @@ def test_a_duration_that_the_clock_cannot_count_is_refused():
 @pytest.mark.parametrize("duration", [1e-280, 1.0, 1e300])
 def test_disks_at_rest_in_any_units(size, duration):
     disks = state_of([(0, 0, 0, 0), (0.5 * size, 0, 0, 0)], 0.125 * size)
-    position, velocity, _, _ = outcome(box(size * 2, size * 2, PERIODIC), disks, duration)
-    assert np.array_equal(position, disks.position) and not velocity.any()
+    where = box(size * 2, size * 2, PERIODIC)
+    position, velocity, _, _ = outcome(where, disks, duration)
+    assert np.array_equal(position, disks.position)
+    assert not velocity.any()
 
 
 @pytest.mark.parametrize("speed", [1e-200, 1e200])
 def test_a_unit_of_time_that_is_no_number_is_refused(speed):
     size = 1e130 if speed < 1 else 1e-130
-    scene = scene_of_state(box(size, size, WALLS), state_of([(0, 0, speed, 0)], size / 8), 1.0)
-    with pytest.raises(
-        RequestError,
-        match=r"explicit: velocities: the rms speed 1e.200 must be from .* other units",
-    ):
+    disks = state_of([(0, 0, speed, 0)], size / 8)
+    scene = scene_of_state(box(size, size, WALLS), disks, 1.0)
+    message = r"explicit: velocities: the rms speed 1e.200 must be from .* other units"
+    with pytest.raises(RequestError, match=message):
         simulate(scene, [0])
 
 
 def test_no_momentum_of_the_heaviest_masses():
     """Their sum is infinite, their mean velocity is not."""
     velocity = np.random.default_rng(1).standard_normal((2000, 2))
-    unit, heavy = (
-        remove_total_momentum(velocity, np.full(2000, mass)) for mass in (1.0, 2.0**1020)
-    )
+    unit = remove_total_momentum(velocity, np.full(2000, 1.0))
+    heavy = remove_total_momentum(velocity, np.full(2000, 2.0**1020))
     assert np.array_equal(unit, heavy)
 
 
@@ -526,10 +541,12 @@ def test_the_smallest_radius(place):
 
 
 def test_a_duration_of_1e_150():
-    run = simulate(note_scene(1.0).replace(duration=1e-150, sample_interval=1e-150), [1], {"all"})
-    start, end = run.whole[1].position
+    scene = note_scene(1.0).replace(duration=1e-150, sample_interval=1e-150)
+    run = simulate(scene, [1], {"all"})
+    track = run.whole[1]
+    start, end = track.position
     moved = end - start  # below the round-off of all coordinates but the tracer's, which are 0
-    assert np.array_equal(moved[0], run.whole[1].velocity[0, 0] * 1e-150)
+    assert np.array_equal(moved[0], track.velocity[0, 0] * 1e-150)
     assert not moved[1:].any()
     assert run.observables["pair_collisions"][0] == run.observables["wall_collisions"][0] == 0
     assert run.times.tolist() == [0.0, 1e-150]
@@ -540,13 +557,15 @@ def test_pi_collisions(digits):
     """A wall, a light disk and a heavy one of 100^digits times its mass: the digits of pi, up to
     3,141,592.
     """
-    disks = state_of([(2, 0, 0, 0), (4, 0, -1, 0)], 0.5, np.array([1.0, 100.0**digits]))
-    scene = scene_of_state({"x": [0.0, 40.0], "y": [-20.0, 20.0], "boundary": WALLS}, disks, 30.0)
-    seen = {key: column[0] for key, column in simulate(scene, [0], frozenset()).observables.items()}
-    assert seen["pair_collisions"] + seen["wall_collisions"] == math.floor(math.pi * 10**digits)
-    assert (
-        abs(seen["energy_drift"]) <= 5e-11
-    )  # a tenth of a unit of round-off, always the same way, in 3e6 collisions
+    masses = np.array([1.0, 100.0**digits])
+    disks = state_of([(2, 0, 0, 0), (4, 0, -1, 0)], 0.5, masses)
+    where = {"x": [0.0, 40.0], "y": [-20.0, 20.0], "boundary": WALLS}
+    run = simulate(scene_of_state(where, disks, 30.0), [0], frozenset())
+    seen = {key: column[0] for key, column in run.observables.items()}
+    collisions = seen["pair_collisions"] + seen["wall_collisions"]
+    assert collisions == math.floor(math.pi * 10**digits)
+    # a tenth of a unit of round-off, always the same way, in 3e6 collisions
+    assert abs(seen["energy_drift"]) <= 5e-11
     assert not seen["failed"]
 
 
@@ -567,9 +586,9 @@ def test_energy_over_a_million_events(boundary, kinds, bound):
     scene = mixture(box(2, 2, boundary), kinds, 10.0, velocities={"temperature": 1.0})
     few = simulate(scene, [1], frozenset()).observables
     events = few["pair_collisions"][0] + few["wall_collisions"][0]
-    seen = simulate(
-        scene.replace(duration=1e7 / events, sample_interval=1e7 / events), [1], frozenset()
-    ).observables
+    million = 1e7 / events
+    longer = scene.replace(duration=million, sample_interval=million)
+    seen = simulate(longer, [1], frozenset()).observables
     assert 0.5e6 < seen["pair_collisions"][0] + seen["wall_collisions"][0] < 2e6
     assert abs(seen["energy_drift"][0]) <= bound
     assert seen["worst_overlap"][0] <= 1e-12
@@ -583,7 +602,8 @@ def reflected(x, v, t, half):
     """Where a point is that bounces between -half and half, exactly."""
     period = 4 * half
     path = (Fraction(x) + Fraction(v) * Fraction(t) + half) % period
-    return float(path if path <= 2 * half else period - path) - float(half)
+    folded = path if path <= 2 * half else period - path
+    return float(folded) - float(half)
 
 
 @pytest.mark.slow
@@ -591,12 +611,12 @@ def reflected(x, v, t, half):
 def test_a_lone_disk_for_a_long_time(duration, speed, bound):
     """Up to 5e6 bounces, each off by some 1e-13 at random and 1e-15 in the mean."""
     vx, vy = 0.9 * speed, 0.7 * speed
-    scene = scene_of_state(box(6, 6, WALLS), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
-    run = simulate(scene, [0], {"tracer"})
-    for axis, (x, v) in enumerate([(0.1, vx), (-0.2, vy)]):
-        assert run.tracer.position[-1, 0, axis] == pytest.approx(
-            reflected(x, v, duration, Fraction(11, 4)), abs=bound
-        )
+    disk = state_of([(0.1, -0.2, vx, vy)], 0.25)
+    run = simulate(scene_of_state(box(6, 6, WALLS), disk, duration), [0], {"tracer"})
+    end = run.tracer.position[-1, 0]
+    half = Fraction(11, 4)
+    assert end[0] == pytest.approx(reflected(0.1, vx, duration, half), abs=bound)
+    assert end[1] == pytest.approx(reflected(-0.2, vy, duration, half), abs=bound)
     assert not run.observables["failed"][0]
 
 
@@ -607,16 +627,15 @@ def test_a_lone_disk_in_a_periodic_box_for_a_long_time(duration, speed):
     the most.
     """
     vx, vy = 0.9 * speed, -0.7 * speed
-    scene = scene_of_state(box(6, 6, PERIODIC), state_of([(0.1, -0.2, vx, vy)], 0.25), duration)
+    disk = state_of([(0.1, -0.2, vx, vy)], 0.25)
+    scene = scene_of_state(box(6, 6, PERIODIC), disk, duration)
     track = simulate(scene, [0], {"tracer"}).tracer
     for axis, (x, v) in enumerate([(0.1, vx), (-0.2, vy)]):
-        way = (
-            Fraction(float(track.position[-1, 0, axis]))
-            + 6 * int(track.image[-1, 0, axis])
-            - Fraction(x)
-        )
+        position = float(track.position[-1, 0, axis])
+        image = int(track.image[-1, 0, axis])
+        way = Fraction(position) + 6 * image - Fraction(x)
         assert abs(float(way - Fraction(v) * Fraction(duration))) <= 1e-7
-        assert -3 <= track.position[-1, 0, axis] <= 3
+        assert -3 <= position <= 3
 
 
 @BOTH
@@ -624,24 +643,20 @@ def test_a_box_a_million_away_loses_no_digit(boundary):
     """The same events to the bit; only the positions that are handed back are rounded to their
     1e-10.
     """
-    state = draw_state(mixture(box(4, 4, boundary), [(20, 0.14, 1), (20, 0.1, 0.3)], 1.0), 1)
-    state = state._replace(
-        position=np.round(state.position * 2**30) / 2**30
-    )  # so that the shift is exact
-    near = simulate(scene_of_state(box(4, 4, boundary), state, 1.0), [0], {"all", "events"})
+    where = box(4, 4, boundary)
+    state = draw_state(mixture(where, [(20, 0.14, 1), (20, 0.1, 0.3)], 1.0), 1)
+    rounded = np.round(state.position * 2**30) / 2**30  # so that the shift is exact
+    state = state._replace(position=rounded)
+    near = simulate(scene_of_state(where, state, 1.0), [0], {"all", "events"})
     shift = np.array([2.0**20, -(2.0**20)])
-    far = scene_of_state(
-        box(4, 4, boundary, tuple(shift.tolist())),
-        state._replace(position=state.position + shift),
-        1.0,
-    )
-    far = simulate(far, [0], {"all", "events"})
+    shifted = state._replace(position=state.position + shift)
+    where = box(4, 4, boundary, tuple(shift.tolist()))
+    far = simulate(scene_of_state(where, shifted, 1.0), [0], {"all", "events"})
     assert len(near.events[0].time) > 50
-    for one, other in zip(near.events[0], far.events[0], strict=True):
-        assert np.array_equal(one, other)
-    assert (
-        np.abs(far.whole[0].position - shift - near.whole[0].position).max() <= 1.2e-10
-    )  # half an ulp of 2^20
+    for column, expected in zip(far.events[0], near.events[0], strict=True):
+        assert np.array_equal(column, expected)
+    distance = far.whole[0].position - shift - near.whole[0].position
+    assert np.abs(distance).max() <= 1.2e-10  # half an ulp of 2^20
     assert np.array_equal(near.whole[0].velocity, far.whole[0].velocity)
 
 
@@ -650,8 +665,9 @@ def test_a_box_a_million_away_loses_no_digit(boundary):
 
 @BOTH
 def test_no_disk_at_all(boundary):
-    run = simulate(
-        mixture(box(2, 2, boundary), [(0, 0.1, 1.0)], 1.0), [0, 1], {"tracer", "all", "events"}
-    )
-    assert run.tracer is None and run.times.tolist() == [0.0, 1.0]
-    assert all(column.tolist() == [0, 0] for column in run.observables.values())
+    scene = mixture(box(2, 2, boundary), [(0, 0.1, 1.0)], 1.0)
+    run = simulate(scene, [0, 1], {"tracer", "all", "events"})
+    assert run.tracer is None
+    assert run.times.tolist() == [0.0, 1.0]
+    for column in run.observables.values():
+        assert column.tolist() == [0, 0]
