@@ -318,16 +318,13 @@ def test_the_velocity_of_the_tracer_is_recorded_if_asked(tmp_path, capsys, engin
 
 
 def test_positions_go_on_where_a_periodic_box_ends(runs):
-    scene = bp.Scene(
-        **KEYS | {"box": KEYS["box"] | {"boundary": "periodic", "y": (-3, 4)}, "particles": 20}
-    )
+    box = KEYS["box"] | {"boundary": "periodic", "y": (-3, 4)}
+    scene = bp.Scene(**KEYS | {"box": box, "particles": 20})
     wrapped = bp.simulate(scene, 5, record="all", quiet=True)
     assert (wrapped.unwrapped.units, wrapped.box_size.values.tolist()) == ("length", [6.0, 7.0])
-    assert (
-        np.abs(wrapped.disks.unwrapped.diff("time")).max()
-        < 2.0
-        < np.abs(wrapped.disks.position.diff("time")).max()
-    )
+    steps = wrapped.disks.unwrapped.diff("time")
+    wrapped_steps = wrapped.disks.position.diff("time")
+    assert np.abs(steps).max() < 2.0 < np.abs(wrapped_steps).max()
     assert wrapped.disks.unwrapped.sel(disk=0).variable.equals(wrapped.unwrapped.variable)
     assert runs.unwrapped.variable.equals(runs.position.variable)
 
@@ -343,13 +340,12 @@ def test_displacements_of_far_disks_keep_their_digits():
     run = bp.simulate(scene, quiet=True).isel(seed=0)
     rational = np.vectorize(Fraction, otypes=[object])
     crossed = run.image.values.astype(object)
-    whole = run.position.copy(
-        data=rational(run.position.values) + crossed * rational(run.box_size.values)
-    )
+    unwrapped = rational(run.position.values) + crossed * rational(run.box_size.values)
+    whole = run.position.copy(data=unwrapped)
     from_start = whole - whole.isel(time=0)
-    analysed = displacement(
-        run.position.values[:, None], run.image.values[:, None], tuple(run.box_size.values)
-    )[:, 0]
+    position = run.position.values[:, None]
+    image = run.image.values[:, None]
+    analysed = displacement(position, image, tuple(run.box_size.values))[:, 0]
     moved = run.unwrapped - run.unwrapped.isel(time=0)
     step = whole.diff("time").astype(float)
     by_parts = run.position.diff("time") + run.image.diff("time") * run.box_size
@@ -383,9 +379,8 @@ def test_the_mean_of_an_own_array_is_that_of_the_analysis(boundary):
         np.testing.assert_allclose(found[name], expected[f"msd{end}"], rtol=1e-12, atol=1e-15)
         assert found[name].units == "length^2"
     assert list(found.coords) == ["time"]
-    np.testing.assert_allclose(
-        bp.mean(square.sel(time=1)).value, found.value.sel(time=1), rtol=1e-14
-    )  # round-off
+    at_1 = bp.mean(square.sel(time=1)).value
+    np.testing.assert_allclose(at_1, found.value.sel(time=1), rtol=1e-14)  # round-off
     failed = square.assign_coords(failed=("seed", np.arange(20) == 3))
     without = square.isel(seed=np.arange(20) != 3)
     assert bp.mean(failed[::-1, ::-1]).identical(bp.mean(without[::-1]))
@@ -513,9 +508,8 @@ def test_a_study_is_run_and_its_runs_are_not_made_again(tmp_path, monkeypatch):
             "1",
             *words[-2:],
         ]
-        return forked.snakemake(
-            *words, cwd=tmp_path, env=environment(PATH=f"{forked.programs()}:{os.environ['PATH']}")
-        )
+        path = f"{forked.programs()}:{os.environ['PATH']}"
+        return forked.snakemake(*words, cwd=tmp_path, env=environment(PATH=path))
 
     monkeypatch.setattr(progress, "relayed", forked_run)
     thermal = Path(SCENE).with_name("harrison2020_thermal.yaml").read_text()
@@ -579,11 +573,9 @@ def test_a_scene_from_numbers_is_that_of_the_file():
     others = KEYS | before | {"sample_interval": None, "samples": {"per_decade": 3}}
     assert bp.Scene(**others, name="a") == parse_scene(others, "a.yaml")
     low, high = KEYS["box"]["x"]
-    box = KEYS["box"] | {"x": np.array([low, high]), "y": (np.float64(low), np.int32(high))}
-    assert (
-        bp.Scene(**KEYS | {"box": box, "duration": np.float64(KEYS["duration"])}).digest
-        == scene.digest
-    )
+    sides = {"x": np.array([low, high]), "y": (np.float64(low), np.int32(high))}
+    of_numpy = {"box": KEYS["box"] | sides, "duration": np.float64(KEYS["duration"])}
+    assert bp.Scene(**KEYS | of_numpy).digest == scene.digest
     assert len(repr(scene)) < 120
     assert repr(scene).startswith(
         "<Scene harrison2020: 150 disks in a reflecting box 6 x 6, packing fraction 0.1"
