@@ -34,11 +34,11 @@ def test_every_disk_gets_its_share_of_the_energy():
     ):
         scene = mixture(box(2, 2, WALLS), kinds, 300.0, sample_interval=30.0)
         runs = simulate(scene, range(200), {"all"}).whole.values()
-        energy = (
-            np.concatenate([np.sum(run.velocity[1:] ** 2, axis=2) for run in runs]) * scene.mass
-        )  # (2000, N)
+        square_speed = np.concatenate([np.sum(run.velocity[1:] ** 2, axis=2) for run in runs])
+        energy = square_speed * scene.mass  # (2000, N)
         n = scene.particles
-        law = 1 - (1 - energy / energy.sum(axis=1, keepdims=True)) ** (n - 1)
+        share = energy / energy.sum(axis=1, keepdims=True)
+        law = 1 - (1 - share) ** (n - 1)
         for disk in range(n):
             assert stats.kstest(law[:, disk], "uniform").pvalue > 1e-6, (kinds, disk)
 
@@ -54,8 +54,9 @@ def test_momentum_is_kept_in_a_periodic_box():
         )
         run = simulate(scene, [1], {"all"})
         assert run.observables["pair_collisions"][0] > 5000
-        momentum = np.einsum("i,tij->tj", scene.mass, run.whole[1].velocity)
-        scale = np.sum(scene.mass * np.hypot(*run.whole[1].velocity[0].T))
+        velocity = run.whole[1].velocity
+        momentum = np.einsum("i,tij->tj", scene.mass, velocity)
+        scale = np.sum(scene.mass * np.hypot(*velocity[0].T))
         assert np.abs(momentum).max() / scale <= 1e-13
 
 
@@ -110,9 +111,8 @@ def test_collision_rate_and_pressure_of_the_hard_disk_fluid(
     Neither random insertion nor the lattice is equilibrium: a time of 5 to 35 collisions a disk is
     left out, the lattice melts in less.
     """
-    rates, virials = contact_statistics(
-        fluid(phi, time, placement), reported(phi, time, placement, runs)
-    )
+    scene = fluid(phi, time, placement)
+    rates, virials = contact_statistics(scene, reported(phi, time, placement, runs))
     for seen, (expected, error) in ((rates, rate), (virials, virial)):
         both = np.hypot(seen.std(ddof=1) / np.sqrt(runs), error)
         assert abs(seen.mean() - expected) < 4.5 * both
@@ -127,9 +127,12 @@ def assert_one_contact_value(phi, rates, virials):
     4.5 standard errors, and 1/N for what zero momentum and a fixed energy change in the mean
     relative speed.
     """
-    difference = rates * np.sqrt(np.pi) / (8 * phi) / ((virials - 1) / (2 * phi)) - 1
-    assert abs(difference.mean()) < 4.5 * difference.std(ddof=1) / np.sqrt(len(rates)) + 1 / 1024
-    assert difference.std(ddof=1) / np.sqrt(len(rates)) < 1e-3
+    by_rate = rates * np.sqrt(np.pi) / (8 * phi)
+    by_virial = (virials - 1) / (2 * phi)
+    difference = by_rate / by_virial - 1
+    error = difference.std(ddof=1) / np.sqrt(len(rates))
+    assert abs(difference.mean()) < 4.5 * error + 1 / 1024
+    assert error < 1e-3
 
 
 @pytest.mark.slow
@@ -140,16 +143,19 @@ def test_collision_rate_at_the_temperature_of_the_scene():
     its relative deviation in kT, whose variance is 1/(N - 1). Ratio of the two standard errors for
     150 runs: 4 times the 1/sqrt(2 x 149) of each, a false alarm in 10,000.
     """
-    scene, seeds = fluid(0.14, 40.0, "random"), np.arange(150)
+    scene = fluid(0.14, 40.0, "random")
+    seeds = np.arange(150)
     case = estimator.Case(scene, Engine("exact"), scene.times)
     seen = reported(0.14, 40.0, "random", len(seeds))
-    means = thermodynamics.thermodynamic_columns(
-        case, Ensemble(seeds, scene.times, None, seen, {}, {}, {}, {})
-    ).means
-    raw, scaled = means["collision_rate"], means["collision_rate_at_temperature"]
-    gain = np.sqrt(1 + (scaled.mean() / scaled.std(ddof=1)) ** 2 / (4 * 1023))
+    runs = Ensemble(seeds, scene.times, None, seen, {}, {}, {}, {})
+    means = thermodynamics.thermodynamic_columns(case, runs).means
+    raw = means["collision_rate"]
+    scaled = means["collision_rate_at_temperature"]
+    relative = scaled.mean() / scaled.std(ddof=1)
+    gain = np.sqrt(1 + relative**2 / (4 * 1023))
     assert gain > 2
-    assert raw.std() / scaled.std() == pytest.approx(gain, rel=4 * np.sqrt(2) / np.sqrt(2 * 149))
+    tolerance = 4 * np.sqrt(2) / np.sqrt(2 * 149)
+    assert raw.std() / scaled.std() == pytest.approx(gain, rel=tolerance)
     error = scaled.std(ddof=1) / np.sqrt(len(seeds))
     assert error < 0.0007 * 0.80101
     assert abs(scaled.mean() - 0.80101) < 4.5 * np.hypot(error, 0.00038)
@@ -164,13 +170,11 @@ def test_collision_rate_and_pressure_of_the_dense_fluid():
     to this bound.
     """
     phi = 0.65
-    rates, virials = contact_statistics(
-        fluid(phi, 10.0, "lattice"), reported(phi, 10.0, "lattice", 12)
-    )
+    scene = fluid(phi, 10.0, "lattice")
+    rates, virials = contact_statistics(scene, reported(phi, 10.0, "lattice", 12))
     assert_one_contact_value(phi, rates, virials)
-    assert (virials.mean() - 1) / (2 * phi) == pytest.approx(
-        theory.contact_value_henderson(phi), rel=0.05
-    )
+    chi = (virials.mean() - 1) / (2 * phi)
+    assert chi == pytest.approx(theory.contact_value_henderson(phi), rel=0.05)
 
 
 def test_the_walls_take_what_the_virial_says():
@@ -181,23 +185,30 @@ def test_the_walls_take_what_the_virial_says():
     """
     for phi, count in ((0.1, 40), (0.5, 60), (0.65, 80)):
         side = float(np.sqrt(2 * count * np.pi / 4 / phi)) + 1.0
-        where = box(side, 1.1 * side, WALLS)
+        height = 1.1 * side
+        where = box(side, height, WALLS)
         scene = from_lattice(where, [(count, 0.5, 1.0), (count, 0.5, 3.0)], 50.0)
         run = simulate(scene, [0], {"all"})
-        seen, whole = {key: column[0] for key, column in run.observables.items()}, run.whole[0]
+        seen = {key: column[0] for key, column in run.observables.items()}
+        whole = run.whole[0]
+        products = scene.mass @ np.sum(whole.position * whole.velocity, axis=2).T
         impulse = wall_impulses(scene)
-        left = [scene.mass @ np.sum(whole.position[j] * whole.velocity[j], axis=1) for j in (0, -1)]
-        walls = impulse @ (np.array((where["x"][1], where["y"][1])) - 0.5)
-        right = 2 * seen["kinetic_energy"] * scene.duration + seen["virial"] - walls
-        assert walls > 1000 and seen["wall_impulse"] == pytest.approx(impulse.sum())
-        assert left[1] - left[0] == pytest.approx(right, abs=1e-11 * walls)
+        edge = np.array((where["x"][1], where["y"][1]))
+        walls = impulse @ (edge - 0.5)
+        kinetic = 2 * seen["kinetic_energy"] * scene.duration
+        expected = kinetic + seen["virial"] - walls
+        assert walls > 1000
+        assert seen["wall_impulse"] == pytest.approx(impulse.sum())
+        assert products[-1] - products[0] == pytest.approx(expected, abs=1e-11 * walls)
 
 
 def wall_impulses(scene):
     """What the walls across x and across y took in, from the log of all collisions."""
     log = simulate(scene, [0], {"events"}).events[0]
     taken = np.abs(log.impulse).sum(axis=1)
-    return np.array([taken[np.isin(log.b, walls)].sum() for walls in ((-1, -2), (-3, -4))])
+    across_x = taken[np.isin(log.b, (-1, -2))].sum()
+    across_y = taken[np.isin(log.b, (-3, -4))].sum()
+    return np.array([across_x, across_y])
 
 
 @pytest.mark.slow
@@ -207,16 +218,15 @@ def test_a_million_disks():
     scene = fluid(0.7, 0.125, "lattice", n, equilibrate=0.0)
     w = layout.new_workspace(scene, units.engine_frame(scene))
     arrays = [array for array in (*w, *w.lists) if isinstance(array, np.ndarray)]
-    sizes = {
-        array.ctypes.data: array.nbytes for array in arrays
-    }  # two may be views of the same memory
+    # two may be views of the same memory
+    sizes = {array.ctypes.data: array.nbytes for array in arrays}
     assert sum(sizes.values()) <= 250 * n
     del w, arrays
-    seen = {key: column[0] for key, column in simulate(scene, [1], frozenset()).observables.items()}
+    run = simulate(scene, [1], frozenset())
+    seen = {key: column[0] for key, column in run.observables.items()}
     assert seen["pair_collisions"] > 50_000
     assert not seen["failed"]
-    assert (
-        seen["worst_overlap"] <= 1e-11
-    )  # coordinates up to 1,000 diameters have a round-off of 1e-13
+    # coordinates up to 1,000 diameters have a round-off of 1e-13
+    assert seen["worst_overlap"] <= 1e-11
     assert abs(seen["energy_drift"]) <= 1e-13
     assert seen["momentum_residual"] <= 1e-13

@@ -68,15 +68,17 @@ def scene_of(
 
 def unwrapped(scene, ensemble):
     """(T, S, 2) displacements from the start."""
-    track, box = ensemble.tracer, scene.box
-    image = 0 if track.image is None else track.image * (box.width, box.height)
-    position = track.position + image
+    box = scene.box
+    position = ensemble.tracer.position
+    if ensemble.tracer.image is not None:
+        position = position + ensemble.tracer.image * (box.width, box.height)
     return position - position[0]
 
 
 def mean_and_error(values):
     """Mean over runs, the last axis, and its standard error."""
-    return values.mean(axis=-1), values.std(axis=-1, ddof=1) / math.sqrt(values.shape[-1])
+    deviation = values.std(axis=-1, ddof=1)
+    return values.mean(axis=-1), deviation / math.sqrt(values.shape[-1])
 
 
 # -- the equation ----------------------------------------------------------------------------------
@@ -94,7 +96,8 @@ def test_msd_of_the_tracer(boundary):
     gamma = friction.friction_rate(scene, "enskog")
     assert 7.0 < gamma < 8.0
     found = langevin.simulate(scene, range(RUNS))
-    mean, error = mean_and_error(np.square(unwrapped(scene, found)).sum(axis=-1))
+    r2 = np.square(unwrapped(scene, found)).sum(axis=-1)
+    mean, error = mean_and_error(r2)
     expected = langevin_msd(found.times, gamma, 2 * 4.0, 2 * 1.6)
     for t in (0.01, 0.03, 0.1, 0.3, 1.0, 4.0):
         k = round(t / 0.01)
@@ -112,7 +115,8 @@ def one_step(dt, gamma, square_speed):
 @pytest.mark.parametrize("x", [0.0, 1e-9, 1e-4, 0.03, 0.0999, 0.1, 0.3, 2.0, 30.0, 800.0])
 def test_a_step_has_the_moments_of_the_langevin_equation(x):
     """To 1e-12, for gamma dt = x: those of a start at rest and those that a first velocity adds."""
-    gamma, square_speed = 3.0, 1.6
+    gamma = 3.0
+    square_speed = 1.6
     matrix, covariance = one_step(x / gamma, gamma, square_speed)
     msd = langevin_msd(x / gamma, gamma, 0.0, 2 * square_speed) / 2
     decay = math.exp(-x)
@@ -126,7 +130,8 @@ def test_a_step_has_the_moments_of_the_langevin_equation(x):
 
 def free_path(gamma, square_speed, times, start, seed=1):
     """Position and velocity (runs, T, 2, 2) of free paths from `start` (runs, 2, 2)."""
-    weights, rng = step_weights(np.diff(times), gamma, square_speed), np.random.default_rng(seed)
+    weights = step_weights(np.diff(times), gamma, square_speed)
+    rng = np.random.default_rng(seed)
     paths = np.empty((len(start), len(times), 2, 2))
     paths[:, 0] = start
     for path in paths:
@@ -155,11 +160,13 @@ def test_between_walls_it_diffuses_as_in_the_reflecting_square():
     scene = dense()
     gamma = friction.friction_rate(scene, "enskog")
     found = langevin.simulate(scene, range(RUNS))
-    mean, error = mean_and_error(np.square(unwrapped(scene, found)).sum(axis=-1))
+    r2 = np.square(unwrapped(scene, found)).sum(axis=-1)
+    mean, error = mean_and_error(r2)
     expected = theory.reflecting_square_msd(found.times, 1.6 / gamma, 2.7)
     assert gamma * found.times[1] > 1e3
     assert 0.1 < expected[1] / expected[-1] < 0.2
-    assert abs(expected[-1] / (2 * 2.7**2 / 3) - 1) < 1e-6
+    plateau = 2 * 2.7**2 / 3
+    assert abs(expected[-1] / plateau - 1) < 1e-6
     some = [1, 3, 5, 10, 20, 100]
     assert np.all(np.abs(mean - expected)[some] < FAR * error[some])
     assert np.abs(found.tracer.position).max() <= 2.7
@@ -189,9 +196,13 @@ def test_mirrored_paths_are_reflected_paths():
     below 0.1 %; 1 %.
     """
     scene = scene_of()
-    gamma, square_speed, duration, width = 1.0, 4.0, 2.0, 5.4
+    gamma = 1.0
+    square_speed = 4.0
+    duration = 2.0
+    width = 5.4
     start = np.zeros((RUNS, 2, 2))
-    start[:, 0], start[:, 1] = 1.5, (4.0, -3.0)
+    start[:, 0] = 1.5
+    start[:, 1] = (4.0, -3.0)
     paths = free_path(gamma, square_speed, np.array([0.0, duration]), start)
     tracks = [langevin.folded(scene, path)[0] for path in paths]
     x = np.array([track.position[-1, 0] for track in tracks])
@@ -199,16 +210,18 @@ def test_mirrored_paths_are_reflected_paths():
     assert np.abs(x).max() <= 2.7
     assert np.mean(np.abs(paths[:, -1, 0]) > 2.7) > 0.3
     shifted = start[:, 0] + 2.7, start[:, 1]
-    other = reflected_by_small_steps(shifted, gamma, square_speed, duration, width)
-    for one, twin in (
-        (x, other[0] - 2.7),
-        (v, other[1]),
-        (x * v, (other[0] - 2.7) * other[1]),
-        (x**2, (other[0] - 2.7) ** 2),
-        (v**2, other[1] ** 2),
+    x_twin, v_twin = reflected_by_small_steps(shifted, gamma, square_speed, duration, width)
+    x_twin = x_twin - 2.7
+    for moment, moment_of_twin in (
+        (x, x_twin),
+        (v, v_twin),
+        (x * v, x_twin * v_twin),
+        (x**2, x_twin**2),
+        (v**2, v_twin**2),
     ):
-        (mean, error), (expected, more) = mean_and_error(one.T), mean_and_error(twin.T)
-        assert np.all(np.abs(mean - expected) < FAR * np.hypot(error, more))
+        mean, error = mean_and_error(moment.T)
+        expected, error_of_twin = mean_and_error(moment_of_twin.T)
+        assert np.all(np.abs(mean - expected) < FAR * np.hypot(error, error_of_twin))
 
 
 @pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
@@ -220,16 +233,19 @@ def test_a_path_is_folded_into_the_box(boundary):
     path[0, 0] = (-2.0, 2.5)
     track, _ = langevin.folded(scene_of(boundary=boundary), path)
     position, velocity = track.position[:, 0], track.velocity[:, 0]
+    free, free_velocity = path[:, 0], path[:, 1]
     if boundary == "periodic":
-        assert np.all(np.abs(position) <= 3.0) and track.image[0].tolist() == [[0, 0]]
-        np.testing.assert_allclose(
-            position + 6.0 * track.image[:, 0], path[:, 0], rtol=0, atol=1e-12
-        )
-        assert np.array_equal(velocity, path[:, 1])
+        assert np.all(np.abs(position) <= 3.0)
+        assert track.image[0].tolist() == [[0, 0]]
+        unfolded = position + 6.0 * track.image[:, 0]
+        np.testing.assert_allclose(unfolded, free, rtol=0, atol=1e-12)
+        assert np.array_equal(velocity, free_velocity)
     else:
-        rising = (path[:, 0] + 2.7) % 10.8
-        np.testing.assert_allclose(position, 2.7 - np.abs(rising - 5.4), rtol=0, atol=1e-12)
-        assert np.array_equal(velocity, np.where(rising < 5.4, 1, -1) * path[:, 1])
+        phase = (free + 2.7) % 10.8
+        wave = 2.7 - np.abs(phase - 5.4)
+        np.testing.assert_allclose(position, wave, rtol=0, atol=1e-12)
+        slope = np.where(phase < 5.4, 1, -1)
+        assert np.array_equal(velocity, slope * free_velocity)
 
 
 def test_a_tracer_as_wide_as_the_box_does_not_move():
@@ -244,8 +260,10 @@ def test_a_tracer_as_wide_as_the_box_does_not_move():
 
 def test_bits_do_not_depend_on_the_batch():
     scene = scene_of(tracer={"position": None})
-    whole, part = langevin.simulate(scene, range(20)), langevin.simulate(scene, [7, 3])
-    assert whole.tracer.position[:, [7, 3]].tobytes() == part.tracer.position.tobytes()
+    whole = langevin.simulate(scene, range(20))
+    part = langevin.simulate(scene, [7, 3])
+    selected = whole.tracer.position[:, [7, 3]]
+    assert selected.tobytes() == part.tracer.position.tobytes()
     assert part.seeds.tolist() == [7, 3]
     assert part.tracer.position.shape == (101, 2, 2)
     assert part.observables["failed"].tolist() == [0, 0]
@@ -277,7 +295,8 @@ def test_without_a_place_it_begins_anywhere_it_can_be():
     """Mean and variance of 8,000 uniform coordinates in [-2.7, 2.7]: 0.2 % false alarms."""
     found = langevin.simulate(scene_of(tracer={"position": None}), range(RUNS)).tracer.position[0]
     assert 2.69 < np.abs(found).max() <= 2.7
-    square, product = np.square(found).ravel(), found[:, 0] * found[:, 1]
+    square = np.square(found).ravel()
+    product = found[:, 0] * found[:, 1]
     for values, expected in ((found.ravel(), 0.0), (square, 2.7**2 / 3), (product, 0.0)):
         mean, error = mean_and_error(values)
         assert abs(mean - expected) < FAR * error
@@ -287,12 +306,13 @@ def test_without_a_place_it_begins_anywhere_it_can_be():
 @pytest.mark.parametrize(("tracer", "square_speed"), [("free", 1.6), ("pinned", 4.0)])
 def test_a_tracer_that_is_free_while_the_scene_equilibrates_cools(tracer, square_speed):
     """<r^2> = <v0^2> t^2 to 1 % in the first 0.001 of a run: 0.1 % false alarms each."""
-    scene = scene_of(
-        equilibrate={"time": 3.0, "tracer": tracer}, duration=0.001, sample_interval=0.001
-    )
-    r = unwrapped(scene, langevin.simulate(scene, range(RUNS)))[-1] / 0.001
-    mean, error = mean_and_error(np.square(r).sum(axis=-1))
-    assert abs(mean / (2 * square_speed) - 1) < 0.01 + FAR * error / mean
+    equilibration = {"time": 3.0, "tracer": tracer}
+    scene = scene_of(equilibrate=equilibration, duration=0.001, sample_interval=0.001)
+    runs = langevin.simulate(scene, range(RUNS))
+    velocity = unwrapped(scene, runs)[-1] / 0.001
+    mean, error = mean_and_error(np.square(velocity).sum(axis=-1))
+    tolerance = 0.01 + FAR * error / mean
+    assert abs(mean / (2 * square_speed) - 1) < tolerance
 
 
 def test_a_cold_bath_does_nothing():
@@ -310,13 +330,14 @@ def test_friction_of_the_note():
     """
     covered = (149 * 0.1**2 + 0.3**2) * math.pi / 36
     surface = math.pi / 4 * (149 * 0.2 + 0.6) / 36
-    chi = 1 / (1 - covered) + 9 / 8 * (0.6 * 0.2 / 0.8) * surface / (1 - covered) ** 2
-    thin = 2 * 149 / 36 * 0.4 * math.sqrt(2 * math.pi * 0.4 / 1.4 * 1.6)
+    per_surface = 9 / 8 * (0.6 * 0.2 / 0.8)
+    chi = 1 / (1 - covered) + per_surface * surface / (1 - covered) ** 2
+    root = math.sqrt(2 * math.pi * 0.4 / 1.4 * 1.6)
+    thin = 2 * 149 / 36 * 0.4 * root
     assert friction.friction_rate(scene_of(), "boltzmann") == pytest.approx(thin, rel=1e-14)
     assert friction.friction_rate(scene_of(), "enskog") == pytest.approx(chi * thin, rel=1e-14)
-    assert friction.friction_rate(
-        scene_of(velocities={"temperature": 1.6}), "boltzmann"
-    ) == pytest.approx(thin)
+    thermal = scene_of(velocities={"temperature": 1.6})
+    assert friction.friction_rate(thermal, "boltzmann") == pytest.approx(thin)
 
 
 @pytest.mark.slow
@@ -324,16 +345,15 @@ def test_a_bath_without_other_momentum_recoils():
     """With half of the mass in the tracer of a thin gas D is a quarter of kT/(m gamma), as measured
     by exact runs.
     """
-    given = {
-        "box": {"x": [0, 30], "y": [0, 30], "boundary": "periodic"},
-        "disks": {
-            "tracer": {"radius": 1.0, "mass": 30.0},
-            "species": [{"name": "bath", "count": 30, "radius": 0.3, "mass": 1.0}],
-        },
-        "velocities": {"temperature": 1.0, "zero_momentum": True},
-        "equilibrate": {"time": 200.0, "tracer": "free"},
-    }
-    scene = bp.Scene(**given, duration=1500.0, sample_interval=10.0)
+    bath = {"name": "bath", "count": 30, "radius": 0.3, "mass": 1.0}
+    scene = bp.Scene(
+        box={"x": [0, 30], "y": [0, 30], "boundary": "periodic"},
+        disks={"tracer": {"radius": 1.0, "mass": 30.0}, "species": [bath]},
+        velocities={"temperature": 1.0, "zero_momentum": True},
+        equilibrate={"time": 200.0, "tracer": "free"},
+        duration=1500.0,
+        sample_interval=10.0,
+    )
     runs = bp.simulate(
         scene, 100, observables=["square_displacement"], average="origins", quiet=True
     )
@@ -343,13 +363,14 @@ def test_a_bath_without_other_momentum_recoils():
     error = found.diffusion_coefficient_standard_error
     assert error < 0.15 * free / 4
     assert abs(found.diffusion_coefficient - free / 4) < 4 * error
-    runs = langevin.simulate(
-        scene.replace(duration=1e5, sample_interval=1e4), range(RUNS), {"tracer", "velocity"}
-    )
-    square, error = mean_and_error(np.square(unwrapped(scene, runs)[-1]).sum(axis=-1))
-    assert abs(square - free * 1e5) < FAR * error, "the tracer alone: 4 D t"
-    speed, error = mean_and_error(np.square(runs.tracer.velocity).sum(axis=-1).mean(axis=0))
-    assert abs(speed - 1 / 30) < FAR * error, "half of 2 kT/m"
+    long = scene.replace(duration=1e5, sample_interval=1e4)
+    runs = langevin.simulate(long, range(RUNS), {"tracer", "velocity"})
+    r2 = np.square(unwrapped(scene, runs)[-1]).sum(axis=-1)
+    mean, error = mean_and_error(r2)
+    assert abs(mean - free * 1e5) < FAR * error, "the tracer alone: 4 D t"
+    square_speed = np.square(runs.tracer.velocity).sum(axis=-1).mean(axis=0)
+    mean, error = mean_and_error(square_speed)
+    assert abs(mean - 1 / 30) < FAR * error, "half of 2 kT/m"
 
 
 def test_a_tagged_disk_has_the_friction_of_one_fluid():
@@ -363,18 +384,16 @@ def test_a_tagged_disk_has_the_friction_of_one_fluid():
     zeta = theory.enskog_friction(399 / 36, 0.2, chi, 0.8, 4.0)
     assert friction.friction_rate(scene, "enskog") == pytest.approx(zeta / 4.0, rel=1e-14)
     often = 1.5 * friction.partners_of(scene).rate.sum()
-    assert friction.friction_rate(scene, "measured", often) == pytest.approx(
-        1.5 * zeta / 4.0, rel=1e-14
-    )
+    measured = friction.friction_rate(scene, "measured", often)
+    assert measured == pytest.approx(1.5 * zeta / 4.0, rel=1e-14)
 
 
 def test_a_bath_of_several_species_has_the_mean_energy_of_its_disks():
-    kinds = [
-        {"name": f"s{n}", "count": n, "radius": 0.05, "mass": mass}
-        for n, mass in ((100, 0.2), (20, 0.4))
-    ]
-    hot = friction.bath_of(scene_of(species=kinds, particles=121))
-    assert hot.temperature == pytest.approx(4 * (100 * 0.2 + 20 * 0.4) / 120, rel=1e-14)
+    light = {"name": "s100", "count": 100, "radius": 0.05, "mass": 0.2}
+    heavy = {"name": "s20", "count": 20, "radius": 0.05, "mass": 0.4}
+    hot = friction.bath_of(scene_of(species=[light, heavy], particles=121))
+    mean_mass = (100 * 0.2 + 20 * 0.4) / 120
+    assert hot.temperature == pytest.approx(4 * mean_mass, rel=1e-14)
 
 
 @pytest.mark.slow
@@ -385,7 +404,8 @@ def test_measured_friction_is_that_of_theory_in_a_thin_bath():
     scene = scene_of(width=60.0, particles=100)
     measured, expected = (langevin.rate_of(scene, which) for which in ("measured", "enskog"))
     assert measured == langevin.rate_of(scene.replace(duration=5.0), "measured")
-    assert abs(measured / expected - 1) < 0.007 + FAR / math.sqrt(RATE_COLLISIONS)
+    tolerance = 0.007 + FAR / math.sqrt(RATE_COLLISIONS)
+    assert abs(measured / expected - 1) < tolerance
 
 
 @pytest.mark.slow
@@ -410,14 +430,13 @@ def test_the_note_by_langevin_and_by_collisions():
     differences and 0.1 % false alarms.
     """
     scene = scene_of()
-    runs = (
-        langevin.simulate(scene, range(RUNS), friction="measured"),
-        exact.simulate(scene, range(2400)),
-    )
+    by_friction = langevin.simulate(scene, range(RUNS), friction="measured")
+    by_collisions = exact.simulate(scene, range(2400))
     for k, least, most in ((10, 0.0, 0.02), (100, 0.05, 0.17)):
-        squares = [np.square(unwrapped(scene, ensemble)[k]).sum(axis=-1) for ensemble in runs]
-        approximate, approximate_error = mean_and_error(squares[0])
-        exactly, exact_error = mean_and_error(squares[1])
+        squares = np.square(unwrapped(scene, by_friction)[k]).sum(axis=-1)
+        approximate, approximate_error = mean_and_error(squares)
+        squares = np.square(unwrapped(scene, by_collisions)[k]).sum(axis=-1)
+        exactly, exact_error = mean_and_error(squares)
         slack = FAR * math.hypot(approximate_error, exact_error)
         missing = exactly - approximate
         assert least * exactly - slack < missing < most * exactly + slack
@@ -434,13 +453,16 @@ def in_units(length=0, time=0, mass=0, **more):
         species["radius"] = math.ldexp(species["radius"], length)
         species["mass"] = math.ldexp(species["mass"], mass)
     deviation = math.ldexp(2.0, length - time)
+    sampling = {
+        "duration": math.ldexp(1.0, time),
+        "sample_interval": math.ldexp(0.125, time),
+    }
     return scene_of(
         width=math.ldexp(6.0, length),
         tracer=tracer,
         species=[bath],
         velocities={"standard_deviation": deviation},
-        duration=math.ldexp(1.0, time),
-        sample_interval=math.ldexp(0.125, time),
+        **sampling,
         **more,
     )
 
@@ -453,14 +475,17 @@ def test_units_are_powers_of_two_or_refused(boundary, length, time, mass):
     """The path to the square root of odd powers, 4 units of round-off; kT and kT/m must be numbers
     with all digits.
     """
-    scene, usual = in_units(length, time, mass, boundary=boundary), in_units(boundary=boundary)
+    scene = in_units(length, time, mass, boundary=boundary)
+    usual = in_units(boundary=boundary)
     if abs(2 * (length - time) + mass) > 1018 or abs(2 * (length - time)) > 1018:
         with pytest.raises(RequestError, match="needs kT and kT/m from"):
             langevin.simulate(scene, [1, 2])
         return
-    found, plain = langevin.simulate(scene, [1, 2]), langevin.simulate(usual, [1, 2])
+    found = langevin.simulate(scene, [1, 2])
+    plain = langevin.simulate(usual, [1, 2])
     moved = np.ldexp(unwrapped(scene, found), -length)
-    np.testing.assert_allclose(moved, unwrapped(usual, plain), rtol=0, atol=4e-15 * 6)
+    expected = unwrapped(usual, plain)
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=4e-15 * 6)
     assert found.observables["failed"].tolist() == [0, 0]
     gamma = np.ldexp(found.observables["friction_rate"], time)
     np.testing.assert_allclose(gamma, plain.observables["friction_rate"], rtol=4e-16 * 4)
@@ -492,9 +517,8 @@ def test_steps_of_any_length_diffuse():
         middle, loose = step_weights(x, 1.0, 1.0)[2:]
         assert loose / math.sqrt(2 * x) == pytest.approx(1.0, abs=1e-12)
         assert middle == pytest.approx(1.0, abs=1e-12)
-    assert step_weights(1e-200, 1e-100, 1e-250)[1] == pytest.approx(
-        math.sqrt(2) * 1e-275, rel=1e-12
-    )
+    spread = step_weights(1e-200, 1e-100, 1e-250)[1]
+    assert spread == pytest.approx(math.sqrt(2) * 1e-275, rel=1e-12)
 
 
 # -- where it is refused ---------------------------------------------------------------------------
@@ -553,10 +577,7 @@ def test_where_friction_and_noise_are_no_bath(changes, record, message):
 
 @pytest.mark.parametrize(("mass", "said"), [(1.0, True), (3.9, True), (4.0, False)])
 def test_a_tracer_that_is_not_very_heavy(mass, said):
-    species = [
-        {"name": name, "count": 9, "radius": 0.1, "mass": one}
-        for name, one in (("light", 0.1), ("heavy", 0.4))
-    ]
-    assert (
-        caution(scene_of(tracer={"mass": mass}, species=species, particles=19)) is not None
-    ) == said
+    light = {"name": "light", "count": 9, "radius": 0.1, "mass": 0.1}
+    heavy = {"name": "heavy", "count": 9, "radius": 0.1, "mass": 0.4}
+    scene = scene_of(tracer={"mass": mass}, species=[light, heavy], particles=19)
+    assert (caution(scene) is not None) == said
