@@ -74,7 +74,9 @@ def full(tmp_path):
 def same(one, other):
     """Equal to the bit, types included."""
     if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+        if one.keys() != other.keys():
+            return False
+        return all(same(one[key], other[key]) for key in one)
     if isinstance(one, tuple):
         return type(one) is type(other) and len(one) == len(other) and all(map(same, one, other))
     if isinstance(one, np.ndarray):

@@ -259,11 +259,9 @@ def replaced(*entries):
 
 def test_replaced_keys():
     study = replaced("seeds=[0-1,17]", "figures=[msd, health]", "rings={dr: 0.04, count: 24}")
-    assert (study.seeds, study.figures, study.rings) == (
-        (0, 1, 17),
-        ("msd", "health"),
-        Rings(dr=0.04, count=24),
-    )
+    assert study.seeds == (0, 1, 17)
+    assert study.figures == ("msd", "health")
+    assert study.rings == Rings(dr=0.04, count=24)
 
 
 def test_seeds_and_tolerance_replace_each_other(tmp_path):
@@ -297,10 +295,8 @@ def test_seeds_as_text():
     }
     for text, seeds in cases.items():
         assert seed_text(seeds) == text
-    assert (list(validated(Seeds, "9,3,5,3")), list(validated(Seeds, "0-9,2-3,5"))) == (
-        [3, 5, 9],
-        [*range(10)],
-    )
+    assert list(validated(Seeds, "9,3,5,3")) == [3, 5, 9]
+    assert list(validated(Seeds, "0-9,2-3,5")) == list(range(10))
     assert validated(Seeds, "0-499999,500000-999999") == (*range(1_000_000),)
 
 

@@ -8,6 +8,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from itertools import chain, product
 from pathlib import Path
 
 import h5py
@@ -53,18 +54,17 @@ def planned(folder, *arguments, **more):
     assert text.count(" mem_mb=") == text.count(
         " log: "
     )  # all but the answer ask a queue for memory and time
-    return dict.fromkeys(("simulate", "aggregate", "figures"), 0) | {
-        rule: int(count) for rule, count in counts
-    }
+    none = dict.fromkeys(("simulate", "aggregate", "figures"), 0)
+    return none | {rule: int(count) for rule, count in counts}
 
 
 def contents(folder, *patterns):
     """Bytes of all result files of these kinds, by path."""
-    files = [file for pattern in patterns for file in (folder / "results").rglob(pattern)]
-    files = [
-        file for file in files if "logs" not in file.parts and not file.name.startswith("made_from")
-    ]
-    return {str(file.relative_to(folder)): file.read_bytes() for file in files}
+    found = {}
+    for file in chain.from_iterable(map((folder / "results").rglob, patterns)):
+        if "logs" not in file.parts and not file.name.startswith("made_from"):
+            found[str(file.relative_to(folder))] = file.read_bytes()
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,8 @@ def test_everything_declared_is_there_and_the_answer_is_printed_last(finished):
     folder, printed = finished
     names = {path.name for path in (folder / "results/study/figures").iterdir()}
     figures = read_study(folder / "study.yaml").figures
-    expected = {f"{name}.{kind}" for name in figures for kind in ("png", "svg", "csv")}
+    kinds = ("png", "svg", "csv")
+    expected = {f"{name}.{kind}" for name, kind in product(figures, kinds)}
     assert expected | {"summary.txt", "summary.csv", "provenance.json"} < names
     answer = (folder / "results/study/figures/summary.txt").read_text()
     last = "figures and tables: results/study/figures\nall on one page: results/study/report.html\n"
@@ -131,14 +132,13 @@ def test_same_bytes_with_two_cores_in_another_folder_zone_and_language_and_in_ot
     subprocess.run(
         again, shell=True, cwd=folder, env=environment(**elsewhere), check=True, timeout=300
     )
-    one, two = (contents(each, "*.nc", *PICTURES) for each in (finished[0], folder))
+    one = contents(finished[0], "*.nc", *PICTURES)
+    two = contents(folder, "*.nc", *PICTURES)
     assert one.keys() == two.keys() and len(one) >= 10
     assert [path for path in one if one[path] != two[path]] == []
     for whole in (finished[0] / "results/runs").rglob("*.h5"):
-        parts = [
-            folder / whole.relative_to(finished[0]).with_name(f"{batch}.h5")
-            for batch in ("0-4", "5-9")
-        ]
+        batches = folder / whole.relative_to(finished[0]).parent
+        parts = [batches / "0-4.h5", batches / "5-9.h5"]
         position, *joined = (h5py.File(path)["position"][()] for path in (whole, *parts))
         assert np.concatenate(joined, axis=1).tobytes() == position.tobytes()
 
@@ -242,9 +242,8 @@ def test_added_seeds_run_alone_and_other_studies_and_keys_use_the_same_runs(stud
     )
     snakemake(study, "--cores", "2", "--config", "seeds=14", *one_case)
     after = {path: path.stat().st_mtime_ns for path in study.glob("results/**/*.*")}
-    assert {path.name for path in after.keys() - before.keys() if path.suffix == ".h5"} == {
-        "10-13.h5"
-    }
+    added = [path for path in after.keys() - before.keys() if path.suffix == ".h5"]
+    assert {path.name for path in added} == {"10-13.h5"}
     assert before.items() <= after.items()
     (page,) = (study / "results").glob("study+*seeds=14*/report.html")
     assert "--gamma_{0}" in page.read_text()
@@ -252,9 +251,8 @@ def test_added_seeds_run_alone_and_other_studies_and_keys_use_the_same_runs(stud
     for name in others:  # put back from elsewhere
         (study / name).write_text("other")
     printed = snakemake(study, "--cores", "1", status=FAILED)
-    assert [
-        name for name in others if f"{name}: FAILED" not in printed
-    ] == [] and "Made by brownpipe" not in printed
+    assert [name for name in others if f"{name}: FAILED" not in printed] == []
+    assert "Made by brownpipe" not in printed
     shutil.copy(study / "study.yaml", study / "other.yaml")
     assert planned(study, "--configfile", str(study / "other.yaml")) == ANALYSIS
 
