@@ -32,25 +32,25 @@ WINDOWS = ((0.1, 1.0), (0.5, 1.0))
 def test_squared_displacement_is_from_the_start_and_unwrapped():
     """Images two thousand million boxes away cost no digits."""
     position = np.array([[[1.0, 2.0], [0.0, 0.0]], [[4.0, 6.0], [0.0, -1.0]]])
-    assert squared(moved(position, None, (1.0, 1.0))).T.tolist() == [[0.0, 25.0], [0.0, 1.0]]
-    position, image = (
-        np.array([[[0.9, 0.1]], [[0.1, 0.9]]]),
-        np.array([[[7, 0]], [[8, -1]]], np.int32),
-    )
-    assert squared(moved(position, image, (1.0, 1.0)))[1, 0] == pytest.approx(0.2**2 + 0.2**2)
-    position, image = (
-        np.array([[[0.25, 0.0]], [[0.5, 0.0]]]),
-        np.full((2, 1, 2), 2_000_000_000, np.int32),
-    )
+    unit_box = (1.0, 1.0)
+    assert squared(moved(position, None, unit_box)).T.tolist() == [[0.0, 25.0], [0.0, 1.0]]
+    position = np.array([[[0.9, 0.1]], [[0.1, 0.9]]])
+    image = np.array([[[7, 0]], [[8, -1]]], np.int32)
+    r2 = squared(moved(position, image, unit_box))
+    assert r2[1, 0] == pytest.approx(0.2**2 + 0.2**2)
+    position = np.array([[[0.25, 0.0]], [[0.5, 0.0]]])
+    image = np.full((2, 1, 2), 2_000_000_000, np.int32)
     assert squared(moved(position, image, (1.1, 1.1)))[1, 0] == 0.0625
 
 
 def test_line_is_polyfit():
     y = np.sin(TIMES) + 3.0
     for window in WINDOWS:
-        inside = (window[0] - 1e-12 <= TIMES) & (window[1] + 1e-12 >= TIMES)
+        first, last = window
+        inside = (first - 1e-12 <= TIMES) & (last + 1e-12 >= TIMES)
         line = displacement.line_weights(TIMES, window) @ y
-        assert line == pytest.approx(np.polyfit(TIMES[inside], y[inside], 1), rel=1e-12)
+        expected = np.polyfit(TIMES[inside], y[inside], 1)
+        assert line == pytest.approx(expected, rel=1e-12)
 
 
 def test_window_includes_both_ends_despite_round_off_and_else_is_nan():
@@ -62,14 +62,8 @@ def test_window_includes_both_ends_despite_round_off_and_else_is_nan():
 
 def test_rings_are_half_open_and_count_everybody():
     edges = 0.5 * np.arange(4)
-    assert distribution.ring_of(np.array([0.0, 0.49, 0.5, 1.4, 1.5, 9.0]), edges).tolist() == [
-        0,
-        0,
-        1,
-        2,
-        3,
-        3,
-    ]
+    distances = np.array([0.0, 0.49, 0.5, 1.4, 1.5, 9.0])
+    assert distribution.ring_of(distances, edges).tolist() == [0, 0, 1, 2, 3, 3]
 
 
 def one_disk():
@@ -102,15 +96,17 @@ def test_dataset_agrees_with_theory(dataset):
     """
     from scipy.stats import gamma
 
-    low, high = (np.array(gamma.ppf([5e-7, 1 - 5e-7], 58)) - 58) / np.sqrt(58)  # in standard errors
+    bounds = np.array(gamma.ppf([5e-7, 1 - 5e-7], 58))
+    low, high = (bounds - 58) / np.sqrt(58)  # in standard errors
     truth = theory.diffusive_msd(dataset.time, DIFFUSION)
-    off = (dataset.msd - truth)[..., 1:] / (truth / np.sqrt(58))[1:]
+    error = truth / np.sqrt(58)
+    off = (dataset.msd - truth)[..., 1:] / error[1:]
     assert ((low < off) & (off < high)).all()
+    times = dataset.time.values
     for k, window in enumerate(WINDOWS):
-        weights, _ = displacement.line_weights(dataset.time.values, window)
-        covariance = (
-            16 * DIFFUSION**2 * np.minimum.outer(*[dataset.time.values] * 2) ** 2
-        )  # of r^2(s) and r^2(t)
+        weights, _ = displacement.line_weights(times, window)
+        # of r^2(s) and r^2(t)
+        covariance = 16 * DIFFUSION**2 * np.minimum.outer(times, times) ** 2
         error = np.sqrt(weights @ covariance @ weights / 58)
         off = (dataset.slope[..., k] - 4 * DIFFUSION) / error
         assert ((low < off) & (off < high)).all()
@@ -125,19 +121,14 @@ def test_failed_runs_are_not_averaged_in(dataset, files, tmp_path):
     """Failed runs end 1e6 away: one of them would show everywhere. They stay visible in the run
     health.
     """
-    assert (
-        (dataset.runs == 58).all()
-        and (dataset.failed_runs == 2).all()
-        and dataset.sizes["seed"] == 60
-    )
+    assert (dataset.runs == 58).all()
+    assert (dataset.failed_runs == 2).all()
+    assert dataset.sizes["seed"] == 60
     assert float(dataset.msd.max()) < 10
-    assert dataset.seed[
-        (dataset.run_status == 1).any(("scene", "particles", "engine"))
-    ].values.tolist() == [7, 33]
-    assert (
-        np.isfinite(dataset.energy_drift).all()
-        and np.isnan(dataset.run_msd.sel(seed=[7, 33])).all()
-    )
+    failed = (dataset.run_status == 1).any(("scene", "particles", "engine"))
+    assert dataset.seed[failed].values.tolist() == [7, 33]
+    assert np.isfinite(dataset.energy_drift).all()
+    assert np.isnan(dataset.run_msd.sel(seed=[7, 33])).all()
     kept = [seed for seed in range(60) if seed not in (7, 33)]
     alone = aggregate([write(tmp_path, make_runs(make_scene("hot", 10), kept))], **RINGS)
     mine = dataset.sel(scene="hot", particles=10, engine="exact")
@@ -147,10 +138,13 @@ def test_failed_runs_are_not_averaged_in(dataset, files, tmp_path):
 
 def test_scenes_and_particle_counts_keep_the_order_in_which_they_are_given(tmp_path):
     """Neither as text (M1, M10, M3) nor ascending: it is the order of the study."""
-    scenes = [make_scene(name, count) for name in ("M1", "M3", "M10") for count in (20, 10)]
+    scenes = []
+    for name, count in itertools.product(("M1", "M3", "M10"), (20, 10)):
+        scenes.append(make_scene(name, count))
     dataset = aggregate([write(tmp_path, make_runs(scene, range(3))) for scene in scenes])
     assert dataset.scene.values.tolist() == ["M1", "M3", "M10"]
-    assert dataset.particles.values.tolist() == [20, 10] and (dataset.runs == 3).all()
+    assert dataset.particles.values.tolist() == [20, 10]
+    assert (dataset.runs == 3).all()
 
 
 def test_other_durations_and_seeds_leave_nan(tmp_path):
@@ -165,13 +159,8 @@ def test_other_durations_and_seeds_leave_nan(tmp_path):
     assert tested.sel(scene="short").values.tolist() == [True, False]
     assert tested.sel(scene="long").values.tolist() == [False, True]
     assert dataset.energy_drift.sel(scene="long").count() == 20
-    assert dataset.seed[dataset.run_status.sel(scene="short") == 2].values.tolist() == [
-        0,
-        1,
-        2,
-        3,
-        4,
-    ]
+    absent = dataset.run_status.sel(scene="short") == 2
+    assert dataset.seed[absent].values.tolist() == [0, 1, 2, 3, 4]
 
 
 def test_one_run_of_one_disk(tmp_path):
@@ -208,8 +197,9 @@ def test_times_that_differ_by_round_off_are_one(tmp_path):
     """3 x 0.05 is not 0.15, the fifteenth multiple of 0.01 is; and 0.57 is a duration and a
     multiple of 0.01.
     """
-    scenes = [make_scene(f"s{k}", duration=end, sample_interval=dt)
-              for k, (end, dt) in enumerate([(1.0, 0.01), (1.0, 0.05), (0.57, 0.01)])]  # fmt: skip
+    scenes = []
+    for k, (end, dt) in enumerate([(1.0, 0.01), (1.0, 0.05), (0.57, 0.01)]):
+        scenes.append(make_scene(f"s{k}", duration=end, sample_interval=dt))
     dataset = aggregate([write(tmp_path, make_runs(scene, range(12))) for scene in scenes])
     assert dataset.sizes["time"] == 101
     for t, present in ((0.15, 3), (0.57, 2), (1.0, 2)):
@@ -248,7 +238,8 @@ def test_runs_that_do_not_belong_together_are_refused(made, message, tmp_path):
 
 
 def test_runs_of_another_source_or_average_are_not_averaged():
-    first, other = make_runs(make_scene(), range(20)), make_runs(make_scene(), range(20, 30))
+    first = make_runs(make_scene(), range(20))
+    other = make_runs(make_scene(), range(20, 30))
     averaged = other._replace(ensemble=other.ensemble._replace(average="origins"))
     for second, what in ((other._replace(source="another"), "source code"), (averaged, "average")):
         with pytest.raises(AnalysisError, match=rf"^runs\[1\]: has another {what} than runs\[0\]"):
@@ -299,7 +290,8 @@ def test_runs_of_engines_with_other_settings_are_not_averaged_whatever_their_lab
 
 
 def test_windows_that_say_nothing(tmp_path):
-    file, differ = write(tmp_path, make_runs(make_scene(), range(12))), r"\[0.1, 1\]: must differ"
+    file = write(tmp_path, make_runs(make_scene(), range(12)))
+    differ = r"\[0.1, 1\]: must differ"
     for second, message in (
         ((0.1000001, 1.0), differ),
         ((2.0, 3.0), r"fit window \[2, 3\]: must end by 1"),
