@@ -112,17 +112,19 @@ def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, 
     runs = counted(study)
     text = Path("counted.yaml").read_bytes()
     assert counted(study) == runs and Path("counted.yaml").read_bytes() == text
-    assert plan.settled(study, "counted.yaml").seeds == range(runs)
+    assert plan.with_planned_seeds(study, "counted.yaml").seeds == range(runs)
     for others in (
         {"tolerance": "5%"},
         {"tolerance": "4%", "target": "d"},
         {"tolerance": "4%", "particles": 9},
     ):
         with pytest.raises(RequestError, match=r"counted.yaml: is the plan of another study"):
-            plan.settled(read_study(study_file(**others)), "counted.yaml")
+            plan.with_planned_seeds(read_study(study_file(**others)), "counted.yaml")
     with monkeypatch.context() as patch:
         patch.setattr(plan, "digests", lambda _: {"plan": "12345678e012"})  # in YAML a number
-        assert plan.settled(study, "counted.yaml" if counted(study) else "").seeds == range(runs)
+        assert plan.with_planned_seeds(
+            study, "counted.yaml" if counted(study) else ""
+        ).seeds == range(runs)
     half = counted(read_study(study_file(tolerance=0.08)))
     assert runs / half == pytest.approx(4, rel=0.02)  # rounded up to whole runs
     other = counted(read_study(study_file(tolerance=0.1, target="displacement_distribution")))
@@ -132,9 +134,9 @@ def test_number_of_runs_is_a_function_of_scene_tolerance_and_target(study_file, 
         counted(study)
     Path("counted.yaml").write_bytes(text.replace(b"runs: ", b"runs: 1"))
     with pytest.raises(StorageError, match="damaged, cut short or edited"):
-        plan.settled(study, "counted.yaml")
+        plan.with_planned_seeds(study, "counted.yaml")
     with pytest.raises(RequestError, match="--plan: missing"):
-        plan.settled(study, None)
+        plan.with_planned_seeds(study, None)
     with pytest.raises(RequestError, match="is for a study with a tolerance"):
         counted(read_study(study_file(seeds=5)))
 
@@ -239,7 +241,7 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(
         f"0-{MOST_PILOT_RUNS - 1}.h5",
         *2 * [MOST_PILOT_RUNS],
     )
-    first, *others = files_of(plan.settled(study, "counted.yaml"))
+    first, *others = files_of(plan.with_planned_seeds(study, "counted.yaml"))
     ends = "-".join(one.path.stem for one in others).split("-")
     assert first.path == file
     assert (ends[0], ends[-1]) == (f"{MOST_PILOT_RUNS}", f"{runs - 1}")

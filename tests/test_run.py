@@ -15,7 +15,7 @@ from brownpipe.cli import main
 from brownpipe.engines import forecast
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST
 from brownpipe.study import read_study, workflow
-from brownpipe.study.run_sets import requests, run_sets
+from brownpipe.study.run_sets import job_resources, run_sets
 
 ROOT = Path(__file__).parent.parent
 CONFIG = ROOT / "config"
@@ -218,7 +218,7 @@ def test_a_job_asks_for_twice_the_forecast_and_twice_as_much_at_each_retry():
     study = read_study(
         CONFIG / "small.yaml", {"particles": 50, "scenes": "scenes/harrison2020.yaml"}
     )
-    asked, (runs,) = requests(study)["simulate"], run_sets(study)
+    asked, (runs,) = job_resources(study)["simulate"], run_sets(study)
     wildcards = {"digest": runs.key, "first": "0", "last": "999999"}
     cost = forecast.run_cost(study.cases[0])
     expected = forecast.memory(cost, 10**6) / 1e6

@@ -17,7 +17,14 @@ from brownpipe.scene.reading import validated
 from brownpipe.scene.seeds import Seeds, ranges, seed_text
 from brownpipe.storage.store import seeds_without_file, stored_batches
 from brownpipe.study import Study, read_study
-from brownpipe.study.run_sets import batches, commands, digests, figure_options, files_of, run_sets
+from brownpipe.study.run_sets import (
+    commands,
+    digests,
+    figure_options,
+    files_of,
+    run_sets,
+    split_into_batches,
+)
 from brownpipe.study.study import Rings
 from brownpipe.study.workflow import from_command_line
 
@@ -303,7 +310,7 @@ def test_seeds_as_text():
 @given(st.sets(st.integers(0, 100), min_size=1), st.integers(1, 20))
 @settings(max_examples=100, deadline=None)
 def test_batches_hold_each_seed_once_and_at_most_as_many_as_asked_for(seeds, batch):
-    found = batches(tuple(sorted(seeds)), forecast.Cost(0, 0, 1.0, 0, 0, 0), batch)
+    found = split_into_batches(tuple(sorted(seeds)), forecast.Cost(0, 0, 1.0, 0, 0, 0), batch)
     ranges_of_seeds = [range(first, last + 1) for first, last in found]
     assert list(chain.from_iterable(ranges_of_seeds)) == sorted(seeds)
     assert all(len(seeds_of_batch) <= batch for seeds_of_batch in ranges_of_seeds)
@@ -328,12 +335,14 @@ COSTS = st.builds(
 def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(
     cost, runs, first, more
 ):
-    found = batches(range(first, first + runs), cost)
+    found = split_into_batches(range(first, first + runs), cost)
     assert found[0][0] == first
     assert found[-1][1] == first + runs - 1
     assert all(before[1] + 1 == after[0] for before, after in pairwise(found))
-    assert found == [(first + one, first + last) for one, last in batches(range(runs), cost)]
-    longer = batches(range(first, first + runs + more), cost)
+    assert found == [
+        (first + one, first + last) for one, last in split_into_batches(range(runs), cost)
+    ]
+    longer = split_into_batches(range(first, first + runs + more), cost)
     assert longer[: len(found) - 1] == found[:-1]
     assert longer[len(found) - 1][1] >= found[-1][1]
 
@@ -350,7 +359,9 @@ def test_automatic_batches_hold_each_seed_once_and_stay_when_seeds_are_added(
 def test_automatic_batches_take_tens_of_seconds_and_more_where_they_are_many(
     seconds, days, most_jobs, longest_job
 ):
-    found = batches(range(int(days * 86400 / seconds)), forecast.Cost(0, 0, seconds, 0, 0, 0))
+    found = split_into_batches(
+        range(int(days * 86400 / seconds)), forecast.Cost(0, 0, seconds, 0, 0, 0)
+    )
     assert 15 <= (found[0][1] + 1) * seconds <= 30
     assert len(found) <= most_jobs
     assert max(last - first + 1 for first, last in found) * seconds <= longest_job

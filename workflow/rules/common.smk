@@ -14,8 +14,8 @@ from brownpipe.study.workflow import (
     read_workflow_study,
     remove_stale_locks,
 )
-from brownpipe.study.plan import settled
-from brownpipe.study.run_sets import commands, digests, figure_options, files_of, requests
+from brownpipe.study.plan import with_planned_seeds
+from brownpipe.study.run_sets import commands, digests, figure_options, files_of, job_resources
 from brownpipe.provenance import PACKAGE
 
 if workflow.is_main_process:
@@ -27,7 +27,7 @@ runs = "results/runs/{scene}/N{particles}/{engine}-{digest}/{first}-{last}"
 made_from = digests(study)
 any_digest = "[0-9a-f]" * len(made_from["plan"])
 simulations = commands(study)
-request = requests(study)
+request = job_resources(study)
 captions = PACKAGE / "figures"
 awaits_plan = []  # the job that says how many runs there are, until it is done
 not_as_made = (
@@ -72,7 +72,7 @@ def plan_file(wildcards):
 @ended_by_mistakes()
 def trajectories(wildcards):
     """Return the files with the runs of the study: those that are there, and those to be made."""
-    known = settled(study, *plan_file(wildcards)) if study.tolerance else study
+    known = with_planned_seeds(study, *plan_file(wildcards)) if study.tolerance else study
     paths = [file.path for file in files_of(known)]
     if awaits_plan:
         awaits_plan.clear()

@@ -167,7 +167,7 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     return most, pilots
 
 
-def settled(study: Study, path: str | Path | None) -> Study:
+def with_planned_seeds(study: Study, path: str | Path | None) -> Study:
     """Return the study with as many seeds as the file that `write_plan` wrote says; one that has
     seeds is unchanged.
 

@@ -70,10 +70,13 @@ class RunSet(NamedTuple):
     @property
     def jobs(self) -> list[int]:
         """The number of seeds of each job."""
-        return [last - first + 1 for first, last in batches(self.seeds, self.cost, self.batch)]
+        return [
+            last - first + 1
+            for first, last in split_into_batches(self.seeds, self.cost, self.batch)
+        ]
 
 
-def batches(
+def split_into_batches(
     seeds: Sequence[int] | np.ndarray, cost: forecast.Cost, length: int | None = None
 ) -> list[tuple[int, int]]:
     """Return first and last seed of each batch of ascending seeds; `length` None: batches of
@@ -127,7 +130,7 @@ def files_of(study: Study) -> list[StoredFile]:
     for runs in run_sets(study):
         seeds = np.asarray(runs.seeds, np.int64)
         stored = stored_batches(runs.folder, seeds)
-        due = batches(seeds_without_file(seeds, stored), runs.cost, runs.batch)
+        due = split_into_batches(seeds_without_file(seeds, stored), runs.cost, runs.batch)
         for first, last in sorted([*stored, *due]):
             files.append(StoredFile(runs.folder / f"{first}-{last}.h5", runs.seeds))
     return files
@@ -225,7 +228,7 @@ def describe_workload(study: Study) -> str:
     return f"{total}: some {in_time(sum(cpu_times))} of CPU, {in_bytes(sum(sizes))} of runs"
 
 
-def requests(study: Study) -> dict[str, dict[str, object]]:
+def job_resources(study: Study) -> dict[str, dict[str, object]]:
     """Return the `resources` of each rule: functions of wildcards and attempt, each twice as
     large.
     """

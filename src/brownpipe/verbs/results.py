@@ -14,7 +14,7 @@ from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import seal_of, write_file
 from brownpipe.storage.store import StoredFile
 from brownpipe.study import Study, read_study
-from brownpipe.study.plan import settled
+from brownpipe.study.plan import with_planned_seeds
 from brownpipe.study.run_sets import digests, files_of, listed_runs
 from brownpipe.study.study import Window
 from brownpipe.text import counted, from_ascii, shell_path
@@ -245,7 +245,7 @@ def _study(arguments: Namespace, step: str) -> Study:
     """Return the study, with its number of runs. Raises RequestError if it is not the one that
     --planned says.
     """
-    study = settled(read_study(arguments.study, dict(arguments.config)), arguments.plan)
+    study = with_planned_seeds(read_study(arguments.study, dict(arguments.config)), arguments.plan)
     if arguments.planned not in (None, digests(study)[step]):
         raise RequestError(f"{arguments.study}: has changed since it was planned; run it again")
     return study
