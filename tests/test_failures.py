@@ -14,7 +14,7 @@ import yaml
 import brownpipe as bp
 import forked
 from brownpipe.analysis import aggregate
-from brownpipe.analysis.runs import groups_of
+from brownpipe.analysis.runs import group_by_case
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import select
 from brownpipe.engines.exact import run as exact_run
@@ -301,7 +301,7 @@ def test_averages_are_those_of_the_other_runs_however_the_batches_are_cut(crowd,
     assert (first.failed_runs.item(), first.runs.item()) == (4, 12)
     for name in ("msd", "msd_standard_error", "diffusion_coefficient", "displacement_counts"):
         np.testing.assert_array_equal(first[name], without[name])
-    assert [runs.failed for runs in read_runs(groups_of(in_threes))] == [4]
+    assert [runs.failed for runs in read_runs(group_by_case(in_threes))] == [4]
 
 
 @pytest.mark.slow

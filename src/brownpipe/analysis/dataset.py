@@ -32,7 +32,7 @@ from brownpipe.analysis.runs import (
     Source,
     blocks_of,
     first_good_runs,
-    groups_of,
+    group_by_case,
     reported,
     without_failed,
 )
@@ -141,7 +141,7 @@ def aggregate(
     """
     if (dr is None) != (rings is None):
         raise AnalysisError("rings: width and number must be given together")
-    groups = groups_of(sources)
+    groups = group_by_case(sources)
     outlines = [group.pattern.contents for group in groups]
     scenes = [contents.scene for contents in outlines]
     times = [*displacement_times]

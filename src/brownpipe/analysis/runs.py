@@ -45,7 +45,7 @@ class Group(NamedTuple):
     pattern: RunFile  # the first file, if possible one with a run that came to its end
 
 
-def groups_of(sources: Iterable[Source]) -> list[Group]:
+def group_by_case(sources: Iterable[Source]) -> list[Group]:
     """Return trajectory files and runs in memory by scene, particle count and engine label, in
     order of appearance.
 

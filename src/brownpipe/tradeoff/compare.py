@@ -50,7 +50,7 @@ class EngineRuns(NamedTuple):
 
 
 def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
-    """Return the runs of groups of trajectory files, `analysis.runs.groups_of`."""
+    """Return the runs of groups of trajectory files, `analysis.runs.group_by_case`."""
     all_runs = []
     for group in groups:
         contents = group.pattern.contents

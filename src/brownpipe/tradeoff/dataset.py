@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.analysis.dataset import outer_join
-from brownpipe.analysis.runs import Source, groups_of
+from brownpipe.analysis.runs import Source, group_by_case
 from brownpipe.analysis.variables import ENDS, Mean, Variable, with_uncertainties
 from brownpipe.engines import Engine
 from brownpipe.progress import tracked
@@ -118,9 +118,9 @@ def measure(
     the exact engine (`timing.ratio_to`).
 
     Scenes that have exact runs only are left out. `Study.refuse_tradeoff` refuses what cannot be
-    compared. Raises what `groups_of` raises.
+    compared. Raises what `group_by_case` raises.
     """
-    groups = groups_of(paths)
+    groups = group_by_case(paths)
     all_runs = read_runs(groups)
     references = [runs for runs in all_runs if runs.is_reference]
     instead_of = instead_of or {}
