@@ -32,7 +32,8 @@ from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import motion_of
 from brownpipe.errors import RequestError
 from brownpipe.figures import style
-from brownpipe.scene import parse_scene, read_scene
+from brownpipe.scene import parse_scene
+from brownpipe.storage.configurations import read_scene
 
 ROOT = Path(__file__).parent.parent
 FOR_EVER = np.array([1e9])

@@ -25,7 +25,8 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.timestep import COLLISIONS, Settings
 from brownpipe.engines.timestep import simulation as timestep
-from brownpipe.scene import parse_scene, read_scene
+from brownpipe.scene import parse_scene
+from brownpipe.storage.configurations import read_scene
 from brownpipe.tradeoff.compare import APART, departure_time
 
 STEPS = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)

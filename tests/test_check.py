@@ -15,7 +15,8 @@ from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.start.placement import ALL_FAIL, SOME_FAIL, crowding
 from brownpipe.errors import RequestError
-from brownpipe.scene import parse_scene, read_scene
+from brownpipe.scene import parse_scene
+from brownpipe.storage.configurations import read_scene
 from brownpipe.study.check import describe_scene_or_study
 
 CONFIG = Path(__file__).parent.parent / "config"

@@ -20,8 +20,9 @@ import forked
 from brownpipe.cli import main
 from brownpipe.errors import DONE
 from brownpipe.observables import OBSERVABLES
-from brownpipe.scene import Scene, read_scene
+from brownpipe.scene import Scene
 from brownpipe.scene.reading import read_yaml
+from brownpipe.storage.configurations import read_scene
 from brownpipe.study import Study, read_study
 
 ROOT = Path(__file__).parent.parent

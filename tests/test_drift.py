@@ -17,7 +17,8 @@ from brownpipe.figures.cases import cases_of, drifts, title_of
 from brownpipe.figures.summary import answer, summary
 from brownpipe.inspection import reports
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
-from brownpipe.scene import parse_scene, read_scene
+from brownpipe.scene import parse_scene
+from brownpipe.storage.configurations import read_scene
 from brownpipe.storage.trajectories import Trajectories
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"

@@ -16,8 +16,8 @@ from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RunError
 from brownpipe.figures.summary import summary
 from brownpipe.inspection.reports import failed_runs
 from brownpipe.provenance import ANALYSIS_PACKAGES, PACKAGES, versions
-from brownpipe.scene import read_scene
 from brownpipe.storage import trajectories
+from brownpipe.storage.configurations import read_scene
 from brownpipe.storage.datasets import write_dataset
 from brownpipe.storage.files import write_checkpoint
 from brownpipe.storage.layout import described

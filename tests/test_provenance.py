@@ -14,7 +14,8 @@ from brownpipe.cli import main
 from brownpipe.errors import DONE, WRONG_REQUEST
 from brownpipe.figures import origin
 from brownpipe.provenance import PACKAGE
-from brownpipe.scene import parse_scene, read_scene
+from brownpipe.scene import parse_scene
+from brownpipe.storage.configurations import read_scene
 from brownpipe.storage.datasets import commit_of, read_dataset
 from brownpipe.storage.files import seal_of
 from brownpipe.storage.trajectories import read_trajectories

@@ -14,7 +14,8 @@ from brownpipe.engines import Engine, engine_of_request
 from brownpipe.errors import DONE, WRONG_REQUEST, RequestError
 from brownpipe.figures.origin import read_record
 from brownpipe.report import replay
-from brownpipe.scene import parse_scene, read_scene
+from brownpipe.scene import parse_scene
+from brownpipe.storage.configurations import read_scene
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
 from ensembles import make_scene
 

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from brownpipe.engines.exact import layout
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.errors import RequestError
-from brownpipe.scene import Scene, Species, parse_scene, read_scene
+from brownpipe.scene import Scene, Species, parse_scene
 from brownpipe.scene.reading import read_yaml, yaml_text
+from brownpipe.storage.configurations import read_scene
 
 CONFIG = Path(__file__).parent.parent / "config"
 BOX = {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": "reflecting"}

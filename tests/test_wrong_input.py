@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 import brownpipe as bp
 from brownpipe.cli import main
 from brownpipe.errors import WRONG_REQUEST, RequestError
-from brownpipe.scene import Scene, read_scene
+from brownpipe.scene import Scene
 from brownpipe.scene.reading import read_yaml, yaml_text
+from brownpipe.storage.configurations import read_scene
 from brownpipe.study import read_study
 
 CONFIG = Path(__file__).parent.parent / "config"

@@ -17,7 +17,8 @@ import numpy as np
 
 from brownpipe import simulate
 from brownpipe.engines.friction import bath_of, friction_rate, partners_of
-from brownpipe.scene import Scene, read_scene
+from brownpipe.scene import Scene
+from brownpipe.storage.configurations import read_scene
 
 SCENES = ("harrison2020", "harrison2020_thermal")
 PARTICLES, TRACERS, EXACT_RUNS = 150, 60_000, 20_000

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     )
     from brownpipe.interface import (
         Columns,
+        Configuration,
         Estimator,
         Figure,
         Scene,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
         mean,
         open,
         plot,
+        read_configuration,
         read_scene,
         run,
         save,
@@ -50,6 +52,7 @@ __all__ = [
 ]
 __all__ += [
     "Columns",
+    "Configuration",
     "Definition",
     "Estimator",
     "Figure",
@@ -59,6 +62,7 @@ __all__ += [
     "mean",
     "open",
     "plot",
+    "read_configuration",
     "read_scene",
     "run",
     "save",

@@ -37,12 +37,15 @@ from brownpipe.needs import FIGURES
 from brownpipe.observables.own import observable_name
 from brownpipe.processes import calculated
 from brownpipe.provenance import source_digest
+from brownpipe.scene import Box, parse_scene
 from brownpipe.scene import Scene as SceneRecord
-from brownpipe.scene import parse_scene
-from brownpipe.scene import read_scene as scene_of_file
-from brownpipe.scene.reading import AtLeastOne, Positive, did_you_mean, plain, read_yaml, validated
+from brownpipe.scene.configuration import Configuration
+from brownpipe.scene.reading import AtLeastOne, Document, Positive, did_you_mean, plain, validated
 from brownpipe.scene.seeds import Seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
+from brownpipe.storage.configurations import read_configuration as configuration_in
+from brownpipe.storage.configurations import read_scene as scene_of_file
+from brownpipe.storage.configurations import read_scene_file, with_disks_of_file
 from brownpipe.storage.datasets import read_contents, read_dataset, write_dataset
 from brownpipe.storage.files import refuse_foreign
 from brownpipe.storage.store import runs_digest, seeds_without_file, stored_runs
@@ -78,8 +81,8 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     """Return a scene from the keys of a scene file, as `read_scene` does from the file.
 
     box: {"x": (low, high), "y": (low, high), "boundary": "reflecting" or "periodic"} [length].
-    disks: {"tracer": ..., "species": [...]}, or a list of disks with position, velocity, radius and
-    mass.
+    disks: {"tracer": ..., "species": [...]}, a list of disks with position, velocity, radius and
+    mass, {"file": "start.csv"}, or {"configuration": Configuration(...)}.
     duration, sample_interval: [time].
     samples: {"per_decade": n, "first": t}, logarithmic sample times instead of the interval.
     particles: total number of disks.
@@ -95,8 +98,8 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
 
     Raises RequestError for anything that `read_scene` refuses.
     """
-    keys = {key: plain(value) for key, value in locals().items() if key != "name"}
-    return parse_scene(keys, "Scene", name=name)
+    keys = Document({key: plain(value) for key, value in locals().items() if key != "name"})
+    return parse_scene(with_disks_of_file(keys, "Scene", Path()), "Scene", name=name)
 
 
 def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
@@ -105,6 +108,33 @@ def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
     Raises RequestError for anything wrong with the file or the scene.
     """
     return scene_of_file(validated(Path, path, key="path"), plain(particles))
+
+
+def read_configuration(
+    path: str | Path,
+    *,
+    box: Mapping | None = None,
+    seed: int | None = None,
+    time: float | None = None,
+) -> Configuration:
+    """Return the disks in a file: positions (N, 2) [length], velocities (N, 2) [length/time] or
+    None, radii (N,) [length] and masses (N,), and names of species.
+
+    path: CSV with the columns x, y, radius, mass (and vx, vy, species), extended XYZ, GSD, or runs
+    of brownpipe that recorded all disks (.h5).
+    box: as in `Scene`; a file with another one is refused.
+    seed, time [time]: of the run and the sample in the file; by default its first whole run, and
+    the last sample.
+
+        disks = bp.read_configuration("runs.h5", seed=3)
+        heavy = bp.Scene(box=box, disks={"configuration": disks, "tracer": {"mass": 30.0}}, ...)
+
+    Raises RequestError for a file that cannot be read, lacks a column, or has numbers that no disk
+    can have.
+    """
+    known_box = None if box is None else validated(Box, plain(box), key="box")
+    file = validated(Path, path, key="path")
+    return configuration_in(file, known_box, plain(seed), plain(time))
 
 
 def simulate(
@@ -248,7 +278,7 @@ def scan(
         where = "scene"
     else:  # the file's own box may be too small for its disks, if a packing fraction is varied
         name = None
-        mapping = read_yaml(validated(Path, scene, key="scene"))
+        mapping = read_scene_file(validated(Path, scene, key="scene"))
         where = str(scene)
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")

@@ -10,7 +10,6 @@ from brownpipe.scene.scene import (
     Tracer,
     Velocities,
     parse_scene,
-    read_scene,
 )
 
-__all__ = ["Box", "Disk", "Scene", "Species", "Tracer", "Velocities", "parse_scene", "read_scene"]
+__all__ = ["Box", "Disk", "Scene", "Species", "Tracer", "Velocities", "parse_scene"]

@@ -60,6 +60,15 @@ def with_names(configuration: Configuration) -> Configuration:
     return configuration._replace(names=names, species_index=kind_of_disk)
 
 
+def named(configuration: Configuration, name_of_disk: np.ndarray) -> Configuration:
+    """Return a configuration whose disks have these names (N,) of species."""
+    present, first, index = np.unique(name_of_disk, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    names = tuple(str(name) for name in present[order])
+    species_index = np.argsort(order)[index.reshape(-1)]
+    return configuration._replace(names=names, species_index=species_index)
+
+
 def in_order_of_appearance(label: np.ndarray) -> np.ndarray:
     """Return labels (N,) int64 numbered in the order in which they first appear.
 
@@ -84,6 +93,21 @@ def with_own_species(configuration: Configuration) -> Configuration:
     species_index = rank[index]
     species_index[0] = 0
     return others._replace(names=(TRACER, *names), species_index=species_index)
+
+
+def csv_text(configuration: Configuration) -> str:
+    """Return a configuration as a table with a heading, every digit of its numbers."""
+    titles = ["x", "y", "radius", "mass"]
+    columns = [*configuration.position.T, configuration.radius, configuration.mass]
+    if configuration.velocity is not None:
+        titles += ["vx", "vy"]
+        columns += [*configuration.velocity.T]
+    texts = [[repr(value) for value in values.tolist()] for values in columns]
+    if configuration.names:
+        titles.append("species")
+        texts.append([configuration.names[k] for k in configuration.species_index.tolist()])
+    lines = [",".join(titles), *map(",".join, zip(*texts, strict=True))]
+    return "\n".join(lines) + "\n"
 
 
 # -- as keys of a scene ----------------------------------------------------------------------------

@@ -200,7 +200,15 @@ def write_yaml(path: Path, mapping: dict) -> None:
     Raises RequestError for a file with other contents, which is left as it is, and if the file
     cannot be written.
     """
-    text = yaml_text(mapping)
+    write_text(path, yaml_text(mapping))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, unless there is one of these contents already.
+
+    Raises RequestError for a file with other contents, which is left as it is, and if the file
+    cannot be written.
+    """
     try:
         if path.exists() and path.read_bytes() == text.encode():
             return
@@ -219,6 +227,7 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False), NO_MINUS_ZERO
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0), NO_MINUS_ZERO]
 Pair = tuple[Number, Number]
+SeedNumber = Annotated[int, Field(strict=True, ge=0)]
 AtLeastOne = Annotated[int, Field(strict=True, ge=1)]
 Count = Annotated[int, Field(strict=True, ge=0, le=10_000_000)]
 Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
@@ -307,8 +316,11 @@ def plain(value: Any) -> Any:
     """Return a value as a YAML file would give it: lists and mappings of Python's numbers instead
     of NumPy's.
 
-    A section becomes the mapping of its given keys.
+    A section becomes the mapping of its given keys. A record, such as a configuration, is left as
+    it is.
     """
+    if isinstance(value, tuple) and type(value) is not tuple:
+        return value
     if isinstance(value, Section):
         value = value.model_dump(exclude_unset=True)
     if isinstance(value, np.ndarray | np.generic):

@@ -31,6 +31,7 @@ from brownpipe.scene.configuration import (
     TRACER,
     Configuration,
     ConfigurationKey,
+    csv_text,
     encoded,
     with_names,
     with_own_species,
@@ -195,7 +196,7 @@ class GivenDisks(Section):
     file: Annotated[str, Field(min_length=1)] | None = key(
         "CSV, extended XYZ, GSD or runs of brownpipe (.h5), relative to the scene file", None
     )
-    seed: Annotated[int, Field(strict=True, ge=0)] | None = key(
+    seed: reading.SeedNumber | None = key(
         "of the run in a file of runs (default: the first whole one)", None
     )
     time: reading.Number | None = key("of the sample in a file [time] (default: the last)", None)
@@ -495,17 +496,13 @@ class Scene(Section):
         number = len(given.radius)
         if not number:
             return
-        is_list = isinstance(self.disks, tuple)
         smallest = int(given.radius.argmin())
         largest = int(given.radius.argmax())
         for k in (smallest, largest):
-            path = ("disks", k, "radius") if is_list else ("disks", f"disk {k}", "radius")
-            self._check_radius(float(given.radius[k]), *path)
+            self._check_radius(float(given.radius[k]), "disks", k, "radius")
         outside = _first_outside(self.box, given.position, given.radius)
         if outside is not None:
-            k = outside.disk
-            path = ("disks", k, "position") if is_list else ("disks", f"disk {k}", "position")
-            refuse(outside.problem, *path)
+            refuse(outside.problem, "disks", outside.disk, "position")
 
     def _check_radius(self, radius: float, *path: str | int) -> None:
         """Refuse a radius that does not fit, or vanishes in round-off.
@@ -671,13 +668,15 @@ class Scene(Section):
         """Return a scene with other values of some keys, which may be paths like disks.tracer.mass,
         or another name.
         """
+        refuse_other_file(keys)
         return parse_scene(
             reading.with_values(self.given, reading.plain(keys)), "", name=name or self.name
         )
 
     def save(self, path: str | Path) -> None:
         """Write the keys that were given to a scene file (YAML), of which `read_scene` makes an
-        equal scene; its name is that of the file.
+        equal scene; its name is that of the file. Disks of a file are in a file beside it,
+        NAME_disks.csv.
 
         path: must end in .yaml or .yml. Raises RequestError, also for a file that is there and has
         other contents.
@@ -688,7 +687,16 @@ class Scene(Section):
         if file.suffix not in (".yaml", ".yml"):
             raise RequestError(f"path: {file}: must end in .yaml or .yml")
         reading.validated(SceneName, file.stem, key="path")
-        reading.write_yaml(file, reading.plain(self.given))
+        keys = reading.plain(self.given)
+        if isinstance(self.disks, GivenDisks):
+            assert self.disks.configuration is not None
+            table = file.with_name(f"{file.stem}_disks.csv")
+            disks = keys["disks"]
+            for key_of_file in ("configuration", "file", "seed", "time"):
+                disks.pop(key_of_file, None)
+            reading.write_text(table, csv_text(self.disks.configuration))
+            keys["disks"] = {"file": table.name, **disks}
+        reading.write_yaml(file, keys)
 
     def as_mapping(self) -> dict:
         """Return the scene as a mapping like that of a scene file, with every default written
@@ -756,14 +764,6 @@ class Scene(Section):
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
-def read_scene(path: str | Path, particles: int | None = None) -> Scene:
-    """Return the scene of a YAML file, with `particles` disks in total if that is given.
-
-    Raises RequestError, one line, for anything wrong with the file or the scene.
-    """
-    return parse_scene(reading.read_yaml(path), str(path), particles)
-
-
 def parse_scene(
     mapping: Any, where: str, particles: int | None = None, name: str | None = None
 ) -> Scene:
@@ -786,6 +786,13 @@ def parse_scene(
         name = Path(where).stem
     scene._name = reading.validated(SceneName, name, where, "name")
     return scene
+
+
+def refuse_other_file(values: Mapping[str, Any]) -> None:
+    """Refuse another file, seed or time of disks in place of one that was read."""
+    for path in ("disks.file", "disks.seed", "disks.time"):
+        if path in values:
+            raise RequestError(f"{path}: must be in a scene of its own, as the file is read once")
 
 
 class Outside(NamedTuple):
@@ -856,7 +863,7 @@ def _listed(disks: tuple[Disk, ...], has_velocities: bool) -> Configuration:
 def _with_changes(disks: GivenDisks, has_velocities: bool) -> Configuration:
     """Return the disks of a file with the keys that replace those in it."""
     if disks.configuration is None:
-        refuse("must be the path of a file that was read, as read_scene does", "disks", "file")
+        refuse("must be in a scene file, or in a new Scene, which read it", "disks", "file")
     given = disks.configuration
     if has_velocities and given.velocity is None and len(given.radius):
         refuse("missing; must be given, as the disks have none", "velocities")

@@ -27,7 +27,7 @@ from brownpipe.scene.reading import (
     validated,
     with_values,
 )
-from brownpipe.scene.scene import Scene, parse_scene, scaled_disks
+from brownpipe.scene.scene import Scene, parse_scene, refuse_other_file, scaled_disks
 
 PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
@@ -108,6 +108,7 @@ def scene_with(
     """
     words = [f"{short_name(path)}={_word(value)}" for path, value in values.items()]
     name = ",".join([name or Path(where).stem, *words])
+    refuse_other_file(values)
     keys = dict(values) if particles is None else {**values, "particles": particles}
     phi = keys.pop(PACKING_FRACTION, None)
     is_below_equilibrate = any(path.startswith("equilibrate.") for path in keys)

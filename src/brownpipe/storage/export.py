@@ -207,11 +207,14 @@ def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], 
     titles = ["seed", "time", "disk", "species"]
     for name in recorded:
         titles += TITLES[name]
+    titles += ["radius", "mass"]
     with open(path, "w", encoding="ascii") as file:
         file.write(f"{','.join(titles)}\n")
         for seed, track in tracks.items():
             for k, time in enumerate(times.tolist()):
-                rows = _rows(scene, *(getattr(track, name)[k] for name in recorded))
+                columns = [getattr(track, name)[k] for name in recorded]
+                number = len(columns[0])
+                rows = _rows(scene, *columns, scene.radius[:number], scene.mass[:number])
                 for disk, row in enumerate(rows):
                     file.write(f"{seed},{time},{disk},{','.join(row)}\n")
 

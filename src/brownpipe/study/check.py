@@ -16,7 +16,7 @@ from brownpipe.report.description import (
     velocities_in_words,
 )
 from brownpipe.scene import Scene, motion, parse_scene
-from brownpipe.scene.reading import read_yaml
+from brownpipe.storage.configurations import read_scene_file
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import RunSet, describe_workload, run_sets
 from brownpipe.study.trial import refuse_mistakes
@@ -27,7 +27,7 @@ def describe_scene_or_study(path: str, particles: int | None = None) -> str:
     """Return a description of the scene or study in a file. Raises RequestError for any mistake in
     it.
     """
-    mapping = read_yaml(path)
+    mapping = read_scene_file(path)
     study_keys = Study.model_fields.keys() - Scene.model_fields.keys()
     if "box" not in mapping and mapping.keys() & study_keys:
         replaced = {} if particles is None else {"particles": particles}

@@ -47,6 +47,7 @@ from brownpipe.scene.reading import (
 )
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds
 from brownpipe.scene.variation import Vary, combinations, is_number, scene_with
+from brownpipe.storage.configurations import read_scene_file
 from brownpipe.text import shell_path
 
 REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
@@ -260,7 +261,7 @@ class Study(Section):
             path = folder / text
             paths[stem] = path
             try:
-                mapping = reading.read_yaml(path)
+                mapping = read_scene_file(path)
                 for values in combinations(self.vary, self.vary_together):
                     sizes = [scene_with(mapping, str(path), values, count) for count in counts]
                     cases += sizes

@@ -24,9 +24,10 @@ from brownpipe.observables import OBSERVABLES
 from brownpipe.observables.own import identity
 from brownpipe.provenance import made_with
 from brownpipe.scene import Scene
-from brownpipe.scene.reading import Count, Positive, read_yaml, validated
+from brownpipe.scene.reading import Count, Positive, validated
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds, seed_text
 from brownpipe.scene.variation import scene_with
+from brownpipe.storage.configurations import read_scene_file
 from brownpipe.storage.files import read_checkpoint, remove_checkpoint, write_checkpoint
 from brownpipe.storage.store import runs_digest
 from brownpipe.storage.trajectories import write_trajectories
@@ -119,9 +120,8 @@ def simulate_to_file(arguments: Namespace) -> int:
     engine = engine_of(arguments)
     record = read_record(arguments.record, "--record")
     seeds = validated(Seeds, arguments.seeds, key="seeds")
-    scene = scene_with(
-        read_yaml(arguments.scene), arguments.scene, dict(arguments.values), arguments.particles
-    )
+    mapping = read_scene_file(arguments.scene)
+    scene = scene_with(mapping, arguments.scene, dict(arguments.values), arguments.particles)
     measures: dict[str, Any] = {
         "observables": tuple(arguments.observables),
         "average": arguments.average,

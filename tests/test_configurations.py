@@ -1,0 +1,289 @@
+"""Disks of a file: what our exports hold is read back, and so is what other programs write."""
+
+import json
+
+import numpy as np
+import pytest
+
+import brownpipe as bp
+from brownpipe.cli import main
+from brownpipe.errors import RequestError
+from brownpipe.scene import parse_scene
+from brownpipe.scene.configuration import Configuration
+from brownpipe.scene.scene import Box
+from brownpipe.storage.configurations import read_configuration, read_scene
+
+BOX = {"x": [-2.0, 8.0], "y": [1.0, 9.0], "boundary": "periodic"}
+EQUILIBRATED = """\
+box: {x: [-2.0, 8.0], y: [1.0, 9.0], boundary: periodic}
+disks:
+  tracer: {radius: 0.6, mass: 3.0}
+  species:
+    - {name: small, count: 20, radius: 0.2, mass: 0.5}
+    - {name: large, count: 10, radius: 0.4, mass: 2.0}
+velocities: {temperature: 1.5}
+duration: 2.0
+sample_interval: 0.5
+"""
+BRANCH = """\
+box: {x: [-2.0, 8.0], y: [1.0, 9.0], boundary: periodic}
+disks: {file: FILE}
+velocities: {temperature: 1.5}
+duration: 1.0
+sample_interval: 0.5
+"""
+TABLE = "x,y,radius,mass\n0,2,0.5,1\n2,2,0.5,1\n4,2,0.25,2\n"
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """The folder of two runs, and of the end of the second in three formats."""
+    folder = tmp_path_factory.mktemp("exported")
+    (folder / "fluid.yaml").write_text(EQUILIBRATED)
+    runs = str(folder / "runs.h5")
+    scene = str(folder / "fluid.yaml")
+    assert main(["simulate", scene, "--seeds", "3-4", "--record", "all", "--output", runs]) == 0
+    for form in ("csv", "xyz", "gsd"):
+        output = str(folder / f"disks.{form}")
+        assert main(["export", runs, "--to", form, "--seed", "4", "--output", output]) == 0
+    return folder
+
+
+def end_of(folder, seed=4, time=2.0):
+    """Position and velocity of all disks as the file of runs has them."""
+    disks = bp.open(folder / "runs.h5").disks.sel(seed=seed, time=time)
+    return disks.position.values, disks.velocity.values
+
+
+@pytest.mark.parametrize("form", ["h5", "csv", "xyz", "gsd"])
+def test_what_is_exported_is_read_back(exported, form):
+    path = exported / ("runs.h5" if form == "h5" else f"disks.{form}")
+    seed = 4 if form in ("h5", "csv") else None
+    disks = read_configuration(path, Box(**BOX), seed)
+    position, velocity = end_of(exported)
+    expected = read_scene(exported / "fluid.yaml")
+    if form == "gsd":  # single precision
+        assert np.abs(disks.position - position).max() < 1e-6
+        np.testing.assert_allclose(disks.velocity, velocity, rtol=1e-6)
+        np.testing.assert_allclose(disks.radius, expected.radius, rtol=1e-7)
+    else:
+        assert np.array_equal(disks.position, position)
+        assert np.array_equal(disks.velocity, velocity)
+        assert np.array_equal(disks.radius, expected.radius)
+    assert np.array_equal(disks.mass, expected.mass)
+    assert disks.names == ("tracer", "small", "large")
+    assert disks.species_index.tolist() == [0] + 20 * [1] + 10 * [2]
+
+
+@pytest.mark.parametrize("form", ["h5", "csv", "xyz", "gsd"])
+def test_a_sample_is_chosen_by_its_time(exported, form):
+    path = exported / ("runs.h5" if form == "h5" else f"disks.{form}")
+    seed = 4 if form in ("h5", "csv") else None
+    disks = read_configuration(path, Box(**BOX), seed, time=0.5)
+    position, _ = end_of(exported, time=0.5)
+    assert np.abs(disks.position - position).max() < 1e-6
+    with pytest.raises(RequestError, match=r"time: must be one of 0, 0\.5, 1, 1\.5, 2, not 0\.7"):
+        read_configuration(path, Box(**BOX), seed, time=0.7)
+
+
+def test_runs_branch_from_one_state(exported, tmp_path):
+    """Positions are those of the file for each seed, velocities are drawn, masses replaced."""
+    file = f"{exported / 'runs.h5'}, tracer: {{mass: 30.0}}"
+    (tmp_path / "branch.yaml").write_text(BRANCH.replace("FILE", file))
+    scene = bp.read_scene(tmp_path / "branch.yaml")
+    assert scene.mass[0] == 30.0
+    assert scene.has_tracer
+    runs = bp.simulate(scene, 5, record=["all"], quiet=True)
+    result = bp.analyse(runs)
+    assert float(result.msd_standard_error.isel(time=-1).squeeze()) > 0
+    position, _ = end_of(exported, seed=3)
+    start = runs.disks.isel(time=0)
+    assert start.sizes["seed"] == 5
+    for seed in range(5):
+        assert np.array_equal(start.position.sel(seed=seed), position)
+    first, second = (start.velocity.sel(seed=seed).values for seed in (0, 1))
+    assert not np.allclose(first, second)
+    momentum = (scene.mass[:, None] * first).sum(axis=0)
+    assert np.abs(momentum).max() < 1e-12
+
+
+def test_velocities_of_the_file_are_used_if_the_scene_draws_none(exported, tmp_path):
+    text = BRANCH.replace("velocities: {temperature: 1.5}\n", "")
+    (tmp_path / "on.yaml").write_text(text.replace("FILE", str(exported / "disks.csv, seed: 4")))
+    scene = bp.read_scene(tmp_path / "on.yaml")
+    run = bp.simulate(scene, record=["all"], quiet=True)
+    position, velocity = end_of(exported)
+    start = run.disks.isel(seed=0, time=0)
+    assert np.array_equal(start.position, position)
+    assert np.array_equal(start.velocity, velocity)
+    with pytest.raises(RequestError, match="seeds: must be one seed"):
+        bp.simulate(scene, 2, quiet=True)
+
+
+def test_runs_depend_on_the_contents_of_the_file_not_on_its_name(tmp_path):
+    (tmp_path / "a.csv").write_text(TABLE)
+    (tmp_path / "b.csv").write_text(TABLE.replace("0,2,", "0.0, 2e0,"))
+    (tmp_path / "c.csv").write_text(TABLE.replace("0,2,", "0.1,2,"))
+    digests = []
+    for name in "abc":
+        (tmp_path / "scene.yaml").write_text(BRANCH.replace("FILE", f"{name}.csv"))
+        digests.append(read_scene(tmp_path / "scene.yaml").digest)
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_the_text_of_a_scene_has_its_disks(exported, tmp_path):
+    """So that a file of runs can be read without the file that they began from."""
+    (tmp_path / "branch.yaml").write_text(BRANCH.replace("FILE", str(exported / "disks.xyz")))
+    scene = read_scene(tmp_path / "branch.yaml")
+    again = parse_scene(json.loads(scene.text), "branch.yaml")
+    assert again == scene
+    assert np.array_equal(again.configuration.position, scene.configuration.position)
+    again.save(tmp_path / "saved.yaml")
+    saved = read_scene(tmp_path / "saved.yaml")
+    assert saved.digest == scene.digest
+
+
+def test_the_mass_of_the_tracer_is_varied(exported, tmp_path):
+    (tmp_path / "branch.yaml").write_text(BRANCH.replace("FILE", str(exported / "runs.h5")))
+    result = bp.scan(
+        tmp_path / "branch.yaml", {"disks.tracer.mass": [1.0, 30.0]}, seeds=3, quiet=True
+    )
+    assert result.tracer_mass.values.tolist() == [1.0, 30.0]
+    assert np.isfinite(result.msd).all()
+
+
+def test_a_gsd_of_another_program(tmp_path):
+    hoomd = pytest.importorskip("gsd.hoomd")
+    frame = hoomd.Frame()
+    frame.particles.N = 2
+    frame.particles.position = [[-1.0, 0.0, 0.0], [1.0, 0.5, 0.0]]
+    frame.configuration.box = [10, 8, 0, 0, 0, 0]
+    with hoomd.open(str(tmp_path / "other.gsd"), "w") as trajectory:
+        trajectory.append(frame)
+    disks = read_configuration(tmp_path / "other.gsd", Box(**BOX))
+    assert disks.position.tolist() == [[2.0, 5.0], [4.0, 5.5]]
+    assert disks.radius.tolist() == [0.5, 0.5]
+    assert disks.mass.tolist() == [1.0, 1.0]
+    assert disks.names == ("A",)
+    with pytest.raises(RequestError, match="box: must be that of the scene, 9 x 8, not 10 x 8"):
+        read_configuration(tmp_path / "other.gsd", Box(x=[0.0, 9.0], y=[0.0, 8.0]))
+
+
+def test_momenta_and_species_of_ase(tmp_path):
+    text = (
+        '2\nLattice="10 0 0 0 8 0 0 0 1" Properties=species:S:1:pos:R:3:masses:R:1:momenta:R:3:'
+        'radius:R:1 pbc="T T F"\n'
+        "Ar 0.5 2.0 0 2.0 4.0 -1.0 0 0.3\nNe 3.5 2.0 0 1.0 0.5 1.0 0 0.2\n"
+    )
+    (tmp_path / "ase.extxyz").write_text(text)
+    disks = read_configuration(tmp_path / "ase.extxyz")
+    assert disks.velocity.tolist() == [[2.0, -0.5], [0.5, 1.0]]
+    assert disks.names == ("Ar", "Ne")
+
+
+WRONG_TABLES = {
+    "": "is empty",
+    "x,y,radius\n0,2,0.5\n": "mass: missing; the columns are x, y, radius",
+    "x,y,radius,mass\n0,2,0.5,1\n2,,0.5,1\n": "line 3: y: missing",
+    "x,y,radius,mass\n0,2,0.5,1\n2,nan,0.5,1\n": "line 3: y: must be a number, not nan",
+    "x,y,radius,mass\n0,2,0.5,1\n2,inf,0.5,1\n": "line 3: y: must be a number, not inf",
+    "x,y,radius,mass\n0,two,0.5,1\n": "line 2: y: must be a number, not two",
+    "x,y,radius,mass\n0,2,-0.5,1\n": "radius: must be above 0, not -0.5 (disk 0)",
+    "x,y,radius,mass\n0,2,0.5,0\n": "mass: must be above 0, not 0 (disk 0)",
+    "Some words\nand more.\n": "x: missing; the columns are Some words",
+    "x,y,radius,mass\n0,2,0.5,1,7,8\n": "is no table",
+}
+
+
+@pytest.mark.parametrize("text", WRONG_TABLES)
+def test_wrong_tables(text, tmp_path):
+    (tmp_path / "wrong.csv").write_text(text)
+    with pytest.raises(RequestError) as refused:
+        read_configuration(tmp_path / "wrong.csv")
+    message = str(refused.value)
+    assert message.startswith(f"{tmp_path}/wrong.csv: ")
+    assert WRONG_TABLES[text] in message
+    assert "\n" not in message
+
+
+HEAD = 'Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1 Lattice="10 0 0 0 8 0 0 0 1"'
+WRONG_XYZ = {
+    f"2\n{HEAD}\nA 0 2 0 0.5 1\n": "ends after 1 of 2 disks",
+    f"1\n{HEAD}\nA 0 2 x 0.5 1\n": "line 3: pos-2: must be a number",
+    f"2\n{HEAD}\nA 0 2 0 0.5 1\nA 3 2 1 0.5 1\n": "z: must be the same for all disks",
+    "1\nno properties\nA 0 2 0\n": "line 2: Properties: must have radius",
+    f"1\n{HEAD.replace('10 0', '10 1')}\nA 0 2 0 0.5 1\n": "must be a rectangle along x and y",
+    f"1\n{HEAD.replace('10 0', '12 0')}\nA 0 2 0 0.5 1\n": "must be that of the scene, 10 x 8",
+    "Dear all\n": "line 1: must be the number of disks",
+}
+
+
+@pytest.mark.parametrize("text", WRONG_XYZ)
+def test_wrong_xyz(text, tmp_path):
+    (tmp_path / "wrong.xyz").write_text(text)
+    with pytest.raises(RequestError) as refused:
+        read_configuration(tmp_path / "wrong.xyz", Box(**BOX))
+    assert WRONG_XYZ[text] in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_wrong_files(exported, tmp_path):
+    for name in ("absent.csv", "absent.xyz", "absent.gsd", "absent.h5"):
+        with pytest.raises(RequestError, match=f"{name}: cannot be read: No such file"):
+            read_configuration(tmp_path / name)
+    with pytest.raises(RequestError, match=r"must end in \.csv, "):
+        read_configuration(tmp_path / "disks.txt")
+    for suffix in (".csv", ".xyz", ".gsd", ".h5"):
+        (tmp_path / f"bytes{suffix}").write_bytes(bytes(range(256)) * 9)
+        with pytest.raises(bp.BrownpipeError) as refused:
+            read_configuration(tmp_path / f"bytes{suffix}")
+        assert "\n" not in str(refused.value)
+    with pytest.raises(RequestError, match="holds no run of seed 9"):
+        read_configuration(exported / "runs.h5", seed=9)
+    with pytest.raises(RequestError, match="seed: must not be given"):
+        read_configuration(exported / "disks.xyz", seed=1)
+
+
+@pytest.mark.parametrize(("disks", "problem"), [
+    ("{file: none.csv}", "none.csv: cannot be read: No such file"),
+    ("{file: 3}", "line 2: disks.file: "),
+    ("{file: a.csv, sed: 3}", "line 2: disks.sed: unknown key; did you mean seed?"),
+    ("{file: a.csv, tracer: {count: 3}}", "line 2: disks.tracer.count: unknown key"),
+    ("{file: a.csv, species: {bath: {mass: 3.0}}}", "must be a species of the disks: kind-1"),
+    ("{file: a.csv, tracer: {radius: 9.0}}", "disks[0].radius: must be"),
+    ("{file: a.csv, tracer: {position: [1.5, 2.0]}}", "overlap: the gap between their edges"),
+    ("{file: a.csv, tracer: {position: [11.5, 2.0]}}", "must have the disk inside the box"),
+])  # fmt: skip
+def test_wrong_scenes(disks, problem, tmp_path):
+    (tmp_path / "a.csv").write_text(TABLE)
+    (tmp_path / "scene.yaml").write_text(BRANCH.replace("{file: FILE}", disks))
+    with pytest.raises(RequestError) as refused:
+        read_scene(tmp_path / "scene.yaml")
+    assert problem in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_polydisperse_sample_is_one_species():
+    random = np.random.default_rng(1)
+    x, y = np.meshgrid(np.arange(10) * 1.0 + 0.5, np.arange(10) * 1.0 + 0.5)
+    disks = Configuration(
+        position=np.stack([x.ravel(), y.ravel()], axis=1),
+        velocity=None,
+        radius=random.uniform(0.3, 0.45, 100),
+        mass=random.uniform(1.0, 2.0, 100),
+    )
+    box = {"x": [0, 10], "y": [0, 10], "boundary": "periodic"}
+    scene = bp.Scene(
+        box=box,
+        disks={"configuration": disks},
+        velocities={"temperature": 1.0},
+        equilibrate={"time": 1.0, "tracer": "free"},
+        duration=1.0,
+        sample_interval=0.25,
+    )
+    runs = bp.simulate(scene, 4, observables=["pair_distribution", "species_energy"], quiet=True)
+    result = bp.analyse(runs)
+    assert result.species.values.tolist() == ["disks"]
+    energy = result.species_energy.isel(time=-1).squeeze()
+    error = result.species_energy_standard_error.isel(time=-1).squeeze()
+    assert abs(float(energy) - 1.0) < 5 * float(error) + 0.1
