@@ -43,10 +43,11 @@ def skewed(rng, correlation, runs, others, mean):
     The first runs of both begin alike: their Gaussian displacements have this correlation.
     """
     exact = rng.standard_normal((max(runs, others), 2))
-    mixed = correlation * exact + math.sqrt(1 - correlation**2) * rng.standard_normal(exact.shape)
-    return mean * (mixed[:runs] ** 2).sum(axis=1, keepdims=True) / 2, (exact[:others] ** 2).sum(
-        1, keepdims=True
-    ) / 2
+    independent = rng.standard_normal(exact.shape)
+    mixed = correlation * exact + math.sqrt(1 - correlation**2) * independent
+    approximate_squares = (mixed[:runs] ** 2).sum(axis=1, keepdims=True)
+    exact_squares = (exact[:others] ** 2).sum(axis=1, keepdims=True)
+    return mean * approximate_squares / 2, exact_squares / 2
 
 
 @pytest.mark.slow
@@ -58,58 +59,69 @@ def test_bias_covers_the_truth_in_95_of_100_ensembles(correlation, runs, others)
     once in 3,000.
     """
     rng = np.random.default_rng(1)
-    same = None if correlation == 0.0 else (np.arange(min(runs, others)),) * 2
+    common = np.arange(min(runs, others))
+    pairs = None if correlation == 0.0 else (common, common)
     ensembles = [skewed(rng, correlation, runs, others, 1.1) for _ in range(ENSEMBLES)]
-    found = bias.relative_bias(
-        *map(np.hstack, zip(*ensembles, strict=True)), same
-    )  # each as a quantity of its own
-    assert abs(np.mean((found.low <= 0.1) & (found.high >= 0.1)) - 0.95) < 0.028
+    # each ensemble as a quantity of its own
+    approximate = np.hstack([first for first, _ in ensembles])
+    exact = np.hstack([second for _, second in ensembles])
+    found = bias.relative_bias(approximate, exact, pairs)
+
+    is_covered = (found.low <= 0.1) & (found.high >= 0.1)
+    assert abs(np.mean(is_covered) - 0.95) < 0.028
     # the scatter of 800 values is known to 2.5 % for Gaussian ones; four of that
-    assert np.sqrt(np.mean(np.square(found.standard_error))) == pytest.approx(
-        np.std(found.mean), rel=0.1
-    )
-    assert abs(np.mean(found.mean) - 0.1) < 4 * np.std(found.mean) / math.sqrt(ENSEMBLES)
+    stated = np.sqrt(np.mean(found.standard_error**2))
+    scatter = np.std(found.mean)
+    assert stated == pytest.approx(scatter, rel=0.1)
+    assert abs(np.mean(found.mean) - 0.1) < 4 * scatter / math.sqrt(ENSEMBLES)
 
 
 def test_pairs_and_more_exact_runs_sharpen_the_bias():
     approximate, exact = skewed(np.random.default_rng(2), 0.995, 500, 5000, 1.02)
-    same = (np.arange(500),) * 2
+    common = np.arange(500)
     alone = bias.relative_bias(approximate, exact[:500]).standard_error.item()
     more = bias.relative_bias(approximate, exact).standard_error.item()
-    paired = bias.relative_bias(approximate, exact, same).standard_error.item()
-    assert alone == pytest.approx(
-        math.sqrt(1.02**2 * 2 / 500), rel=0.2
-    )  # exponential: the spread is the mean
-    assert more == pytest.approx(1.02 * math.sqrt(1 / 500 + 1 / 5000), rel=0.2)
+    paired = bias.relative_bias(approximate, exact, (common, common)).standard_error.item()
+    # exponential: the spread is the mean
+    expected_alone = 1.02 * math.sqrt(2 / 500)
+    expected_more = 1.02 * math.sqrt(1 / 500 + 1 / 5000)
     # r^2 of both has the correlation c^2: 1 - c^4 = 0.02 of the variance is left
-    assert paired == pytest.approx(math.sqrt(1.02**2 * 0.02 / 500 + 0.02**2 / 5000), rel=0.25)
+    expected_paired = math.sqrt(1.02**2 * 0.02 / 500 + 0.02**2 / 5000)
+    assert alone == pytest.approx(expected_alone, rel=0.2)
+    assert more == pytest.approx(expected_more, rel=0.2)
+    assert paired == pytest.approx(expected_paired, rel=0.25)
 
 
 def test_a_bias_of_two_runs_of_200_is_not_resolved():
     exact = np.random.default_rng(0).exponential(size=200)
-    rows, few = np.arange(200), np.where(np.arange(200) < 2, 1.01 * exact, exact)
-    found = bias.relative_bias(few, exact, (rows, rows))
-    assert (
-        not bias.is_resolved(found)
-        and 3 < np.sqrt(bias.careful_square(found)) / abs(found.mean) < 9
-    )
+    rows = np.arange(200)
+    two_differ = np.where(rows < 2, 1.01 * exact, exact)
+    found = bias.relative_bias(two_differ, exact, (rows, rows))
+    assert not bias.is_resolved(found)
+    bound = np.sqrt(bias.careful_square(found))
+    assert 3 < bound / abs(found.mean) < 9
 
 
 def test_equal_runs_have_no_bias_and_a_vanishing_mean_has_none_that_is_defined():
     exact = np.random.default_rng(3).exponential(size=(50, 2)) * [1.0, 0.0]
-    one = bias.relative_bias(exact.copy(), exact, (np.arange(50),) * 2)
-    assert abs(one.mean[0]) < 1e-15 and one.standard_error[0] < 1e-15
-    assert np.isnan(one.mean[1]) and not bias.is_resolved(one)[1]
+    rows = np.arange(50)
+    found = bias.relative_bias(exact.copy(), exact, (rows, rows))
+    assert abs(found.mean[0]) < 1e-15
+    assert found.standard_error[0] < 1e-15
+    assert np.isnan(found.mean[1])
+    assert not bias.is_resolved(found)[1]
 
 
 def test_the_part_of_a_square_that_is_scatter_is_taken_off():
-    found = Estimate(*map(np.array, (0.05, 0.03, -0.01, 0.11)))
-    assert not bias.is_resolved(found) and bias.careful_square(found) == 0.11**2
-    assert bias.careful_square(found._replace(low=np.array(0.01))) == pytest.approx(
-        0.05**2 - 0.03**2
-    )
-    assert bias.square(found) == pytest.approx(0.05**2 - 0.03**2)
-    assert bias.square(found._replace(standard_error=np.array(0.06))) == 0.0
+    unresolved = Estimate(*map(np.array, (0.05, 0.03, -0.01, 0.11)))
+    resolved = unresolved._replace(low=np.array(0.01))
+    noisy = unresolved._replace(standard_error=np.array(0.06))
+    without_scatter = pytest.approx(0.05**2 - 0.03**2)
+    assert not bias.is_resolved(unresolved)
+    assert bias.careful_square(unresolved) == 0.11**2
+    assert bias.careful_square(resolved) == without_scatter
+    assert bias.square(unresolved) == without_scatter
+    assert bias.square(noisy) == 0.0
 
 
 # -- distributions ---------------------------------------------------------------------------------
@@ -124,12 +136,10 @@ def distance_of_shares(width, rings=bias.RINGS):
     """Between Rayleigh laws of widths 1 and `width`, in rings that hold equal shares of the
     first.
     """
-    return (
-        np.abs(
-            -np.diff((1 - np.arange(rings) / rings) ** (1 / width**2), append=0.0) - 1 / rings
-        ).sum()
-        / 2
-    )
+    share_outside = 1 - np.arange(rings) / rings
+    wider_outside = share_outside ** (1 / width**2)
+    shares = -np.diff(wider_outside, append=0.0)
+    return np.abs(shares - 1 / rings).sum() / 2
 
 
 @pytest.mark.slow
@@ -138,30 +148,31 @@ def test_distance_of_distributions(width, same, fewer_replicates):
     """An interval that covers in 95 % of the cases misses more than 6 of 40 ensembles once in
     300.
     """
-    rng, truth, pairs = (
-        np.random.default_rng(4),
-        distance_of_shares(width),
-        (np.arange(400),) * 2 if same else None,
-    )
+    rng = np.random.default_rng(4)
+    truth = distance_of_shares(width)
+    rows = np.arange(400)
+    pairs = (rows, rows) if same else None
     found = []
     for _ in range(40):
         exact = radial(rng, 800)
-        own = (
-            np.where(rng.random(800) < 0.9, exact, radial(rng, 800))
-            if same
-            else radial(rng, 800, width)
-        )
+        if same:
+            is_equal = rng.random(800) < 0.9
+            own = np.where(is_equal, exact, radial(rng, 800))
+        else:
+            own = radial(rng, 800, width)
         found.append(bias.total_variation(own[:400], exact, pairs))
     assert sum(one.low <= truth <= one.high for one in found) > 33
     noise = np.mean([one.standard_error for one in found])
     # independent: 400 and 800 runs scatter together like 400 * 800 / 1200 of one
     expected = bias.spread_of_shares() / math.sqrt(400 * 800 / 1200)
-    assert noise == pytest.approx(expected, rel=0.1) if not same else noise < 0.5 * expected
+    if same:
+        assert noise < 0.5 * expected
+    else:
+        assert noise == pytest.approx(expected, rel=0.1)
     values = np.array([one.mean for one in found])
     if width > 1.0:  # squares add up if all rings differ alike; they do not, and a tenth remains
-        assert values.mean() == pytest.approx(
-            truth, abs=0.1 * truth + 4 * values.std() / math.sqrt(40)
-        )
+        standard_error = values.std() / math.sqrt(40)
+        assert values.mean() == pytest.approx(truth, abs=0.1 * truth + 4 * standard_error)
     else:
         assert np.median(values) < 0.5 * noise
 
@@ -170,20 +181,24 @@ def test_largest_deviation_near_contact():
     """Poisson counts of two pairs of species, contact in bins 40 and 60; one is 10 % off in its
     first shell.
     """
-    rng, mean = np.random.default_rng(6), np.zeros((2, 100))
-    mean[0, 40:], mean[1, 60:] = 30.0, 20.0
+    rng = np.random.default_rng(6)
+    mean = np.zeros((2, 100))
+    mean[0, 40:] = 30.0
+    mean[1, 60:] = 20.0
     exact = rng.poisson(mean, (400, 2, 100))
-    shift = mean.copy()
-    shift[1, 60:63] *= 1.1
-    found = bias.contact_deviation(rng.poisson(shift, (200, 2, 100)), exact)
-    assert found.low < 0.1 < found.high and bias.is_resolved(found)
-    assert found.standard_error == pytest.approx(
-        math.sqrt(1.1 / 200 / 60 + 1.1**2 / 400 / 60), rel=0.2
-    )
+    shifted_mean = mean.copy()
+    shifted_mean[1, 60:63] *= 1.1
+    shifted = rng.poisson(shifted_mean, (200, 2, 100))
+    found = bias.contact_deviation(shifted, exact)
+    assert found.low < 0.1 < found.high
+    assert bias.is_resolved(found)
+    pairs_in_shell = 60
+    expected = math.sqrt((1.1 / 200 + 1.1**2 / 400) / pairs_in_shell)
+    assert found.standard_error == pytest.approx(expected, rel=0.2)
+
     same = [bias.contact_deviation(rng.poisson(mean, (100, 2, 100)), exact) for _ in range(40)]
-    assert (
-        sum(map(bias.is_resolved, same)) <= 6
-    )  # of 40 ensembles 5 % may stand out: more than 6 once in 300
+    # of 40 ensembles 5 % may stand out: more than 6 once in 300
+    assert sum(map(bias.is_resolved, same)) <= 6
     assert bias.contact_deviation(exact, 0 * exact) is None
 
 
