@@ -12,7 +12,7 @@ from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import Group, blocks_of, reported
 from brownpipe.analysis.variables import with_intervals
 from brownpipe.engines import Engine
-from brownpipe.engines.ensemble import Ensemble, join_ensembles, select
+from brownpipe.engines.ensemble import Ensemble, select
 from brownpipe.errors import AnalysisError
 from brownpipe.observables.trajectory import displacement
 from brownpipe.scene import Scene
@@ -50,13 +50,47 @@ class EngineRuns(NamedTuple):
 
 
 def read_runs(groups: Sequence[Group]) -> list[EngineRuns]:
-    """Return the runs of groups of trajectory files, `analysis.runs.group_by_case`."""
+    """Return the runs of groups of trajectory files, `analysis.runs.group_by_case`.
+
+    Of each block of runs only what is compared is kept, so that tracks of other disks and further
+    observables are in memory for one block at a time.
+    """
     all_runs = []
     for group in groups:
         contents = group.pattern.contents
-        ensemble = join_ensembles([*blocks_of(group)])
-        all_runs.append(runs_of(contents.scene, contents.engine, ensemble))
+        blocks = [runs_of(contents.scene, contents.engine, block) for block in blocks_of(group)]
+        all_runs.append(join_blocks(blocks))
     return all_runs
+
+
+def join_blocks(blocks: Sequence[EngineRuns]) -> EngineRuns:
+    """Return blocks of runs of one scene and engine, their seeds ascending, as one."""
+    pair_counts = _join_counts(blocks)
+    return blocks[0]._replace(
+        seeds=np.concatenate([block.seeds for block in blocks]),
+        displacement=np.concatenate([block.displacement for block in blocks]),
+        squared=np.concatenate([block.squared for block in blocks]),
+        worst_overlap=np.concatenate([block.worst_overlap for block in blocks]),
+        pair_counts=pair_counts,
+        failed=sum(block.failed for block in blocks),
+    )
+
+
+def _join_counts(blocks: Sequence[EngineRuns]) -> np.ndarray | None:
+    """Return the pair counts (S, P, R) of all blocks: 0 in blocks without, None if all are."""
+    recorded = [block.pair_counts for block in blocks if block.pair_counts is not None]
+    if not recorded:
+        return None
+    _, *shape = recorded[0].shape
+    runs = sum(len(block.seeds) for block in blocks)
+    joined = np.zeros((runs, *shape), recorded[0].dtype)
+    end = 0
+    for block in blocks:
+        start = end
+        end = start + len(block.seeds)
+        if block.pair_counts is not None:
+            joined[start:end] = block.pair_counts
+    return joined
 
 
 def runs_of(
