@@ -15,7 +15,7 @@ from matplotlib.text import Annotation, Text
 
 from brownpipe import cli, inspection, tradeoff
 from brownpipe.analysis.resampling import Estimate
-from brownpipe.engines import EXACT, Engine
+from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import select
 from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
@@ -548,8 +548,8 @@ def test_text_and_table_have_each_number_in_its_column_its_row_and_its_unit(meas
 
 def test_blocks_of_runs_are_joined_in_order_and_one_without_pair_counts_has_none():
     runs = make_runs(make_scene("full"), range(5)).ensemble
-    first = runs_of(make_scene("full"), EXACT, select(runs, slice(0, 2)))
-    second = runs_of(make_scene("full"), EXACT, select(runs, slice(2, 5)))
+    first = runs_of(make_scene("full"), Engine("exact"), select(runs, slice(0, 2)))
+    second = runs_of(make_scene("full"), Engine("exact"), select(runs, slice(2, 5)))
     counted = second._replace(pair_counts=np.arange(1, 13).reshape(3, 2, 2))
     joined = join_blocks([first, counted])
     assert joined.seeds.tolist() == [0, 1, 2, 3, 4]
