@@ -28,6 +28,7 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import Cost
 from brownpipe.engines.langevin import LANGEVIN
+from brownpipe.engines.start.initial_state import separation_in_words
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
 from brownpipe.observables import own, tracer_observables
@@ -108,13 +109,11 @@ class Engine(NamedTuple):
         return self.definition.model(scenes, self.values)
 
     def cautions(self, scene: Scene, observables: Collection[str] = ()) -> list[str]:
-        """Return a line on the limits of the results in a scene, and one on observables that are
-        not measured.
+        """Return a line on the limits of the results in a scene, one on disks that are pushed
+        apart, and one on observables that are not measured.
         """
-        lines = []
-        caution = self.definition.caution(scene)
-        if caution:
-            lines.append(caution)
+        remarks = (self.definition.caution(scene), separation_in_words(scene))
+        lines = [remark for remark in remarks if remark]
         lacking = set(observables) - set(tracer_observables(observables))
         if lacking and not self.moves_all_disks:
             names = ", ".join(sorted(map(own.title_of, lacking)))

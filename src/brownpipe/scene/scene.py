@@ -463,8 +463,7 @@ class Scene(Section):
         if self._overlaps is None:
             return
         number, first, second, gap, depth = self._overlaps
-        pushed = self.disks.push_apart if isinstance(self.disks, GivenDisks) else 0.0
-        if depth <= pushed:
+        if depth <= self.push_apart:
             return
         pair = " and ".join(f"disk {k} at {given.position[k].tolist()}" for k in (first, second))
         problem = f"{pair} overlap: the gap between their edges is {gap:.6g}; must be >= 0"
@@ -500,7 +499,8 @@ class Scene(Section):
         largest = int(given.radius.argmax())
         for k in (smallest, largest):
             self._check_radius(float(given.radius[k]), "disks", k, "radius")
-        outside = _first_outside(self.box, given.position, given.radius)
+        slack = 2 * self.push_apart * given.radius
+        outside = _first_outside(self.box, given.position, given.radius, slack)
         if outside is not None:
             refuse(outside.problem, "disks", outside.disk, "position")
 
@@ -559,6 +559,11 @@ class Scene(Section):
         any.
         """
         return self._overlaps
+
+    @property
+    def push_apart(self) -> float:
+        """By how much given disks may overlap, and be pushed apart [contact distances]."""
+        return self.disks.push_apart if isinstance(self.disks, GivenDisks) else 0.0
 
     @property
     def has_one_state(self) -> bool:
@@ -802,18 +807,21 @@ class Outside(NamedTuple):
     problem: str
 
 
-def _first_outside(box: Box, position: np.ndarray, radius: np.ndarray) -> Outside | None:
+def _first_outside(
+    box: Box, position: np.ndarray, radius: np.ndarray, tolerance: float | np.ndarray = 0.0
+) -> Outside | None:
     """Return the first of N disks at positions (N, 2) that is not inside the box; None if all are.
 
-    Its edge is in a reflecting box, its centre in a periodic one.
+    Its edge is in a reflecting box, its centre in a periodic one. tolerance: by how much each disk
+    may be outside [length].
     """
     margin = np.zeros_like(radius) if box.periodic else radius
     for column, (axis, (low, high)) in enumerate((("x", box.x), ("y", box.y))):
         value = position[:, column]
         if box.periodic:
-            is_inside = (low <= value) & (value < high)
+            is_inside = (low - tolerance <= value) & (value < high + tolerance)
         else:
-            slack = ROUND_OFF * margin + 2 * math.ulp(max(-low, high))
+            slack = tolerance + ROUND_OFF * margin + 2 * math.ulp(max(-low, high))
             is_inside = (low - slack <= value - margin) & (value + margin <= high + slack)
         if not is_inside.all():
             disk = int(np.argmin(is_inside))

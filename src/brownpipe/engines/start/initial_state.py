@@ -7,7 +7,7 @@ lattice.
 
 import math
 from functools import lru_cache
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -28,12 +28,14 @@ from brownpipe.engines.start.placement import JAMMED, is_grown, lattice_sites, o
 from brownpipe.engines.units import State, common_radius
 from brownpipe.errors import PlacementError
 from brownpipe.scene import Scene, motion
+from brownpipe.text import counted
 
 ROOT_SEED = 2020  # of all streams of random numbers; the year of Harrison's note
 BEFORE_GROWTH = 0.4  # packing fraction of the smaller disks that are inserted, and then grow
 # share of the room between disks that they leave to each other when they are pushed apart
 SPARE = 0.1
 MOST_SWEEPS = 5_000  # over all disks
+GAP_LEFT = 1e-10  # in contact distances, between given disks that are pushed apart
 # of the kernel: their random numbers fit the cache; between two calls Python handles Ctrl-C
 TRIES_PER_CALL = 16_000
 
@@ -160,7 +162,7 @@ def place_disks(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     have a place.
     """
     if scene.configuration is not None:
-        return scene.configuration.position.copy()
+        return separated(scene).position.copy()
     if not scene.particles:
         return np.zeros((0, 2))
     if scene.placement == "lattice":
@@ -278,6 +280,72 @@ def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
         f"times (packing fraction {scene.packing_fraction:.3g}); must be fewer or smaller "
         f"disks{other_placements(scene)}"
     )
+
+
+class Separation(NamedTuple):
+    """Given disks after those that overlapped were pushed apart."""
+
+    position: np.ndarray  # (N, 2) centres [length]
+    moved: int  # disks that were moved
+    farthest: float  # that a disk was moved [length]
+
+
+@lru_cache(maxsize=2)
+def separated(scene: Scene) -> Separation:
+    """Return the given disks of a scene; where they may overlap, `push_apart`, the disks that do
+    are pushed apart, and those over an edge of the box are taken into it.
+
+    The others stay where they are. Raises PlacementError if disks still overlap after MOST_SWEEPS.
+    """
+    assert scene.configuration is not None
+    given = scene.configuration.position
+    if not scene.push_apart or not len(given):
+        return Separation(given, 0, 0.0)
+    size = np.array((scene.box.width, scene.box.height))
+    start = given - scene.box.origin
+    inside = _inside(scene, start, size)
+    p = _places(scene, inside.copy(), scene.radius.copy())
+    for _ in range(MOST_SWEEPS):
+        if push_apart(p, -1, 1.0 + GAP_LEFT) == 0 and push_apart(p, -1, 0.0) == 0:
+            break
+    else:
+        raise PlacementError(
+            f"disks: {scene.particles} disks still overlap after they were pushed apart "
+            f"{MOST_SWEEPS} times (packing fraction {scene.packing_fraction:.3g}); must be fewer "
+            "or smaller disks"
+        )
+    step = p.position - start
+    if scene.box.periodic:
+        step -= size * np.rint(step / size)
+    distance = np.hypot(*step.T)
+    is_moved = np.any(p.position != start, axis=1)
+    position = np.where(is_moved[:, None], p.position + scene.box.origin, given)
+    position.flags.writeable = False
+    return Separation(position, int(np.count_nonzero(distance)), float(distance.max()))
+
+
+def _inside(scene: Scene, position: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return centres (N, 2) relative to a corner of the box, those over its edge taken into it."""
+    if not scene.box.periodic:
+        margin = scene.radius[:, None]
+        return np.clip(position, margin, size - margin)
+    wrapped = position - size * np.floor(position / size)
+    return np.where(wrapped < size, wrapped, 0.0)  # round-off of a tiny negative coordinate
+
+
+def separation_in_words(scene: Scene) -> str | None:
+    """Return one line on disks that are pushed apart before the runs; None where there are none."""
+    if scene.configuration is None or not scene.push_apart:
+        return None
+    moved, farthest = separated(scene)[1:]
+    if not moved:
+        return None
+    found = scene.overlaps
+    pairs = (
+        "no pairs overlapped" if found is None else f"{counted(found.number, 'pair')} overlapped"
+    )
+    depth = "" if found is None else f", by {found.depth:.2g} contact distances at most"
+    return f"{scene.name}: {pairs}{depth}; {counted(moved, 'disk')} moved by {farthest:.2g} at most"
 
 
 def _on_lattice(scene: Scene, stream: np.random.Generator) -> np.ndarray:
