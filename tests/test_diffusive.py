@@ -41,7 +41,7 @@ def analysis(scene, seeds, windows=None, **options):
 
 
 def reasons(result, window=0):
-    return diffusive.in_words(result.diffusion_mark[..., window].item())
+    return diffusive.mark_in_words(result.diffusion_mark[..., window].item())
 
 
 def marked_lines(result):
@@ -330,7 +330,7 @@ def test_a_later_window_is_chosen_where_it_shows_that_the_slope_has_ceased_to_ch
 ):
     chosen = diffusive.best_windows(made_up(changes, errors), PAIRS)
     assert chosen.window.values[0] == window
-    assert diffusive.in_words(chosen.diffusion_mark.values[0, 0]) == mark
+    assert diffusive.mark_in_words(chosen.diffusion_mark.values[0, 0]) == mark
 
 
 # -- averages over time origins --------------------------------------------------------------------
@@ -382,4 +382,4 @@ def test_a_slope_that_is_not_told_from_zero_is_untested():
     noise = made_up([0.0] * 5, [0.3] * 5, slope=0.2)
     noise["slope_standard_error"] = noise.slope_standard_error + 0.5
     chosen = diffusive.best_windows(noise, PAIRS)
-    assert diffusive.in_words(chosen.diffusion_mark.values[0, 0]) == "untested"
+    assert diffusive.mark_in_words(chosen.diffusion_mark.values[0, 0]) == "untested"

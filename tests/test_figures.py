@@ -736,7 +736,7 @@ def test_lines_are_those_of_the_dataset_and_their_legend_has_its_numbers(dataset
     line = of["intercept"][0] + of["slope"][0] * np.array([0.1, 1])
     counts = of["expected_counts"]
     models = of["model_diffusion_coefficient"]
-    p = goodness.in_words(of["p_value_joint"][0])
+    p = goodness.p_value_in_words(of["p_value_joint"][0])
     rate = abs(of["vacf_initial_slope"]) / vacf[0]
     rate_error = abs(of["vacf_initial_slope_standard_error"]) / vacf[0]
     decay = cases.plus_minus(rate, rate_error)
@@ -864,7 +864,7 @@ def test_other_tables_have_the_numbers_of_the_dataset(dataset, folder):
         )
         for name in ("diffusion_coefficient", "not_diffusive_before"):
             assert float(row[name]) == fitted[name].item()
-        assert row["mark"] == diffusive.in_words(fitted.diffusion_mark.item())
+        assert row["mark"] == diffusive.mark_in_words(fitted.diffusion_mark.item())
     drifts = [row for row in of_hot["health"] if row["measure"] == "energy_drift"]
     worst = next(row for row in drifts if row["particles"] == "20")
     for share, column in ((0.05, "5 %"), (0.95, "95 %"), (1.0, "greatest")):

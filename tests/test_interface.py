@@ -474,7 +474,7 @@ def test_a_table_has_a_row_for_each_case_in_the_order_given(runs):
         and (table.not_diffusive_before == result.not_diffusive_before.values.ravel()).all()
     )
     marks = result.diffusion_mark[..., 0].values.ravel()
-    assert table.mark.tolist() == [diffusive.in_words(mark) for mark in marks]
+    assert table.mark.tolist() == [diffusive.mark_in_words(mark) for mark in marks]
     assert [*result.data_vars][:3] == ["msd", "diffusion_coefficient", "compressibility"]
     assert [*result.data_vars][-1] == "run_status"
 

@@ -128,7 +128,7 @@ def row(trial: Trial) -> str:
             result = bp.analyse(study, fit_windows=windows, quiet=True)
             mark = result.diffusion_mark.values.ravel()[0]
             marks.append(mark)
-            reasons.update(filter(None, diffusive.in_words(mark).split(", ")))
+            reasons.update(filter(None, diffusive.mark_in_words(mark).split(", ")))
         counts.append(np.count_nonzero(marks))
     cells = (trial.title, f"{trial.studies} of {trial.runs} runs", *map(str, counts))
     return f"| {' | '.join(cells)} | {', '.join(sorted(reasons))} |"

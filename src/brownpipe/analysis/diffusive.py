@@ -113,10 +113,10 @@ def _quantile(runs: "DataArray") -> "DataArray":
     return runs.copy(data=stdtrit(freedom, 1 - LEVEL))
 
 
-def in_words(mark: int) -> str:
+def mark_in_words(mark: int) -> str:
     """Return the reasons of a mark in words; "" without a mark.
 
-    >>> in_words(WALLS | EARLY)
+    >>> mark_in_words(WALLS | EARLY)
     'walls, early'
     """
     return ", ".join(name.replace("_", " ") for bit, name in REASONS.items() if mark & bit)

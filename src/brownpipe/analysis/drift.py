@@ -117,7 +117,7 @@ def time_to_try(scene: Scene) -> float:
     return float(f"{longer:.1g}")
 
 
-def in_words(drift: Drift, to_try: float) -> str:
+def drift_in_words(drift: Drift, to_try: float) -> str:
     """Return what drifts within the runs, and the equilibrate.time to try; empty if nothing
     does.
     """

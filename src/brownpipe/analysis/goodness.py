@@ -149,10 +149,10 @@ def kurtosis_p_value(kurtosis: float, runs: int) -> float:
 # --- multiple tests
 
 
-def in_words(p: float) -> str:
+def p_value_in_words(p: float) -> str:
     """Return a p-value with two digits, and `p < 1e-06` where the number is not reliable.
 
-    >>> in_words(0.312), in_words(0.002), in_words(1e-9)
+    >>> p_value_in_words(0.312), p_value_in_words(0.002), p_value_in_words(1e-9)
     ('p = 0.31', 'p = 0.0020', 'p < 1e-06')
     """
     if p < LEAST:

@@ -172,12 +172,12 @@ def _groups_that_fit(cases: list[Dataset], keys: Sequence[str]) -> list[list[Dat
     choices = [keys, *([*keys, name] for name in further)]
     groupings = []
     for names in choices:
-        groups = [*_grouped(cases, partial(in_words, names=names)).values()]
+        groups = [*_grouped(cases, partial(labels_in_words, names=names)).values()]
         if all(map(_fits, groups)):
             groupings.append(groups)
     if groupings:
         return min(groupings, key=len)
-    return [*_grouped(cases, partial(in_words, names=[*keys, *further])).values()]
+    return [*_grouped(cases, partial(labels_in_words, names=[*keys, *further])).values()]
 
 
 def _fits(group: list[Dataset]) -> bool:
@@ -201,8 +201,8 @@ def series_of(cases: list[Dataset], *axes: str, drift: bool = False) -> dict[str
             names = others
     ascending = sorted(cases, key=lambda case: case[axes[0]].item())
     if drift:
-        return _grouped(ascending, lambda case: in_words(case, names) + drift_in_words(case))
-    return _grouped(ascending, lambda case: in_words(case, names))
+        return _grouped(ascending, lambda case: labels_in_words(case, names) + drift_remark(case))
+    return _grouped(ascending, lambda case: labels_in_words(case, names))
 
 
 def _values(case: Dataset, labels: Iterable[str]) -> tuple[Any, ...]:
@@ -272,7 +272,7 @@ def text_of(case: Dataset, name: str) -> str:
     return f"{value:.6g}" if isinstance(value, float) else f"{value}"
 
 
-def in_words(case: Dataset, names: Iterable[str]) -> str:
+def labels_in_words(case: Dataset, names: Iterable[str]) -> str:
     """Return labels of a case: scene, engine (but for the exact one) and species by name, others as
     `N = 150`.
     """
@@ -292,7 +292,7 @@ def in_words(case: Dataset, names: Iterable[str]) -> str:
 
 def scene_of(case: Dataset) -> str:
     """Return the scene of a case, with its values of varied keys."""
-    return in_words(case, labels_of_cases(case)[:-2])
+    return labels_in_words(case, labels_of_cases(case)[:-2])
 
 
 def title_of(*cases: Dataset) -> str:
@@ -303,8 +303,8 @@ def title_of(*cases: Dataset) -> str:
     """
     varied = differing([*cases])
     shared = [name for name in _labels(cases[0]) if name not in varied]
-    title = in_words(cases[0], shared)
-    return title + drift_in_words(cases[0]) if len(cases) == 1 else title
+    title = labels_in_words(cases[0], shared)
+    return title + drift_remark(cases[0]) if len(cases) == 1 else title
 
 
 def axis_label(case: Dataset, name: str) -> str:
@@ -315,7 +315,7 @@ def axis_label(case: Dataset, name: str) -> str:
     return label if unit == "1" else f"{label} [{unit}]"
 
 
-def drift_in_words(case: Dataset) -> str:
+def drift_remark(case: Dataset) -> str:
     return ", not equilibrated" if drifts(case) else ""
 
 

@@ -84,7 +84,7 @@ def _counts(axes: Axes, low: Axes, case: Dataset) -> None:
         diffusion = model.model_diffusion_coefficient.item()
         beyond = model.expected_overflow.item()
         p = model.p_value_joint.item()
-        tested = goodness.in_words(p) if np.isfinite(p) else "not tested"
+        tested = goodness.p_value_in_words(p) if np.isfinite(p) else "not tested"
         label = f"{SOURCES[source]} = {diffusion:.3g}: {beyond:.0f} beyond; {tested}"
         expected = model.expected_counts.values
         variance = expected * (1 - expected / float(case.runs))

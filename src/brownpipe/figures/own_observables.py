@@ -17,7 +17,7 @@ from brownpipe.figures.cases import (
     defined,
     frame_of,
     has,
-    in_words,
+    labels_in_words,
     own_names,
 )
 from brownpipe.figures.figure import Figure
@@ -36,7 +36,7 @@ def draw_own_observables(cases: list[Dataset]) -> matplotlib_figure.Figure:
     for (name, parts), panel in zip(shown.items(), axes[:, 0], strict=True):
         along, *others = map(str, cases[0][name].dims or ("case",))
         dims = [dim for dim in others if dim not in SPECIES]  # species are told apart anyway
-        place = partial(in_words, names=dims)
+        place = partial(labels_in_words, names=dims)
         for k, (part, line) in enumerate(styled_cases(parts, place, {})):
             if cases[0][name].dims:
                 band(panel, defined(part, name), name, **line)

@@ -139,7 +139,7 @@ def table_of_scan(cases: list[Dataset]) -> DataFrame:
     )
     frame = frame_of(ends, ("window",), names).drop(columns="window")
     marks = frame.pop("diffusion_mark").astype(int)
-    return frame.assign(mark=marks.map(diffusive.in_words))
+    return frame.assign(mark=marks.map(diffusive.mark_in_words))
 
 
 def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:

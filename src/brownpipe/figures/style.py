@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brownpipe.figures.cases import differing, drift_in_words, in_words
+from brownpipe.figures.cases import differing, drift_remark, labels_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -178,8 +178,8 @@ def styled_cases(
     ordered = len(names) == 1 and cases[0][names[0]].dtype.kind in "iuf"
     colours = shades(len(cases)) if ordered else [colour for colour, _, _ in SERIES]
     for case, colour, line in zip(cases, cycle(colours), cycle(LINES), strict=False):
-        words = filter(None, (in_words(case, names), number(case)))
-        label = ": ".join(words) + drift_in_words(case)
+        words = filter(None, (labels_in_words(case, names), number(case)))
+        label = ": ".join(words) + drift_remark(case)
         default = {"color": colour, "linestyle": "-" if ordered else line, "label": label}
         yield case, default | normalize_kwargs({**looks}, Line2D)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from brownpipe.analysis import diffusive, drift
 from brownpipe.analysis.diffusive import EARLY
-from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, in_words
+from brownpipe.analysis.goodness import FAMILY_LEVEL, holm, p_value_in_words
 from brownpipe.analysis.variables import (
     FAILED,
     FOLLOWED,
@@ -337,7 +337,7 @@ def _integral_ends_early(case: Dataset) -> bool:
 
 
 def _verdict(p: float, rejected: bool) -> str:
-    return "-" if np.isnan(p) else f"{'' if rejected else 'not '}rejected, {in_words(p)}"
+    return "-" if np.isnan(p) else f"{'' if rejected else 'not '}rejected, {p_value_in_words(p)}"
 
 
 def _legend(
@@ -454,7 +454,7 @@ def drifting(cases: list[Dataset]) -> Iterator[str]:
             case["drift_standard_error"].values,
             case["drift_p_value"].values,
         )
-        words = drift.in_words(found_drift, case.time_to_try.item())
+        words = drift.drift_in_words(found_drift, case.time_to_try.item())
         yield f"* {scene_of(case)}, N = {case.particles.item()}: {words}"
     untested = [title_of(case) for case in claimed if not has(case, "drift_p_value")]
     if untested:
@@ -533,6 +533,6 @@ def summary_table(dataset: Dataset) -> DataFrame:
         for w in range(case.sizes["window"]):
             fit = case.isel(window=w)
             numbers = {name: fit[name].item() for name in FIT}
-            mark = diffusive.in_words(fit.diffusion_mark.item())
+            mark = diffusive.mark_in_words(fit.diffusion_mark.item())
             rows.append(row | numbers | {"mark": mark})
     return DataFrame(rows)

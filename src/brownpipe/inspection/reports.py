@@ -12,8 +12,8 @@ import numpy as np
 from brownpipe.analysis.drift import (
     LEVEL,
     TOO_FEW,
+    drift_in_words,
     drift_of,
-    in_words,
     is_tested,
     quarters_of,
     time_to_try,
@@ -23,8 +23,7 @@ from brownpipe.analysis.variables import EACH, FAILED, MISSING
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
 from brownpipe.errors import RequestError, WrongFileError
 from brownpipe.figures import tradeoff
-from brownpipe.figures.cases import aligned
-from brownpipe.figures.cases import in_words as label_in_words
+from brownpipe.figures.cases import aligned, labels_in_words
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
 from brownpipe.observables.trajectory import Track, displacement
@@ -206,7 +205,7 @@ def equilibrium(contents: Trajectories) -> list[str]:
     if not np.isfinite(drift.p).any():
         return [f"equilibrium  {TOO_FEW}"]
     drift = drift._replace(p=holm(drift.p))
-    words = in_words(drift, time_to_try(scene))
+    words = drift_in_words(drift, time_to_try(scene))
     return [f"equilibrium  {words or f'no drift found (family-wise level {LEVEL:.0%})'}"]
 
 
@@ -322,7 +321,7 @@ def failed_runs(path: str | Path) -> tuple[int, int, str]:
     cases = []
     for place in zip(*np.nonzero(has_failed.any("seed").values), strict=True):
         case = has_failed[place]
-        title = label_in_words(case.coords.to_dataset(), labels)
+        title = labels_in_words(case.coords.to_dataset(), labels)
         seeds = case.seed.values[case.values]
         cases.append(f"{title}: seeds {brief_seed_text(seeds)}")
     runs = int((status != MISSING).sum())
