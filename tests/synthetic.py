@@ -14,7 +14,7 @@ from brownpipe.report.products import write
 SPECIES = ("tracer", "bath")
 PAIRS = ("tracer-tracer", "tracer-bath", "bath-bath")
 CONTACT = (0.6, 0.4, 0.2)  # distances
-EACH = ("scene", "particles", "engine")
+CASE_DIMS = ("scene", "particles", "engine")
 RECORD = {"panel": ["scene"], "made_by": {}, "dataset": {"sha256": "0" * 64}}
 
 
@@ -67,7 +67,7 @@ def _estimate(name, dims, mean, error, rng):
 
 def _spread(dataset, shape, values):
     """The same values for every scene, particle count and engine."""
-    return np.broadcast_to(values, [*(dataset.sizes[dim] for dim in EACH), *shape]).copy()
+    return np.broadcast_to(values, [*(dataset.sizes[dim] for dim in CASE_DIMS), *shape]).copy()
 
 
 def _over_time(dataset, rng):
@@ -87,7 +87,7 @@ def _over_time(dataset, rng):
     bath = 8 * np.exp(-3 * t)
     running = np.gradient(dataset.msd.values, t, axis=-1) / 4
     hot = np.stack([1.6 + 2.4 * np.exp(-3 * t), 1.6 + 0.02 * (1 - np.exp(-3 * t))], axis=-1)
-    time = (*EACH, "time")
+    time = (*CASE_DIMS, "time")
     each = _spread(dataset, (), 1.0)
     return {
         **_estimate(
@@ -99,8 +99,8 @@ def _over_time(dataset, rng):
             "bath_velocity_autocorrelation", time, _spread(dataset, (len(t),), bath), 0.002, rng
         ),
         **_estimate("green_kubo", time, integral / 2, 0.002 + 0.01 * np.sqrt(t), rng),
-        **_estimate("vacf_initial_slope", EACH, -rate * speed2[..., 0], 0.5, rng),
-        "vacf_initial_slope_expected": (EACH, -rate * speed2[..., 0]),
+        **_estimate("vacf_initial_slope", CASE_DIMS, -rate * speed2[..., 0], 0.5, rng),
+        "vacf_initial_slope_expected": (CASE_DIMS, -rate * speed2[..., 0]),
         **_estimate(
             "species_energy",
             (*time, "species"),
@@ -108,17 +108,17 @@ def _over_time(dataset, rng):
             np.array([0.03, 0.002]),
             rng,
         ),
-        "enskog_diffusion": (EACH, 0.21 * each),
-        "accessible_half_width": (EACH, 2.7 * each),
+        "enskog_diffusion": (CASE_DIMS, 0.21 * each),
+        "accessible_half_width": (CASE_DIMS, 2.7 * each),
     }
 
 
 def _own(dataset, rng):
     """A curve and a number that a function of the user measured."""
-    time = (*EACH, "time")
+    time = (*CASE_DIMS, "time")
     left = 75 + 5 * np.exp(-3 * dataset.time.values)
     found = _estimate("left_disks", time, _spread(dataset, left.shape, left), 0.1, rng)
-    found |= _estimate("turned", EACH, _spread(dataset, (), 0.0), 0.2, rng)
+    found |= _estimate("turned", CASE_DIMS, _spread(dataset, (), 0.0), 0.2, rng)
     described = {"units": "1", "long_name": "as measured", "observable": "my_module:my_function"}
     return {
         name: (*one, described if name in ("left_disks", "turned") else {})
@@ -131,14 +131,14 @@ def _distributions(dataset, rng):
     u = np.arange(0.05, 8, 0.1)
     r = np.arange(0.0025, 1.5, 0.005)
     z = np.arange(0.005, 1.0, 0.01)
-    species = (*EACH, "species")
+    species = (*CASE_DIMS, "species")
     profile = np.array([[0.03], [4.0]]) * (1 + 0.8 * np.exp(-5 * z) * np.cos(12 * z))
     normal = np.exp(-(v**2) / 2) / np.sqrt(2 * np.pi)
     maxwell = u * np.exp(-(u**2) / 2)
     x = r / np.array(CONTACT)[:, None]
     g = np.where(x >= 1, 1 + 0.35 * np.exp(-2.5 * (x - 1)) * np.cos(6 * (x - 1)), 0.0)
     g[0] = np.nan
-    pair = (*EACH, "species_pair")
+    pair = (*CASE_DIMS, "species_pair")
     contact = np.array([np.nan, 1.36, 1.34])
     noise = np.where(x >= 1, 0.03 / np.sqrt(x), 0.0) * np.array([[1], [1], [0.2]])
     return {
@@ -180,7 +180,7 @@ def _density(dim, dataset, density, rng):
     error = mean / np.sqrt(np.maximum(counts, 0.5))
     return _estimate(
         f"{dim}_density",
-        (*EACH, "species", f"{dim}_bin"),
+        (*CASE_DIMS, "species", f"{dim}_bin"),
         _spread(dataset, error.shape, mean),
         error,
         rng,
@@ -192,15 +192,15 @@ def _thermodynamics(dataset, rng):
     z = theory.compressibility(phi, theory.contact_value(phi))
     rate = 40 * phi
     return {
-        **_estimate("compressibility", EACH, z, 0.002 * z, rng),
-        **_estimate("compressibility_rate", EACH, z, 0.001 * z, rng),
-        "enskog_compressibility": (EACH, z),
-        **_estimate("collision_rate", EACH, rate, 0.004 * rate, rng),
-        **_estimate("collision_rate_at_temperature", EACH, 1.01 * rate, 0.001 * rate, rng),
-        **_estimate("tracer_collision_rate", EACH, 3 * rate, 0.01 * rate, rng),
-        "enskog_collision_rate": (EACH, rate),
-        "enskog_tracer_collision_rate": (EACH, 2.9 * rate),
-        **_estimate("orientational_order", EACH, 0.1 + 0 * phi, 0.01, rng),
-        **_estimate("kinetic_temperature", EACH, 1.6 + 0 * phi, 0.001, rng),
-        **_estimate("wall_pressure", EACH, 40 * phi, 0.1, rng),
+        **_estimate("compressibility", CASE_DIMS, z, 0.002 * z, rng),
+        **_estimate("compressibility_rate", CASE_DIMS, z, 0.001 * z, rng),
+        "enskog_compressibility": (CASE_DIMS, z),
+        **_estimate("collision_rate", CASE_DIMS, rate, 0.004 * rate, rng),
+        **_estimate("collision_rate_at_temperature", CASE_DIMS, 1.01 * rate, 0.001 * rate, rng),
+        **_estimate("tracer_collision_rate", CASE_DIMS, 3 * rate, 0.01 * rate, rng),
+        "enskog_collision_rate": (CASE_DIMS, rate),
+        "enskog_tracer_collision_rate": (CASE_DIMS, 2.9 * rate),
+        **_estimate("orientational_order", CASE_DIMS, 0.1 + 0 * phi, 0.01, rng),
+        **_estimate("kinetic_temperature", CASE_DIMS, 1.6 + 0 * phi, 0.001, rng),
+        **_estimate("wall_pressure", CASE_DIMS, 40 * phi, 0.1, rng),
     }

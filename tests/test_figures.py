@@ -36,7 +36,7 @@ from brownpipe.figures.summary import FIT, SHAPE, TESTED, answer, summary, summa
 from brownpipe.needs import COUNTED_COLLISIONS, DISPLACEMENTS, FIGURES, FOLLOWED_DISK, SPREADING
 from brownpipe.observables.trajectory import Track
 from ensembles import make_runs, make_scene, study, write
-from synthetic import CONTACT, EACH, PAIRS, SPECIES, at_times, render, with_measures
+from synthetic import CASE_DIMS, CONTACT, PAIRS, SPECIES, at_times, render, with_measures
 
 NAMES = tuple(FIGURES)
 OF_ALL = {"summary.csv", "summary.txt", "provenance.json"}  # written beside the figures
@@ -825,7 +825,7 @@ def test_table_of_a_measure_is_the_dataset(dataset, folder, name):
     for variable in (variable for variable in variables if f"{variable}_low" in table[0]):
         with_errors = dataset[[variable + part for part in cases.PARTS]]
         for row in (row for row in some_rows if row[f"{variable}_low"]):
-            at = {dim: row[dim] for dim in (*EACH, *along)}
+            at = {dim: row[dim] for dim in (*CASE_DIMS, *along)}
             at |= {dim: float(row[dim]) for dim in numbers}
             case = with_errors.sel(at)
             for part in cases.PARTS:

@@ -36,7 +36,14 @@ from brownpipe.analysis.runs import (
     reported,
     without_failed,
 )
-from brownpipe.analysis.variables import EACH, SAME_TIME, VARIED, Mean, Variable, with_uncertainties
+from brownpipe.analysis.variables import (
+    CASE_DIMS,
+    SAME_TIME,
+    VARIED,
+    Mean,
+    Variable,
+    with_uncertainties,
+)
 from brownpipe.engines.ensemble import HEALTH
 from brownpipe.engines.windows import Window, candidate_windows, window_labels
 from brownpipe.errors import AnalysisError
@@ -176,7 +183,7 @@ def aggregate(
     if keys:
         attributes[VARIED] = " ".join(keys)
     coordinates = schema.coordinates | keys
-    dataset = outer_join(pieces, spread_table, coordinates, attributes, (*EACH, *keys))
+    dataset = outer_join(pieces, spread_table, coordinates, attributes, (*CASE_DIMS, *keys))
     if "drift_p_value" in dataset:  # all cases are one family of tests
         p = dataset.drift_p_value
         p.values = holm(p.values.ravel()).reshape(p.shape)
@@ -271,7 +278,7 @@ def _over_keys(
     spread = {}
     for name, variable in table.items():
         if name not in keys:
-            spread[name] = variable._replace(dims=(EACH[0], *dims, *variable.dims[1:]))
+            spread[name] = variable._replace(dims=(CASE_DIMS[0], *dims, *variable.dims[1:]))
     return spread, keys
 
 
@@ -302,7 +309,9 @@ def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
     table = {}
     for name, array in own.items():
         attributes = {"observable": array.observable}
-        table[name] = Mean((*EACH, *array.dims), array.units, array.long_name, extra=attributes)
+        table[name] = Mean(
+            (*CASE_DIMS, *array.dims), array.units, array.long_name, extra=attributes
+        )
     return table
 
 
@@ -433,7 +442,7 @@ def outer_join(
     variables: Table,
     coordinates: Table,
     attributes: dict,
-    labels: Collection[str] = EACH,
+    labels: Collection[str] = CASE_DIMS,
 ) -> "Dataset":
     """Return the outer join of `pieces`; where no piece has a value, a variable has its value
     `absent`.

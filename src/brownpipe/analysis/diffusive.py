@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brownpipe.analysis.goodness import holm
-from brownpipe.analysis.variables import EACH, Variable
+from brownpipe.analysis.variables import CASE_DIMS, Variable
 from brownpipe.engines.windows import ROUNDED, Window, window_labels
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ REASONS = {
     UNTESTED: "untested",
 }
 
-WINDOW = (*EACH, "window")
+WINDOW = (*CASE_DIMS, "window")
 FLAGS = {
     "flag_masks": np.array([*REASONS], np.int8),
     "flag_meanings": " ".join(REASONS.values()),

@@ -17,7 +17,7 @@ from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import Group, first_good_runs
 from brownpipe.analysis.variables import (
     AREA,
-    EACH,
+    CASE_DIMS,
     ERROR,
     FOLLOWED,
     RATE,
@@ -336,7 +336,7 @@ def p_value(change: Estimate, slope: np.ndarray, runs: int) -> np.ndarray:
     return 2 * stdtr(max(runs - 1, 1), -beyond / error)
 
 
-WINDOW = (*EACH, "window")
+WINDOW = (*CASE_DIMS, "window")
 
 VARIABLES = {
     "msd": Mean(TIME, AREA, f"mean squared displacement {FOLLOWED}"),
@@ -370,20 +370,22 @@ VARIABLES = {
     "window_drift_diffusion": Variable(
         WINDOW, RATE, "what the drift of all disks adds to the diffusion coefficient in the window"
     ),
-    "box_width": Variable(EACH, "length", "width of the box"),
-    "duration": Variable(EACH, "time", "duration of a run"),
-    "packing_fraction": Variable(EACH, "1", "packing fraction, share of the area covered by disks"),
+    "box_width": Variable(CASE_DIMS, "length", "width of the box"),
+    "duration": Variable(CASE_DIMS, "time", "duration of a run"),
+    "packing_fraction": Variable(
+        CASE_DIMS, "1", "packing fraction, share of the area covered by disks"
+    ),
     "initial_square_speed": Variable(
-        EACH, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"
+        CASE_DIMS, SPEED2, "expected <v0^2> of the tracer: the MSD begins as <v0^2> t^2"
     ),
     "not_diffusive_before": Variable(
-        EACH, "time", "3/gamma of the tracer: before, the MSD depends on its initial velocity"
+        CASE_DIMS, "time", "3/gamma of the tracer: before, the MSD depends on its initial velocity"
     ),
     "msd_limit": Variable(
-        EACH, AREA, "mean squared displacement of a tracer that has filled the box"
+        CASE_DIMS, AREA, "mean squared displacement of a tracer that has filled the box"
     ),
     "accessible_half_width": Variable(
-        EACH, "length", "half the side of the square in whose centre the tracer starts"
+        CASE_DIMS, "length", "half the side of the square in whose centre the tracer starts"
     ),
 }
 COORDINATES = {

@@ -17,7 +17,7 @@ from brownpipe.analysis import displacement, goodness, resampling
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import FEWEST_FOR_INTERVAL, Estimate
 from brownpipe.analysis.variables import (
-    EACH,
+    CASE_DIMS,
     ENDS,
     ERROR,
     RATE,
@@ -354,7 +354,7 @@ MODELS = (
     "the 2020 note; "
     "square = diffusion in a reflecting square, D from MSD(t)"
 )
-AT = (*EACH, "displacement_time")
+AT = (*CASE_DIMS, "displacement_time")
 RING = (*AT, "r")
 MODEL = (*AT, "model")
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.goodness import change_found_with_power
 from brownpipe.analysis.thermodynamics import compressibility, temperature
-from brownpipe.analysis.variables import EACH, ERROR, Variable
+from brownpipe.analysis.variables import CASE_DIMS, ERROR, Variable
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
@@ -172,9 +172,9 @@ def drift_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     return values
 
 
-QUANTITY = (*EACH, "quantity")
+QUANTITY = (*CASE_DIMS, "quantity")
 VARIABLES = {
-    "time_to_try": Variable(EACH, "time", "equilibrate.time to try if the runs drift"),
+    "time_to_try": Variable(CASE_DIMS, "time", "equilibrate.time to try if the runs drift"),
     "drift": Variable(
         QUANTITY, "1", "relative change from the first to the last quarter of the runs", ERROR
     ),

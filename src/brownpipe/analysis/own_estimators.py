@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis.estimator import Estimator
-from brownpipe.analysis.variables import EACH, Variable, with_uncertainties
+from brownpipe.analysis.variables import CASE_DIMS, Variable, with_uncertainties
 from brownpipe.errors import AnalysisError
 
 
@@ -29,8 +29,8 @@ def refuse_unfit(
             _refuse(estimator, name, f"must have one dimension, not {coordinate.dims}")
     dimensions = {*coordinates, *estimator.coordinates}
     for name, variable in estimator.variables.items():
-        if variable.dims[: len(EACH)] != EACH:
-            _refuse(estimator, name, f"dimensions must begin with {EACH}, not {variable.dims}")
+        if variable.dims[: len(CASE_DIMS)] != CASE_DIMS:
+            _refuse(estimator, name, f"dimensions must begin with {CASE_DIMS}, not {variable.dims}")
         for dimension in variable.dims:
             if dimension not in dimensions:
                 _refuse(estimator, name, f"dimension {dimension} must be among its coordinates")
@@ -46,10 +46,12 @@ def refuse_misshapen(estimator: Estimator, values: Mapping[str, ArrayLike]) -> N
         for dimension in variable.dims:
             if dimension not in values:
                 _refuse(estimator, name, f"{dimension}, its dimension, has no values")
-        expected = tuple(np.size(values[dimension]) for dimension in variable.dims[len(EACH) :])
+        expected = tuple(
+            np.size(values[dimension]) for dimension in variable.dims[len(CASE_DIMS) :]
+        )
         shape = np.shape(values[name])
         if shape != expected:
-            own_dimensions = variable.dims[len(EACH) :]
+            own_dimensions = variable.dims[len(CASE_DIMS) :]
             _refuse(
                 estimator, name, f"must have {expected} values along {own_dimensions}, not {shape}"
             )

@@ -13,7 +13,7 @@ from brownpipe.analysis import resampling
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.thermodynamics import temperature
-from brownpipe.analysis.variables import EACH, Mean, Variable
+from brownpipe.analysis.variables import CASE_DIMS, Mean, Variable
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import DENSEST, mean_root
 from brownpipe.observables import profile
@@ -311,8 +311,8 @@ def pair_results(case: Case, averages: Averages) -> dict[str, ArrayLike | Estima
     return values
 
 
-PAIR = (*EACH, "species_pair")
-SPECIES = (*EACH, "species")
+PAIR = (*CASE_DIMS, "species_pair")
+SPECIES = (*CASE_DIMS, "species")
 
 VARIABLES = {
     "pair_distribution": Mean(

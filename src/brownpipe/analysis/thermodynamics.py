@@ -9,7 +9,7 @@ import numpy as np
 
 from brownpipe import theory
 from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
-from brownpipe.analysis.variables import EACH, ERROR, RATE, Mean, Variable
+from brownpipe.analysis.variables import CASE_DIMS, ERROR, RATE, Mean, Variable
 from brownpipe.engines import friction
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import (
@@ -138,50 +138,58 @@ AT_TEMPERATURE = "per time, at the temperature of the scene"
 
 VARIABLES = {
     "pair_collisions": Variable(
-        EACH, "1", "mean number of collisions between disks in a run", ERROR
+        CASE_DIMS, "1", "mean number of collisions between disks in a run", ERROR
     ),
-    "wall_collisions": Variable(EACH, "1", "mean number of collisions with walls in a run", ERROR),
+    "wall_collisions": Variable(
+        CASE_DIMS, "1", "mean number of collisions with walls in a run", ERROR
+    ),
     "tracer_collisions": Variable(
-        EACH, "1", "mean number of collisions of the tracer in a run", ERROR
+        CASE_DIMS, "1", "mean number of collisions of the tracer in a run", ERROR
     ),
-    "collision_rate": Mean(EACH, "1/time", "collisions of a disk with others per time"),
-    "tracer_collision_rate": Mean(EACH, "1/time", "collisions of the tracer with others per time"),
+    "collision_rate": Mean(CASE_DIMS, "1/time", "collisions of a disk with others per time"),
+    "tracer_collision_rate": Mean(
+        CASE_DIMS, "1/time", "collisions of the tracer with others per time"
+    ),
     "collision_rate_at_temperature": Mean(
-        EACH, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}"
+        CASE_DIMS, "1/time", f"collisions of a disk with others {AT_TEMPERATURE}"
     ),
     "tracer_collision_rate_at_temperature": Mean(
-        EACH, "1/time", f"collisions of the tracer {AT_TEMPERATURE}"
+        CASE_DIMS, "1/time", f"collisions of the tracer {AT_TEMPERATURE}"
     ),
-    "kinetic_temperature": Mean(EACH, "energy", "temperature kT from the kinetic energy"),
+    "kinetic_temperature": Mean(CASE_DIMS, "energy", "temperature kT from the kinetic energy"),
     "compressibility": Mean(
-        EACH, "1", "compressibility factor 1 + W/(2 N kT t), W the virial; P/(n kT) if periodic"
+        CASE_DIMS,
+        "1",
+        "compressibility factor 1 + W/(2 N kT t), W the virial; P/(n kT) if periodic",
     ),
     "wall_compressibility": Mean(
-        EACH, "1", "compressibility factor P/(n kT), P the pressure on the walls, n = N/A"
+        CASE_DIMS, "1", "compressibility factor P/(n kT), P the pressure on the walls, n = N/A"
     ),
     "compressibility_rate": Mean(
-        EACH, "1", "compressibility factor of equal disks from their collision rate"
+        CASE_DIMS, "1", "compressibility factor of equal disks from their collision rate"
     ),
     "wall_pressure": Mean(
-        EACH, "energy/length^2", "pressure on the walls: momentum transferred per length and time"
+        CASE_DIMS,
+        "energy/length^2",
+        "pressure on the walls: momentum transferred per length and time",
     ),
     "enskog_collision_rate": Variable(
-        EACH, "1/time", "collisions of a disk with others per time, Enskog's theory"
+        CASE_DIMS, "1/time", "collisions of a disk with others per time, Enskog's theory"
     ),
     "enskog_tracer_collision_rate": Variable(
-        EACH, "1/time", "collisions of the tracer per time, Enskog's theory"
+        CASE_DIMS, "1/time", "collisions of the tracer per time, Enskog's theory"
     ),
     "enskog_contact_value": Variable(
-        EACH, "1", "theoretical contact value of tracer and main species of its bath"
+        CASE_DIMS, "1", "theoretical contact value of tracer and main species of its bath"
     ),
     "enskog_compressibility": Variable(
-        EACH, "1", "compressibility factor from Enskog's contact values"
+        CASE_DIMS, "1", "compressibility factor from Enskog's contact values"
     ),
     "enskog_diffusion": Variable(
-        EACH, RATE, "diffusion coefficient by Enskog's theory, without drift of all disks"
+        CASE_DIMS, RATE, "diffusion coefficient by Enskog's theory, without drift of all disks"
     ),
     "drift_diffusion": Variable(
-        EACH, RATE, "what the drift of the centre of mass adds to D by the end of a run"
+        CASE_DIMS, RATE, "what the drift of the centre of mass adds to D by the end of a run"
     ),
 }
 

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 # relative difference below which two times are equal: k dt depends on dt by round-off
 SAME_TIME = 1e-9
 KEPT, FAILED, MISSING = 0, 1, 2  # status of a run
-EACH = ("scene", "particles", "engine")  # the labels of a case
-TIME = (*EACH, "time")
-SEED = (*EACH, "seed")
+CASE_DIMS = ("scene", "particles", "engine")  # the dimensions of cases
+TIME = (*CASE_DIMS, "time")
+SEED = (*CASE_DIMS, "seed")
 FOLLOWED = "of the tracer (where measured over disks, of all disks equal to it)"
 AREA = "length^2"
 RATE = "length^2/time"
@@ -119,15 +119,15 @@ STATUS = {
 
 AVERAGED = [name for name, array in ARRAYS.items() if array.averaged]
 VARIABLES = {
-    name: Mean((*EACH, *array.dims), array.units, array.long_name)
+    name: Mean((*CASE_DIMS, *array.dims), array.units, array.long_name)
     for name, array in ARRAYS.items()
     if array.averaged
 }
 # Numbers and health of the runs.
 VARIABLES |= {
-    "runs": Variable(EACH, "1", "number of runs averaged", (), np.int64, 0),
+    "runs": Variable(CASE_DIMS, "1", "number of runs averaged", (), np.int64, 0),
     "failed_runs": Variable(
-        EACH, "1", "number of runs left out: not healthy, or unable to go on", (), np.int64, 0
+        CASE_DIMS, "1", "number of runs left out: not healthy, or unable to go on", (), np.int64, 0
     ),
     "energy_drift": Variable(SEED, "1", "relative change of the energy over the run"),
     "worst_overlap": Variable(SEED, "1", "deepest overlap, in contact distances"),
@@ -155,4 +155,4 @@ def labels_of_cases(dataset: "Dataset") -> list[str]:
     """Return the coordinates that tell the cases of a dataset apart: scene, varied keys, count,
     engine.
     """
-    return [EACH[0], *str(dataset.attrs.get(VARIED, "")).split(), *EACH[1:]]
+    return [CASE_DIMS[0], *str(dataset.attrs.get(VARIED, "")).split(), *CASE_DIMS[1:]]

@@ -12,7 +12,7 @@ from brownpipe.analysis.estimator import Averages, Case, Columns, Estimator
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.thermodynamics import enskog
 from brownpipe.analysis.variables import (
-    EACH,
+    CASE_DIMS,
     FOLLOWED,
     RATE,
     SAME_TIME,
@@ -171,7 +171,7 @@ def velocity_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     }
 
 
-SPECIES = (*EACH, "species")
+SPECIES = (*CASE_DIMS, "species")
 SLOPE = "length^2/time^3"
 
 VARIABLES = {
@@ -187,10 +187,10 @@ VARIABLES = {
         f"half of the integral of the autocorrelation, <v(0).(r(t) - r(0))>/2, {FOLLOWED}",
     ),
     "vacf_initial_slope": Mean(
-        EACH, SLOPE, "initial slope of the autocorrelation; errors include that of sampling"
+        CASE_DIMS, SLOPE, "initial slope of the autocorrelation; errors include that of sampling"
     ),
     "vacf_initial_slope_expected": Variable(
-        EACH, SLOPE, "initial slope expected from <v^2> and collision rate"
+        CASE_DIMS, SLOPE, "initial slope expected from <v^2> and collision rate"
     ),
     "velocity_density": Mean(
         (*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"

@@ -19,7 +19,7 @@ from brownpipe.analysis.drift import (
     time_to_try,
 )
 from brownpipe.analysis.goodness import holm
-from brownpipe.analysis.variables import EACH, FAILED, MISSING
+from brownpipe.analysis.variables import CASE_DIMS, FAILED, MISSING
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
 from brownpipe.errors import RequestError, WrongFileError
 from brownpipe.figures import tradeoff
@@ -312,7 +312,7 @@ def failed_runs(path: str | Path) -> tuple[int, int, str]:
     aggregate` with the labels of its runs.
     """
     status = read_dataset(path).get("run_status")
-    if status is None or not {*EACH, "seed"} <= set(status.dims):
+    if status is None or not {*CASE_DIMS, "seed"} <= set(status.dims):
         raise WrongFileError(
             f"{path}: has no runs with their labels; must be a dataset of brownpipe aggregate"
         )
