@@ -19,7 +19,15 @@ from bench_exact import processor, write
 
 from brownpipe.engines import Engine
 from brownpipe.engines.timestep import largest_step
-from brownpipe.figures.style import DATA, FIT, drawing, grid, heads, image_bytes, shades
+from brownpipe.figures.style import (
+    DATA,
+    FIT,
+    drawing,
+    grid,
+    image_bytes,
+    put_titles_and_legends,
+    shades,
+)
 from brownpipe.scene import parse_scene
 
 ROOT = Path(__file__).parent.parent
@@ -123,7 +131,7 @@ def picture(table, names):
             )
         axes.set(xscale="log", ylim=(0, None), xlabel="number of disks N")
         axes.set_ylabel("CPU time per disk and unit of time ($\\mu$s)")
-        heads([axes], ["Cost of a unit of time"])
+        put_titles_and_legends([axes], ["Cost of a unit of time"])
         return image_bytes(figure, "png")
 
 

@@ -398,7 +398,7 @@ def drawn(speeds):
             xlabel="number of disks",
             ylabel="CPU time of a pair collision [µs]",
         )
-        style.heads([axes], ["Periodic box: equal disks; dashed: two radii"])
+        style.put_titles_and_legends([axes], ["Periodic box: equal disks; dashed: two radii"])
         return style.image_bytes(figure, "png")
 
 

@@ -498,7 +498,7 @@ def test_titles_stand_right_above_legends_small_or_not(length):
         figure, axes = style.grid(1, 1, style.WIDTH, 4)
         for k in range(6):
             axes[0, 0].plot([0, 1], [0, k], label="m" * length)
-        style.heads(axes[0], ["title"])
+        style.put_titles_and_legends(axes[0], ["title"])
         lay_out(figure)
     title = axes[0, 0].title.get_window_extent()
     legend = axes[0, 0].legend_.get_window_extent()
@@ -592,7 +592,7 @@ def test_cases_share_a_panel_with_colours_and_words_that_tell_them_apart(dataset
 def test_a_correlation_at_rest_has_no_initial_slope_and_cases_without_a_common_label_no_title(hot):
     axes = (figure := matplotlib.figure.Figure(layout="constrained")).add_subplot()
     axes.plot([1, 2], label="its legend")
-    style.heads([axes], [""])
+    style.put_titles_and_legends([axes], [""])
     assert (
         style.image_bytes(figure, "png")
         and axes.get_legend().get_window_extent().y1 < figure.bbox.y1

@@ -20,10 +20,10 @@ from brownpipe.figures.style import (
     FIT,
     INK,
     MODEL,
-    columns,
-    heads,
     highest,
+    put_titles_and_legends,
     residual_panel,
+    stacked_panels,
 )
 
 # By the source of a model's D; msd and square are also the names of their models, all others are
@@ -48,7 +48,7 @@ def draw_distributions(cases: list[Dataset]) -> matplotlib_figure.Figure:
     if comparable:
         counted = f"runs between $r$ and $r$ + {_width(shown[0]):.4g}"
     labels = (counted, "(observed - expected)\n/ standard error")
-    figure, axes = columns(labels, len(shown), HEIGHTS, sharey=comparable)
+    figure, axes = stacked_panels(labels, len(shown), HEIGHTS, sharey=comparable)
     for case, (main, low) in zip(shown, axes.T, strict=True):
         low.sharex(main)
         main.tick_params(labelbottom=False)
@@ -56,7 +56,7 @@ def draw_distributions(cases: list[Dataset]) -> matplotlib_figure.Figure:
         low.set_xlabel("displacement $r$")
         main.set_ylim(0, 1.05 * highest(shown if comparable else [case], "displacement_counts"))
     titles = [f"{title_of(case)}, $t$ = {case.displacement_time.item():g}" for case in shown]
-    heads(axes[0], titles)
+    put_titles_and_legends(axes[0], titles)
     return figure
 
 

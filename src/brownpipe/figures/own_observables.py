@@ -21,7 +21,15 @@ from brownpipe.figures.cases import (
     own_names,
 )
 from brownpipe.figures.figure import Figure
-from brownpipe.figures.style import MARKS, WIDTH, band, grid, heads, points, styled_cases
+from brownpipe.figures.style import (
+    MARKS,
+    WIDTH,
+    band,
+    grid,
+    points,
+    put_titles_and_legends,
+    styled_cases,
+)
 
 
 def draw_own_observables(cases: list[Dataset]) -> matplotlib_figure.Figure:
@@ -46,7 +54,9 @@ def draw_own_observables(cases: list[Dataset]) -> matplotlib_figure.Figure:
                 panel.set_xticks([])
         panel.set(xlabel=along, ylabel=axis_label(cases[0], name))
     arrays = [cases[0][name] for name in shown]
-    heads(axes[:, 0], [f"{array.observable}: {array.long_name}" for array in arrays])
+    put_titles_and_legends(
+        axes[:, 0], [f"{array.observable}: {array.long_name}" for array in arrays]
+    )
     return figure
 
 

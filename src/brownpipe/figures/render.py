@@ -17,7 +17,7 @@ from brownpipe.figures.cases import (
     title_of,
 )
 from brownpipe.figures.figure import Figure, figure_named
-from brownpipe.figures.style import columns, drawing, heads, image_bytes
+from brownpipe.figures.style import drawing, image_bytes, put_titles_and_legends, stacked_panels
 from brownpipe.needs import FIGURES
 
 if TYPE_CHECKING:
@@ -158,12 +158,12 @@ def _panels_of_curves(
         variable = figure.variables[0] if figure.variables else ""
         groups = panels_of(cases, panel, figure.component, variable)
     rows = len(figure.labels)
-    picture, axes = columns(figure.labels, len(groups), HEIGHTS[:rows], sharey=rows > 1)
+    picture, axes = stacked_panels(figure.labels, len(groups), HEIGHTS[:rows], sharey=rows > 1)
     for upper, group in zip(axes[0], groups, strict=True):
         figure.curves(upper, group)
     if figure.below is not None:
         figure.below(axes, groups)
-    heads(axes[0], [title_of(*group) for group in groups])
+    put_titles_and_legends(axes[0], [title_of(*group) for group in groups])
     return picture
 
 

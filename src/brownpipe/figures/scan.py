@@ -27,7 +27,15 @@ from brownpipe.figures.cases import (
     with_value,
 )
 from brownpipe.figures.figure import Figure
-from brownpipe.figures.style import DASHED, MARKS, WIDTH, grid, heads, log_axis, points
+from brownpipe.figures.style import (
+    DASHED,
+    MARKS,
+    WIDTH,
+    grid,
+    log_axis,
+    points,
+    put_titles_and_legends,
+)
 from brownpipe.scene.variation import is_number
 
 # ratio of the largest value to the smallest, beyond which an axis is logarithmic
@@ -73,7 +81,7 @@ def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
         window = cases[0].window[0].item()
         ring = max(diffusion_ring(case.isel(window=0)) for case in cases)
         titles[D] += f" over {window}{ring}"
-    heads(axes.flat[: len(names)], titles.values())
+    put_titles_and_legends(axes.flat[: len(names)], titles.values())
     return figure
 
 

@@ -91,7 +91,7 @@ def grid(
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def columns(
+def stacked_panels(
     labels: Sequence[str], count: int, heights: Sequence[float], sharey: bool
 ) -> tuple[Figure, np.ndarray]:
     """Return a figure of `count` stacks of panels, at most MOST_COLUMNS side by side, and its axes
@@ -119,7 +119,7 @@ def columns(
     return figure, stacks[:, :count]
 
 
-def heads(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
+def put_titles_and_legends(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """Put titles and legends above panels, where they cover no data; all titles at the height of
     the longest legend.
 

@@ -16,7 +16,16 @@ from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import has, quantities_of, series_of, title_of
 from brownpipe.figures.figure import Columns, Figure
-from brownpipe.figures.style import DASHED, GREY, INK, MARKS, WIDTH, grid, heads, points
+from brownpipe.figures.style import (
+    DASHED,
+    GREY,
+    INK,
+    MARKS,
+    WIDTH,
+    grid,
+    points,
+    put_titles_and_legends,
+)
 
 Z = "compressibility"
 RATE = "collision_rate"
@@ -71,7 +80,7 @@ def draw_thermodynamics(cases: list[Dataset]) -> matplotlib_figure.Figure:
             _equations_of_state(main, low[0], main.get_xlim())
         main.locator_params(axis="x", nbins=5)
         (low[0] if low else main).set_xlabel("packing fraction $\\phi$")
-    heads(axes[0], [PANELS[name][1] for name in names])
+    put_titles_and_legends(axes[0], [PANELS[name][1] for name in names])
     return figure
 
 

@@ -13,7 +13,13 @@ from xarray import Dataset
 
 from brownpipe.figures.cases import PARTS, frame_of, parts_of, title_of
 from brownpipe.figures.figure import Figure
-from brownpipe.figures.style import INK, SERIES, columns, heads, residual_panel
+from brownpipe.figures.style import (
+    INK,
+    SERIES,
+    put_titles_and_legends,
+    residual_panel,
+    stacked_panels,
+)
 
 FEWEST_COUNTS = 5  # expected independent counts of a bin whose residual is shown
 NEIGHBOURS = np.ones(
@@ -46,13 +52,15 @@ def draw_velocities(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw one column per case: components and then speeds, each as densities above and their
     residuals below.
     """
-    figure, axes = columns(LABELS * len(SHOWN), len(cases), HEIGHTS * len(SHOWN), sharey=True)
+    figure, axes = stacked_panels(
+        LABELS * len(SHOWN), len(cases), HEIGHTS * len(SHOWN), sharey=True
+    )
     for k, (name, (_, _, words, label)) in enumerate(SHOWN.items()):
         for case, (main, low) in zip(cases, axes[2 * k : 2 * k + 2].T, strict=True):
             _density(main, low, case, name)
             low.set_xlabel(label)
         axes[2 * k, 0].set_ylim(bottom=0)
-        heads(axes[2 * k], [f"{title_of(case)}: {words}" for case in cases])
+        put_titles_and_legends(axes[2 * k], [f"{title_of(case)}: {words}" for case in cases])
     return figure
 
 
