@@ -5,6 +5,10 @@ The same scene, seeds and engine give the same numbers, to the bit, as `brownpip
 (config/README.md); NumPy's scalars and arrays may stand for numbers and lists. All quantities are
 in the scene's reduced units. A wrong argument raises an error of `brownpipe.errors`, a ValueError
 of one line that names the argument, before anything is computed.
+
+In the examples, `bp` is brownpipe, `np` NumPy, `scene` the scene of the example of `Scene`, `runs`
+are 20 runs of it, and `result` is their analysis. The files heavy.yaml and study.yaml hold the
+scene and a study of it.
 """
 
 import json
@@ -97,15 +101,33 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     equal scene.
 
     Raises RequestError for anything that `read_scene` refuses.
+
+    >>> bath = {"name": "bath", "count": "rest", "radius": 0.2, "mass": 1.0}
+    >>> bp.Scene(
+    ...     box={"x": (0, 8), "y": (0, 8), "boundary": "periodic"},
+    ...     disks={"tracer": {"radius": 0.5, "mass": 4.0}, "species": [bath]},
+    ...     particles=31,
+    ...     velocities={"temperature": 1.0},
+    ...     duration=8.0,
+    ...     sample_interval=0.2,
+    ...     name="heavy",
+    ... )
+    <Scene heavy: 31 disks in a periodic box 8 x 8, packing fraction 0.07118, duration 8>
     """
     keys = Document({key: plain(value) for key, value in locals().items() if key != "name"})
     return parse_scene(with_disks_of_file(keys, "Scene", Path()), "Scene", name=name)
 
 
 def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
-    """Return the scene of a YAML file, with `particles` disks in total if that is given.
+    """Return the scene of a YAML file.
+
+    path: of the scene file. The scene has the file's name without its ending.
+    particles: total number of disks, the tracer among them, in place of that of the file.
 
     Raises RequestError for anything wrong with the file or the scene.
+
+    >>> bp.read_scene("heavy.yaml", particles=61)
+    <Scene heavy: 61 disks in a periodic box 8 x 8, packing fraction 0.1301, duration 8>
     """
     return scene_of_file(validated(Path, path, key="path"), plain(particles))
 
@@ -123,14 +145,20 @@ def read_configuration(
     path: CSV with the columns x, y, radius, mass (and vx, vy, species), extended XYZ, GSD, or runs
     of brownpipe that recorded all disks (.h5).
     box: as in `Scene`; a file with another one is refused.
-    seed, time [time]: of the run and the sample in the file; by default its first whole run, and
+    seed, time: of the run and the sample [time] in the file; by default its first whole run, and
     the last sample.
-
-        disks = bp.read_configuration("runs.h5", seed=3)
-        heavy = bp.Scene(box=box, disks={"configuration": disks, "tracer": {"mass": 30.0}}, ...)
 
     Raises RequestError for a file that cannot be read, lacks a column, or has numbers that no disk
     can have.
+
+    >>> bp.save(bp.simulate(scene, seeds=4, record="all"), "all.h5")
+    >>> disks = bp.read_configuration("all.h5", seed=3)
+    >>> disks.position.shape
+    (31, 2)
+    >>> later = {"configuration": disks, "tracer": {"mass": 30.0}}  # a tracer that is heavier now
+    >>> box = {"x": (0, 8), "y": (0, 8), "boundary": "periodic"}
+    >>> bp.Scene(box=box, disks=later, duration=5.0, sample_interval=0.1)
+    <Scene scene: 31 disks in a periodic box 8 x 8, packing fraction 0.07118, duration 5>
     """
     known_box = None if box is None else validated(Box, plain(box), key="box")
     file = validated(Path, path, key="path")
@@ -181,6 +209,13 @@ def simulate(
     Raises RequestError for what `brownpipe simulate` refuses, RunError if the friction of the
     langevin engine cannot be measured. Warns of runs that failed their health check or could not go
     on (`stopped` says why, their numbers are NaN), and of an engine that is rough in this scene.
+
+    >>> runs = bp.simulate("heavy.yaml", seeds=20)
+    >>> runs.position.sizes
+    Frozen({'time': 41, 'seed': 20, 'component': 2})
+    >>> steps = bp.simulate(scene, seeds="0-2", engine="timestep", time_step=0.01, record="all")
+    >>> steps.disks.velocity.sizes
+    Frozen({'time': 41, 'seed': 3, 'disk': 31, 'component': 2})
     """
     request = _request(
         scene,
@@ -230,6 +265,12 @@ def analyse(
     `result.msd.attrs` says what a variable means. Raises AnalysisError for runs that do not belong
     together, for times outside them, and for estimators whose names are taken or whose values do
     not fit their dimensions.
+
+    >>> result = bp.analyse(runs, fit_windows=[(2, 8), (4, 8)])
+    >>> result.diffusion_coefficient.sizes
+    Frozen({'scene': 1, 'particles': 1, 'engine': 1, 'window': 2})
+    >>> result.msd.attrs["units"]
+    'length^2'
     """
     own_estimators = [*estimators]
     for estimator in own_estimators:
@@ -263,14 +304,24 @@ def scan(
 ) -> Dataset:
     """Return the analysis of runs of a scene with all combinations of values of some of its keys.
 
+    scene: a scene, or the path of a scene file.
     vary: values by key, such as {"disks.tracer.mass": [1, 10, 100], "packing_fraction": [0.1,
     0.3]}, or {"from": 1, "to": 100, "count": 5, "spacing": "log"} in place of a list.
+    seeds: of the runs for each combination, as in `simulate`.
     particles: total number of disks, for the path of a scene file.
     together: the first values of all keys, then the second ones, ..., instead of all combinations.
-    fit_windows: as in `analyse`. options: as in `simulate`, with the same seeds for all values.
+    fit_windows: as in `analyse`.
+    quiet: no progress on stderr.
+    options: further arguments of `simulate`, for the runs of all combinations.
 
     Each key is a dimension: `result.diffusion_coefficient.sel(tracer_mass=10)`. Raises what
     `simulate` does.
+
+    >>> masses = bp.scan(scene, {"disks.tracer.mass": [4, 40]}, seeds=5)
+    >>> masses.msd.dims
+    ('scene', 'tracer_mass', 'particles', 'engine', 'time')
+    >>> masses.msd.sel(tracer_mass=40).sizes["time"]
+    41
     """
     if isinstance(scene, SceneRecord):
         name = scene.name
@@ -310,11 +361,17 @@ def run(
     """Run a study as `brownpipe run` does, with all results in `results` of the current folder;
     return its dataset.
 
-    cores: jobs at the same time, by default as many as there are cores. config: values of keys in
-    place of those of the study file, such as {"seeds": 100}; they have results of their own.
+    study: the path of a study file.
+    cores: jobs at the same time, by default as many as there are cores.
+    config: values of keys in place of those of the study file, such as {"seeds": 100}; they have
+    results of their own.
 
     What is there is not made again. Raises RequestError for a mistake in the study, RunError if a
     job fails.
+
+    >>> result = bp.run("study.yaml", cores=2)
+    >>> result.scene.values.tolist(), result.sizes["seed"]
+    (['heavy'], 20)
     """
     path = validated(Path, study, key="study")
     values = validated(dict, plain(config or {}), key="config")
@@ -341,6 +398,8 @@ def run(
 def mean(array: DataArray) -> Dataset:
     """Return the mean of an array of your own over runs, its dimension `seed`, with errors.
 
+    array: (seed, ...), a number or an array of each run, in any unit.
+
     The Dataset has `value`, `standard_error` and the 95 % interval, `low` to `high`, with
     coordinates and attributes of the array, as `analyse` estimates them: by a bootstrap over runs,
     not over time points (docs/theory.md, section 5). Failed runs are left out if the array has the
@@ -348,10 +407,14 @@ def mean(array: DataArray) -> Dataset:
     NaN, there is no mean, as in `analyse`: leave such runs out yourself, by
     `array.dropna("seed")`, if that is what you want to know the mean of.
 
-        square = ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2).sum("component")
-        msd = bp.mean(square)
-
     Raises RequestError for an array without runs, or with a seed twice.
+
+    >>> square = ((runs.unwrapped - runs.unwrapped.isel(time=0)) ** 2).sum("component")
+    >>> msd = bp.mean(square)
+    >>> msd.value.dims
+    ('time',)
+    >>> bool(np.isclose(msd.value.sel(time=8), result.msd.sel(time=8)).all())
+    True
     """
     if not isinstance(array, DataArray) or "seed" not in array.dims or not array.size:
         raise RequestError("array: must be an array with the dimension seed")
@@ -376,10 +439,19 @@ def table(result: Dataset) -> "DataFrame":
     """Return the results of an analysis as a pandas table, with a row for each scene, number of
     disks and engine.
 
+    result: what `analyse`, `scan` or `run` returns.
+
     Its columns are what was measured, each beside its standard error; fits are those in the first
     window. `mark`: what speaks against its D, such as `early` or `walls`; empty if nothing does.
     `drifts`: whether the runs are found not to be in equilibrium. `attrs` has their units. Raises
     RequestError for anything else than an analysis.
+
+    >>> frame = bp.table(result)
+    >>> frame[["scene", "particles", "engine", "runs"]]
+       scene  particles engine  runs
+    0  heavy         31  exact    20
+    >>> frame.attrs["diffusion_coefficient"]
+    'length^2/time'
     """
     _refuse_part(result, RequestError)
     frame = summary_table(result.isel(window=[0]))
@@ -407,6 +479,7 @@ def plot(
 ) -> "matplotlib_figure.Figure | Axes":
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
+    result: what `analyse`, `scan` or `run` returns.
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation,
     velocity_distribution, pair_distribution, density_profile, orientational_order, energy,
     own_observables, thermodynamics, scan or health; or one of your own, a `bp.Figure`.
@@ -417,6 +490,11 @@ def plot(
     are those of the lines, such as color="red", label="my runs".
 
     Notebooks show a figure by themselves. Raises FigureError if the dataset has no data for it.
+
+    >>> figure = bp.plot(result, "msd")
+    >>> figure.savefig("msd.png")
+    >>> figure.axes[0].get_title("left")
+    'heavy, N = 31'
     """
     if not isinstance(figure, Figure):
         validated(Literal[tuple(FIGURES)], figure, key="figure")
@@ -446,8 +524,14 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
     """Return the runs of a trajectory file, as `simulate` does, or the dataset of an analysis,
     verified byte by byte.
 
+    path: of the file, .h5 of runs or .nc of an analysis.
+
     Raises StorageError, which says how to make a damaged file again, and WrongFileError for any
     other file.
+
+    >>> bp.save(runs, "heavy.h5")
+    >>> bp.open("heavy.h5").identical(runs)
+    True
     """
     contents = read_contents(validated(Path, path, key="path"))
     return to_tree(contents) if isinstance(contents, Trajectories) else contents
@@ -456,8 +540,16 @@ def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it r
 def save(data: DataTree | Dataset, path: str | Path) -> None:
     """Write runs to a trajectory file, or an analysis to a dataset, as the command line does.
 
+    data: runs, as `simulate` returns them, or the analysis of `analyse`, `scan` or `run`.
+    path: of the file, which ends in .h5 or .hdf5 for runs, in .nc for an analysis. A file of
+    brownpipe that is there is replaced.
+
     Raises RequestError for anything else, for variables that you have added to runs, and for a file
     that is there and not of brownpipe; StorageError and OSError if the file cannot be written.
+
+    >>> bp.save(result, "heavy.nc")
+    >>> bp.open("heavy.nc").identical(result)
+    True
     """
     path = validated(Path, path, key="path")
     if isinstance(data, SceneRecord):

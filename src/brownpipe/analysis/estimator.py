@@ -42,7 +42,14 @@ class Case(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """What an estimator takes from n runs."""
+    """What an estimator takes from n runs.
+
+    >>> import brownpipe as bp
+    >>> speed = np.array([0.5, 1.5, 1.0])  # (3,) [length/time] of three runs
+    >>> columns = bp.Columns(means={"speed": speed}, totals={"fast": np.sum(speed > 0.9)})
+    >>> int(columns.totals["fast"])
+    2
+    """
 
     means: Mapping[str, np.ndarray] = {}  # name -> (n, ...): to be averaged over runs
     totals: Mapping[str, np.ndarray] = {}  # name -> (...): to be added up over runs
@@ -119,6 +126,18 @@ class Estimator(NamedTuple):
     by name. A variable with the name of one of the means has its values and errors unless it is in
     the results.
     coordinates: of dimensions that no other variable has, by name.
+
+    >>> import brownpipe as bp
+    >>> def speed_columns(case, runs):
+    ...     return bp.Columns(means={"speed": np.sqrt(runs.observables["initial_square_speed"])})
+    >>> dims = ("scene", "particles", "engine")
+    >>> initial_speed = bp.Variable(dims, "length/time", "initial speed of the tracer")
+    >>> speed = bp.Estimator("speed", {"speed": initial_speed}, speed_columns)
+    >>> disk = {"position": [1, 1], "velocity": [3, 4], "radius": 0.5, "mass": 1}
+    >>> scene = bp.Scene(box={"x": [0, 4], "y": [0, 4]}, disks=[disk], duration=9)
+    >>> result = bp.analyse(bp.simulate(scene), estimators=[speed])
+    >>> result.speed.values.tolist()
+    [[[5.0]]]
     """
 
     name: str

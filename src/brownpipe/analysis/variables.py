@@ -52,8 +52,22 @@ INTERVAL = tuple(UNCERTAINTIES)
 
 
 class Variable(NamedTuple):
-    """One variable or coordinate of the dataset; `absent` is its value where a scene, time or seed
-    has none.
+    """One variable or coordinate of the dataset.
+
+    dims: names of its dimensions: of a variable scene, particles and engine, and perhaps others.
+    units: in length, time and mass, "1" without unit, None for text.
+    long_name: what it means, as labels and tables say it.
+    uncertainties: of a mean over runs ("standard_error",), or ("standard_error", "low", "high") for
+    its 95 % interval, too: each is a variable of its own beside it.
+    dtype: of its values, object for text.
+    absent: its value where a scene, time or seed has none.
+    extra: further attributes, by name.
+
+    >>> import brownpipe as bp
+    >>> dims = ("scene", "particles", "engine", "time")
+    >>> speed = bp.Variable(dims, "length/time", "mean speed of the tracer", ("standard_error",))
+    >>> speed.attributes
+    {'units': 'length/time', 'long_name': 'mean speed of the tracer'}
     """
 
     dims: tuple[str, ...]

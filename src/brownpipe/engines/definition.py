@@ -71,7 +71,17 @@ class Definition(NamedTuple):
     """An engine: what makes its runs, and what is known of it before a run.
 
     The functions take `settings`, a record with a value for each setting of the engine. The guide
-    has an engine of one's own as an example.
+    has an engine that moves the disks itself; this one has those of the exact engine moved at
+    another temperature:
+
+    >>> from brownpipe.engines.exact.simulation import simulate
+    >>> def simulate_hot(scene, seeds, record, *, observables, average):
+    ...     hot = scene.replace(**{"velocities.temperature": 4.0})
+    ...     return simulate(hot, seeds, record, observables=observables, average=average)
+    >>> hot = bp.Definition("hot", "the exact engine at kT = 4", simulate_hot)
+    >>> hot_runs = bp.simulate(scene, seeds=20, engine=hot)
+    >>> bool(np.allclose(hot_runs.initial_square_speed, 4 * runs.initial_square_speed))
+    True
     """
 
     name: str  # a word of small letters, digits and _

@@ -70,9 +70,9 @@ class Figure:
     >>> def draw_msd(axes, cases, **looks):
     ...     for case in cases:
     ...         axes.plot(case.time, case.msd, **looks)
-    >>> figure = Figure(curves=draw_msd, labels=["MSD"], variables=["msd"])
-    >>> figure.most_cases
-    36
+    >>> msd = bp.Figure(curves=draw_msd, labels=["MSD"], variables=["msd"])
+    >>> bp.plot(result, msd).axes[0].get_ylabel()
+    'MSD'
     """
 
     curves: DrawCurves | None = None

@@ -31,11 +31,20 @@ class Configuration(NamedTuple):
 
     Disks have the names of species, or none. Of those without names, disks of equal radius and mass
     are a species, kind-1, kind-2, ... in the order of their first disks; of more than MOST_KINDS
-    kinds all are one species, `disks`.
+    kinds all are one species, `disks`. The two of the example are kind-1 and kind-2.
 
-        Configuration(np.array([[1.0, 1.0], [3.0, 1.0]]), None, np.array([0.5, 0.2]), np.ones(2))
-
-    has a disk of each of the species kind-1 and kind-2.
+    >>> import brownpipe as bp
+    >>> pair = bp.Configuration(
+    ...     position=np.array([[1.0, 1.0], [3.0, 1.0]]),
+    ...     velocity=np.array([[1.0, 0.0], [-1.0, 0.0]]),
+    ...     radius=np.array([0.5, 0.2]),
+    ...     mass=np.array([1.0, 1.0]),
+    ... )
+    >>> box = {"x": (0, 4), "y": (0, 4)}
+    >>> collision = bp.Scene(box=box, disks={"configuration": pair}, duration=1.0)
+    >>> run = bp.simulate(collision, record="all")  # equal masses exchange their velocities
+    >>> run.disks.velocity.sel(time=1, component="x", seed=0).values.tolist()
+    [-1.0, 1.0]
     """
 
     position: np.ndarray  # (N, 2) float64 centres [length]
