@@ -287,3 +287,15 @@ def test_a_polydisperse_sample_is_one_species():
     energy = result.species_energy.isel(time=-1).squeeze()
     error = result.species_energy_standard_error.isel(time=-1).squeeze()
     assert abs(float(energy) - 1.0) < 5 * float(error) + 0.1
+
+
+def test_the_scene_of_runs_is_exported_with_its_disks(exported, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "branch.yaml").write_text(BRANCH.replace("FILE", str(exported / "disks.xyz")))
+    assert main(["simulate", "branch.yaml", "--seeds", "0", "--output", "b.h5"]) == 0
+    assert main(["export", "b.h5", "--to", "scene", "--output", "again.yaml"]) == 0
+    assert read_scene("again.yaml").digest == read_scene("branch.yaml").digest
+    assert (tmp_path / "again_disks.csv").exists()
+    assert main(["export", "b.h5", "--to", "scene", "--output", "again.yaml"]) == 2  # it is there
+    assert main(["inspect", "b.h5", "--scene"]) == 2
+    assert main(["inspect", "b.h5"]) == 0

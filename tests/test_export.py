@@ -192,11 +192,14 @@ def test_a_table_has_every_digit_of_all_whole_runs(boundary, tmp_path):
     }
     if boundary == "reflecting":
         del columns["image"]
-    assert list(rows[0]) == ["seed", "time", "disk", "species", *itertools.chain(*columns.values())]
+    vectors = itertools.chain(*columns.values())
+    assert list(rows[0]) == ["seed", "time", "disk", "species", *vectors, "radius", "mass"]
     expected = itertools.product((3, 8), enumerate(scene.times), range(4))
     for row, (seed, (k, time), disk) in zip(rows, expected, strict=True):
         assert (int(row["seed"]), float(row["time"]), int(row["disk"])) == (seed, time, disk)
         assert row["species"] == ("bath" if disk else "tracer")
+        assert float(row["radius"]) == scene.radius[disk]
+        assert float(row["mass"]) == scene.mass[disk]
         for name, titles in columns.items():
             stored = getattr(tracks[seed], name)[k, disk]
             assert [float(row[title]) for title in titles] == list(stored)

@@ -28,7 +28,6 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import Cost
 from brownpipe.engines.langevin import LANGEVIN
-from brownpipe.engines.start.initial_state import separation_in_words
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
 from brownpipe.observables import own, tracer_observables
@@ -112,6 +111,8 @@ class Engine(NamedTuple):
         """Return a line on the limits of the results in a scene, one on disks that are pushed
         apart, and one on observables that are not measured.
         """
+        from brownpipe.engines.start.initial_state import separation_in_words  # imports Numba
+
         remarks = (self.definition.caution(scene), separation_in_words(scene))
         lines = [remark for remark in remarks if remark]
         lacking = set(observables) - set(tracer_observables(observables))

@@ -31,6 +31,7 @@ from brownpipe.provenance import made_with
 from brownpipe.report.description import setup_in_words
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import yaml_text
+from brownpipe.scene.scene import GivenDisks
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage.datasets import read_contents, read_dataset
 from brownpipe.storage.layout import described, dims_of
@@ -112,6 +113,9 @@ def scene_text(path: str | Path) -> str:
     `file_report`.
     """
     scene = read_trajectories(path).scene
+    if isinstance(scene.disks, GivenDisks):
+        cure = f"brownpipe export {shell_path(path)} --to scene writes the scene and its disks"
+        raise RequestError(f"{path}: its disks were in a file; {cure}")
     head = f"# Scene {scene.name} of a trajectory file, with all defaults. Digest: {scene.digest}"
     return f"{head}\n{yaml_text(scene.as_mapping())}"
 

@@ -22,7 +22,6 @@ from brownpipe.scene.configuration import Configuration, ConfigurationKey, named
 from brownpipe.scene.reading import Document, Number, SeedNumber, read_yaml, validated
 from brownpipe.scene.scene import Box
 from brownpipe.scene.species import species_table
-from brownpipe.storage.trajectories import chosen_seed, read_trajectories
 
 SAME_TIME = 1e-9  # in durations: times closer than this are one
 SAME_SIDE = 1e-6  # relative: sides of boxes in single precision
@@ -343,6 +342,8 @@ def _gsd_index(file: Path, trajectory: Any, time: float | None) -> int:
 
 def _from_runs(file: Path, box: Box | None, seed: int | None, time: float | None) -> Configuration:
     """Return the disks of a run of brownpipe at a time."""
+    from brownpipe.storage.trajectories import chosen_seed, read_trajectories  # imports h5py
+
     runs = read_trajectories(file)
     scene = runs.scene
     tracks = runs.ensemble.whole

@@ -7,7 +7,6 @@ but one run for observables of the user's own.
 
 from brownpipe.engines import forecast, friction
 from brownpipe.engines.friction import DECAY_TIMES, not_diffusive_before
-from brownpipe.engines.start.initial_state import separation_in_words
 from brownpipe.engines.windows import default_windows, window_caution
 from brownpipe.figures.cases import aligned
 from brownpipe.report.description import (
@@ -58,6 +57,8 @@ def _scene(scene: Scene) -> list[str]:
     }
     lines = [f"{name:12}{text}" for name, text in properties.items() if text]
     window = window_caution(default_windows([scene])[0], {scene.name: start})
+    from brownpipe.engines.start.initial_state import separation_in_words  # imports Numba
+
     separation = separation_in_words(scene)
     cautions = [forecast.caution(scene), forecast.settling_caution(scene), window, separation]
     return [*lines, *_cautions(cautions)]

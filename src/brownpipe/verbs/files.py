@@ -214,6 +214,9 @@ def _page(trajectories: Trajectories, arguments: Namespace) -> tuple[bytes, str]
     return replay_page(trajectories, arguments.file, arguments.seed)
 
 
+SCENE = "scene"  # in place of a format
+
+
 def _export_options(add: AddOption) -> None:
     add(
         "file",
@@ -223,15 +226,16 @@ def _export_options(add: AddOption) -> None:
     add(
         "--to",
         required=True,
-        choices=FORMATS,
+        choices=(*FORMATS, SCENE),
         metavar="FORMAT",
-        help="gsd, xyz (extended XYZ) or csv",
+        help="gsd, xyz (extended XYZ), csv, or scene: the scene file of the runs",
     )
     add_seed(add, "the run to export (default: the first in the file; csv: all)")
     add(
         "--output",
         metavar="FILE",
-        help="*.gsd, *.xyz or *.csv (default: name of the file, in this folder)",
+        help="*.gsd, *.xyz, *.csv, or *.yaml of a scene (default: name of the file, in this "
+        "folder)",
     )
 
 
@@ -244,12 +248,19 @@ def export_run(arguments: Namespace) -> None:
     package gsd; XYZ and CSV have every digit. Unwrapped positions in a periodic box are position +
     image * (width, height). A file that is there is not replaced.
 
+    `--to scene` writes the scene of any runs, to be read again; disks that were in a file are
+    written into NAME_disks.csv beside it.
+
     example: brownpipe export seed17.h5 --to gsd
     """
-    kind = f".{arguments.to}"
+    kind = ".yaml" if arguments.to == SCENE else f".{arguments.to}"
     output = arguments.output or f"{Path(arguments.file).stem}{kind}"
     output = writable(output, arguments.file, suffixes=(kind,))
     absent(output, "choose another name for the output, or delete it")
+    if arguments.to == SCENE:
+        read_trajectories(arguments.file).scene.save(output)
+        show(f"{output}: a scene, {in_bytes(Path(output).stat().st_size)}")
+        return
     tracks, remarks = export_runs(
         read_trajectories(arguments.file), arguments.file, output, arguments.to, arguments.seed
     )
