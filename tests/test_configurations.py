@@ -281,12 +281,17 @@ def test_a_polydisperse_sample_is_one_species():
         duration=1.0,
         sample_interval=0.25,
     )
-    runs = bp.simulate(scene, 4, observables=["pair_distribution", "species_energy"], quiet=True)
-    result = bp.analyse(runs)
-    assert result.species.values.tolist() == ["disks"]
-    energy = result.species_energy.isel(time=-1).squeeze()
-    error = result.species_energy_standard_error.isel(time=-1).squeeze()
-    assert abs(float(energy) - 1.0) < 5 * float(error) + 0.1
+    runs = bp.simulate(scene, 8, observables=["pair_distribution", "species_energy"], quiet=True)
+    result = bp.analyse(runs).squeeze()
+    assert result.species.values.tolist() == "disks"
+    assert result.species_pair.values.tolist() == "disks:disks"
+    assert np.isnan(result.contact_value)  # disks touch at many distances
+    assert np.isfinite(result.pair_distribution).any()
+    energy = result.species_energy.isel(time=-1)
+    error = result.species_energy_standard_error.isel(time=-1)
+    assert abs(energy - 1.0) < 5 * error
+    compressibility = float(result.compressibility)  # of Enskog's theory, over classes of radii
+    assert compressibility == pytest.approx(float(result.enskog_compressibility), rel=0.1)
 
 
 def test_the_scene_of_runs_is_exported_with_its_disks(exported, tmp_path, monkeypatch):

@@ -33,14 +33,15 @@ NORMAL = 1.96  # standard errors in half a 95 % interval
 
 def pairs_in(scene: Scene) -> tuple[np.ndarray, ...]:
     """Return the P pairs of species in a scene, each (P,): index of a species and of the other, a
-    <= b, number of pairs of disks, distance of two disks at contact [length].
+    <= b, number of pairs of disks, distance of two disks at contact [length]; for species of
+    several radii the smallest.
     """
     species = species_table(scene)
     a, b = np.array(species_pairs(species), int).reshape(-1, 2).T
     is_same = a == b
     partners = species.number[b] - is_same  # of a disk; none is its own
     pairs = species.number[a] * partners / (1.0 + is_same)  # those of one species counted once
-    return a, b, pairs, species.radius[a] + species.radius[b]
+    return a, b, pairs, species.smallest_radius[a] + species.smallest_radius[b]
 
 
 def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
@@ -107,7 +108,7 @@ def wall_weights(scene: Scene) -> np.ndarray:
     number, width = profile.bins(scene)
     edges = np.arange(number + 1) * width
     decay = DECAY_AT_WALL * phi * float(theory.contact_value(phi))
-    diameters = 2 * species_table(scene).radius
+    diameters = 2 * species_table(scene).radius  # of several radii the mean
     weights = [
         contact_weights(edges + diameter, diameter, decay, flat=True) for diameter in diameters
     ]
@@ -170,6 +171,8 @@ def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
         return {}
     pair_collisions, tracer_collisions, energy = (np.asarray(seen[name], float) for name in names)
     number = species_table(scene).number
+    if not species_table(scene).has_one_kind.all():
+        return {}
     if len(number) == 1 and number[0] > 1:
         collisions = pair_collisions[:, None]
     elif len(number) == 2 and number[0] == 1 and (scene.box.periodic or "pair_expected" in seen):
@@ -190,7 +193,9 @@ def bin_edges(scene: Scene) -> np.ndarray:
 
 
 def weights_of(scene: Scene) -> np.ndarray:
-    """Return the `contact_weights` (2, P, R) of every pair of species."""
+    """Return the `contact_weights` (2, P, R) of every pair of species; NaN for species of several
+    radii, which touch at many distances.
+    """
     a, b, _, contact = pairs_in(scene)
     species = species_table(scene)
     phi = min(scene.packing_fraction, DENSEST)
@@ -202,7 +207,9 @@ def weights_of(scene: Scene) -> np.ndarray:
         contact_weights(edges, distance, decay)
         for distance, decay in zip(contact, decays, strict=True)
     ]
-    return np.stack(weights, axis=1)
+    stacked = np.stack(weights, axis=1)
+    stacked[:, ~(species.has_one_kind[a] & species.has_one_kind[b])] = np.nan
+    return stacked
 
 
 def pair_columns(case: Case, runs: Ensemble) -> Columns:

@@ -47,8 +47,9 @@ def density_profile(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]
     number, width = bins(scene)
     profile = np.zeros((len(species.name), number))
     for k, radius in enumerate(species.radius):
-        corner, size = scene.box.accessible(radius)
         disks = np.flatnonzero(species.species_index == k)
+        corner, size = scene.box.accessible(scene.radius[disks, None])
+        mean_size = scene.box.accessible(radius)[1]
         counts = np.zeros(number, np.int64)
         for first in range(0, len(position), SAMPLES_AT_ONCE):
             from_low = position[first : first + SAMPLES_AT_ONCE, disks] - corner
@@ -56,7 +57,7 @@ def density_profile(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]
             distance = np.minimum(from_low, size - from_low).ravel()
             column = (np.maximum(distance, 0.0) / width).astype(np.int64)  # by round-off below 0
             counts += np.bincount(column[column < number], minlength=number)
-        profile[k] = counts / (len(position) * 2 * width * size.sum())
+        profile[k] = counts / (len(position) * 2 * width * mean_size.sum())
     return {"density_profile": profile}
 
 

@@ -108,9 +108,9 @@ class Box(Section):
     def periodic(self) -> bool:
         return self.boundary == "periodic"
 
-    def accessible(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    def accessible(self, radius: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return lower corner (2,) and size (2,) [length] of the rectangle accessible to the centre
-        of a disk.
+        of a disk; (n, 2) for radii (n, 1) between walls.
 
         It is smaller than the box by the radius at each wall; a periodic box is accessible as it
         is.

@@ -21,6 +21,7 @@ class SpeciesTable(NamedTuple):
     mass: np.ndarray  # (K,); the mean of a species of several masses
     species_index: np.ndarray  # (N,) int64 of the species of each disk
     has_one_kind: np.ndarray  # (K,) bool, whether all its disks have one radius and mass
+    smallest_radius: np.ndarray  # (K,) [length]
 
 
 class Kinds(NamedTuple):
@@ -40,13 +41,15 @@ def species_table(scene: Scene) -> SpeciesTable:
         return _species_of_given(given.names, given.species_index, scene)
     present = [species for species in scene.species if species.count]
     number = np.array([species.count for species in present], np.int64)
+    radius = np.array([species.radius for species in present], float)
     return SpeciesTable(
         name=tuple(species.name for species in present),
         number=number,
-        radius=np.array([species.radius for species in present], float),
+        radius=radius,
         mass=np.array([species.mass for species in present], float),
         species_index=np.repeat(np.arange(len(present)), number),
         has_one_kind=np.ones(len(present), bool),
+        smallest_radius=radius,
     )
 
 
@@ -56,15 +59,17 @@ def _species_of_given(
     number = np.bincount(species_index, minlength=len(names))
     radius = np.zeros(len(names))
     mass = np.zeros(len(names))
+    smallest_radius = np.zeros(len(names))
     has_one_kind = np.zeros(len(names), bool)
     for k in range(len(names)):
         radii = scene.radius[species_index == k]
         masses = scene.mass[species_index == k]
         has_one_kind[k] = np.ptp(radii) == 0 and np.ptp(masses) == 0
+        smallest_radius[k] = radii.min()
         # the mean of equal numbers may differ from them in its last digit
         radius[k] = radii[0] if np.ptp(radii) == 0 else radii.mean()
         mass[k] = masses[0] if np.ptp(masses) == 0 else masses.mean()
-    return SpeciesTable(names, number, radius, mass, species_index, has_one_kind)
+    return SpeciesTable(names, number, radius, mass, species_index, has_one_kind, smallest_radius)
 
 
 def kinds_of(scene: Scene) -> Kinds:
