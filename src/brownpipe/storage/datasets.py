@@ -35,7 +35,7 @@ def write_dataset(path: str | Path, dataset: "xarray.Dataset") -> None:
     for name, variable in dataset.variables.items():
         if variable.nbytes > SMALL and variable.dtype.kind in "iuf":
             encoding[name] = {"zlib": True, "shuffle": True}
-    with writing(path, LookedUpOnce, track_order=True) as file:  # netCDF4 wants the order
+    with writing(path, LookupCachingFile, track_order=True) as file:  # netCDF4 wants the order
         dataset.drop_encoding().to_netcdf(file, engine="h5netcdf", encoding=encoding)
 
 
@@ -55,7 +55,7 @@ def read_contents(path: str | Path) -> "Trajectories | xarray.Dataset":
         return trajectories_in(file) if TRAJECTORIES in file.attrs else _dataset_in(file)
 
 
-class LookedUpOnce(h5py.File):
+class LookupCachingFile(h5py.File):
     """An HDF5 file without groups: h5netcdf looks up each array some fifty times, half of the CPU
     time.
 
@@ -77,7 +77,7 @@ class LookedUpOnce(h5py.File):
 def _dataset_in(file: h5py.File) -> "xarray.Dataset":
     import xarray
 
-    return xarray.load_dataset(LookedUpOnce(file.id), engine="h5netcdf").drop_encoding()
+    return xarray.load_dataset(LookupCachingFile(file.id), engine="h5netcdf").drop_encoding()
 
 
 # -- what a dataset was made from ------------------------------------------------------------------
