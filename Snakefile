@@ -41,4 +41,4 @@ rule all:
 onstart:
     due = [*workflow.dag.needrun_jobs()]
     awaits_plan.extend(job for job in due if job.rule.name == "plan")
-    forecast(study, [job.output[0] for job in due if job.rule.name == "simulate"], logger)
+    say_forecast(study, [job.output[0] for job in due if job.rule.name == "simulate"], logger)

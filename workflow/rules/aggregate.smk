@@ -8,7 +8,7 @@ rule aggregate:
     log:
         f"{results}/logs/aggregate.log",
     resources:
-        **request["aggregate"],
+        **resources_of_jobs["aggregate"],
     params:
         study=exactly(study_words),
         any_digest=any_digest,

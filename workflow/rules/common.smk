@@ -10,7 +10,7 @@
 # another step.
 from brownpipe.study.workflow import (
     ended_by_mistakes,
-    forecast,
+    say_forecast,
     read_workflow_study,
     remove_stale_locks,
 )
@@ -27,7 +27,7 @@ runs = "results/runs/{scene}/N{particles}/{engine}-{digest}/{first}-{last}"
 made_from = digests(study)
 any_digest = "[0-9a-f]" * len(made_from["plan"])
 simulations = commands(study)
-request = job_resources(study)
+resources_of_jobs = job_resources(study)
 captions = PACKAGE / "figures"
 awaits_plan = []  # the job that says how many runs there are, until it is done
 not_as_made = (
@@ -57,7 +57,7 @@ checkpoint plan:
     log:
         f"{results}/logs/plan.log",
     resources:
-        **request["plan"],
+        **resources_of_jobs["plan"],
     params:
         study=exactly(study_words),
     shell:
@@ -76,7 +76,7 @@ def trajectories(wildcards):
     paths = [file.path for file in files_of(known)]
     if awaits_plan:
         awaits_plan.clear()
-        forecast(study, [str(path) for path in paths if not path.exists()], logger)
+        say_forecast(study, [str(path) for path in paths if not path.exists()], logger)
     return [str(path) for path in paths]
 
 

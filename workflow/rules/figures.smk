@@ -29,7 +29,7 @@ rule figures:
         f"{results}/logs/figures.log",
     threads: 2
     resources:
-        **request["figures"],
+        **resources_of_jobs["figures"],
     params:
         options=exactly(figure_options(study)),
         any_digest=any_digest,

@@ -4,7 +4,7 @@ rule simulate:
     log:
         f"{runs}.log",
     resources:
-        **request["simulate"],
+        **resources_of_jobs["simulate"],
     params:
         runs=lookup(dpath="{digest}", within=simulations),
     shell:

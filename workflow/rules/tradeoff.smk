@@ -10,7 +10,7 @@ rule tradeoff:
         f"{results}/logs/tradeoff.log",
     threads: 1000  # limited to all cores
     resources:
-        **request["tradeoff"],
+        **resources_of_jobs["tradeoff"],
     params:
         study=exactly(study_words),
         any_digest=any_digest,
@@ -50,7 +50,7 @@ rule tradeoff_drawings:
     log:
         f"{results}/logs/tradeoff_drawings.log",
     resources:
-        **request["tradeoff_drawings"],
+        **resources_of_jobs["tradeoff_drawings"],
     params:
         any_digest=any_digest,
         planned=made_from["tradeoff"],

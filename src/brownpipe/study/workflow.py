@@ -107,7 +107,7 @@ def remove_stale_locks() -> None:
         fcntl.flock(_held[-1], fcntl.LOCK_SH)
 
 
-def forecast(study: Study, files: Sequence[str], logger: Logger) -> None:
+def say_forecast(study: Study, files: Sequence[str], logger: Logger) -> None:
     """Say what it will take to simulate the files of runs that are due.
 
     The logger plugin derives the time left from it.
