@@ -32,12 +32,12 @@ def describe_scene_or_study(path: str, particles: int | None = None) -> str:
     if "box" not in mapping and mapping.keys() & study_keys:
         replaced = {} if particles is None else {"particles": particles}
         study = read_study(path, replaced)
-        return in_lines([f"{path}: a valid study", *_study(study)])
+        return in_lines([f"{path}: a valid study", *_study_report(study)])
     scene = parse_scene(mapping, path, particles)
-    return in_lines([f"{path}: a valid scene", *_scene(scene)])
+    return in_lines([f"{path}: a valid scene", *_scene_report(scene)])
 
 
-def _scene(scene: Scene) -> list[str]:
+def _scene_report(scene: Scene) -> list[str]:
     """Return the lines of the report on a scene."""
     cost = forecast.run_cost(scene)
     cost_of_all_disks = forecast.run_cost(scene, {"all"})
@@ -52,8 +52,8 @@ def _scene(scene: Scene) -> list[str]:
         "run": times_in_words(scene),
         "diffusion": _diffusion(start),
         "collisions": _collisions(scene, cost),
-        "cost": _cost(cost),
-        "record": _all_disks(cost_of_all_disks),
+        "cost": _tracer_run_cost(cost),
+        "record": _all_disks_run_cost(cost_of_all_disks),
     }
     lines = [f"{name:12}{text}" for name, text in properties.items() if text]
     window = window_caution(default_windows([scene])[0], {scene.name: start})
@@ -88,7 +88,7 @@ def _collisions(scene: Scene, cost: forecast.Cost) -> str:
     )
 
 
-def _cost(cost: forecast.Cost) -> str:
+def _tracer_run_cost(cost: forecast.Cost) -> str:
     """Return what a run of the exact engine takes if it records the tracer."""
     memory = in_bytes(forecast.memory(cost, 1))
     return (
@@ -97,7 +97,7 @@ def _cost(cost: forecast.Cost) -> str:
     )
 
 
-def _all_disks(cost: forecast.Cost) -> str:
+def _all_disks_run_cost(cost: forecast.Cost) -> str:
     """Return what a run of the exact engine takes if it records all disks."""
     memory = in_bytes(forecast.memory(cost, 1))
     return (
@@ -124,13 +124,13 @@ def _momentum(scene: Scene) -> str | None:
     )
 
 
-def _study(study: Study) -> list[str]:
+def _study_report(study: Study) -> list[str]:
     """Return the lines of the report on a study: a table of its runs, its engines and the whole
     workload.
     """
     refuse_mistakes(study)
     sets = run_sets(study)
-    lines = aligned(_columns(sets))
+    lines = aligned(_run_columns(sets))
     for engine in study.engines:
         cases = [runs.case for runs in sets if runs.engine == engine]
         lines.append(f"engine    {engine.label}: {engine.model(cases)}")
@@ -145,7 +145,7 @@ def _study(study: Study) -> list[str]:
     return lines
 
 
-def _columns(sets: list[RunSet]) -> list[tuple[str, ...]]:
+def _run_columns(sets: list[RunSet]) -> list[tuple[str, ...]]:
     """Return the columns of the table of runs, each with its heading first."""
     cases = [runs.case for runs in sets]
     costs = [runs.cost for runs in sets]

@@ -66,23 +66,23 @@ def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: st
         refuse(f"must be {' or '.join(map(str, allowed))}, not {others[0]!r}", *path)
 
 
-def one_or_more(kind: Any, least: int = 1) -> Any:
+def one_or_more(kind: Any, min_length: int = 1) -> Any:
     """Return the type of a list of values that differ; a single value stands for a list of one."""
-    schema = kind | Annotated[list[kind], Field(min_length=least)]
-    length = Field(min_length=least)
+    schema = kind | Annotated[list[kind], Field(min_length=min_length)]
+    length = Field(min_length=min_length)
     listed = BeforeValidator(_as_list, json_schema_input_type=schema)
-    return Annotated[tuple[kind, ...], length, AfterValidator(_differing), listed]
+    return Annotated[tuple[kind, ...], length, AfterValidator(_refuse_repeated), listed]
 
 
 def _as_list(value: Any) -> Any:
     return value if isinstance(value, list | tuple) else [value]
 
 
-def _differing(values: tuple[Any, ...]) -> tuple[Any, ...]:
+def _refuse_repeated(values: tuple[Any, ...]) -> tuple[Any, ...]:
     return values if len({*values}) == len(values) else refuse("must be values that differ")
 
 
-def _share(value: Any) -> Any:
+def _number_of_percentage(value: Any) -> Any:
     """Return the number that a text like "2%" stands for; other values as they are."""
     if isinstance(value, str) and PERCENTAGE.fullmatch(value):
         return float(value[:-1]) / 100
@@ -101,7 +101,7 @@ def _own_name(name: str) -> str:
 
 
 Text = Annotated[str, Field(min_length=1)]
-SHARE = BeforeValidator(_share, json_schema_input_type=float | str)
+SHARE = BeforeValidator(_number_of_percentage, json_schema_input_type=float | str)
 # a relative error
 Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE]
 Target = Literal["msd", "d", "displacement_distribution"]
@@ -118,12 +118,12 @@ Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
 Engines = Annotated[tuple[Any, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
 OwnName = Annotated[str, AfterValidator(_own_name), Field(json_schema_extra={"pattern": ".:."})]
 Measure: Any = Literal[tuple(measures.OBSERVABLES)] | OwnName
-Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, least=0))]
+Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, min_length=0))]
 Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
 Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
-Times = Annotated[tuple[float, ...], As(one_or_more(Positive, least=0))]
+Times = Annotated[tuple[float, ...], As(one_or_more(Positive, min_length=0))]
 Window = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ascending)]
-Windows = Annotated[tuple[Window, ...], Field(min_length=1), AfterValidator(_differing)]
+Windows = Annotated[tuple[Window, ...], Field(min_length=1), AfterValidator(_refuse_repeated)]
 Substitutes = dict[str, Annotated[tuple[str, ...], As(one_or_more(Text))]]
 
 
