@@ -325,7 +325,7 @@ def scan(
     """
     if isinstance(scene, SceneRecord):
         name = scene.name
-        mapping = _scene(scene, particles).given
+        mapping = _checked_scene(scene, particles).given
         where = "scene"
     else:  # the file's own box may be too small for its disks, if a packing fraction is varied
         name = None
@@ -453,7 +453,7 @@ def table(result: Dataset) -> "DataFrame":
     >>> frame.attrs["diffusion_coefficient"]
     'length^2/time'
     """
-    _refuse_part(result, RequestError)
+    _refuse_incomplete_analysis(result, RequestError)
     frame = summary_table(result.isel(window=[0]))
     empty = frame.columns[frame.isna().all()]
     frame = frame[[name for name in frame if name.removesuffix("_standard_error") not in empty]]
@@ -498,7 +498,7 @@ def plot(
     """
     if not isinstance(figure, Figure):
         validated(Literal[tuple(FIGURES)], figure, key="figure")
-    _refuse_part(result, FigureError)
+    _refuse_incomplete_analysis(result, FigureError)
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
     if panel and ax is not None:
@@ -506,7 +506,7 @@ def plot(
     try:
         if ax is not None:
             return draw_into(ax, result, figure, plain(particles), **looks)
-        panels = _joined("panel", panel).split(",") if panel else ()
+        panels = _comma_separated("panel", panel).split(",") if panel else ()
         drawn = draw(result, figure, plain(particles), panels)
     except (AttributeError, FigureError, KeyError, StopIteration) as error:
         lacking = sorted(ALWAYS - result.variables.keys())
@@ -619,14 +619,14 @@ def _request(
     """
     settings_known = engine.settings._fields if isinstance(engine, Definition) else SETTINGS
     arguments = [*Request._fields, "particles", "quiet", *settings_known]
-    scene_record = _scene(scene, particles)
+    scene_record = _checked_scene(scene, particles)
     for name in settings.keys() - {*settings_known}:
         hint = did_you_mean(name, arguments).strip()
         raise RequestError(f"{name}: unknown; {hint or 'see help(brownpipe.simulate)'}")
     values = {key: plain(value) for key, value in settings.items()}
     chosen = engine_of_request(engine, values, str)
-    recorded = read_record(_joined("record", record), "record")
-    names = tuple(filter(None, _joined("observables", observables).split(",")))
+    recorded = read_record(_comma_separated("record", record), "record")
+    names = tuple(filter(None, _comma_separated("observables", observables).split(",")))
     if isinstance(seeds, range) and seeds and seeds.step == 1 and seeds[0] >= 0:
         seeds = f"{seeds[0]}-{seeds[-1]}"  # never expanded, as it may be long
     numbers = validated(Seeds, plain(seeds), key="seeds")
@@ -640,11 +640,11 @@ def _ensemble(request: Request) -> Ensemble:
     seeds = np.asarray(request.seeds)
     stored = stored_runs(request.scene, request.engine, request.digest, seeds)
     missing = seeds_without_file(seeds, [(batch.seeds[0], batch.seeds[-1]) for batch in stored])
-    ensemble = join_ensembles([*stored, *_batches(request, missing)])
+    ensemble = join_ensembles([*stored, *_simulate_in_batches(request, missing)])
     return select(ensemble, np.isin(ensemble.seeds, seeds))
 
 
-def _batches(request: Request, seeds: np.ndarray) -> list[Ensemble]:
+def _simulate_in_batches(request: Request, seeds: np.ndarray) -> list[Ensemble]:
     """Return runs of some seeds of a request, made on its cores in batches."""
     if not len(seeds):
         return []
@@ -658,7 +658,7 @@ def _batches(request: Request, seeds: np.ndarray) -> list[Ensemble]:
 # -- arguments -------------------------------------------------------------------------------------
 
 
-def _scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
+def _checked_scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
     """Return a scene, or that of a file, with `particles` disks if that is given."""
     if not isinstance(scene, SceneRecord):
         return scene_of_file(validated(Path, scene, key="scene"), plain(particles))
@@ -669,7 +669,7 @@ def _scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
     return scene
 
 
-def _joined(key: str, value: Any) -> str:
+def _comma_separated(key: str, value: Any) -> str:
     """Return names as one text with commas: ["tracer", "events"] as "tracer,events"."""
     if not isinstance(value, Iterable):
         raise RequestError(f"{key}: must be a name or a list of names, not {value!r}")
@@ -677,7 +677,7 @@ def _joined(key: str, value: Any) -> str:
     return ",".join(map(observable_name, names))
 
 
-def _refuse_part(result: Any, kind: type[BrownpipeError]) -> None:
+def _refuse_incomplete_analysis(result: Any, kind: type[BrownpipeError]) -> None:
     """Raise an error of this kind unless the result is an analysis with the dimensions of its
     cases.
     """
