@@ -22,7 +22,7 @@ from brownpipe.figures.scan import table_of_scan
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.scene import parse_scene
 from brownpipe.scene.reading import validated
-from brownpipe.scene.variation import Vary, scene_with
+from brownpipe.scene.variation import Vary, scene_with, value_of
 from brownpipe.study import read_study
 from brownpipe.study.run_sets import commands, run_sets
 
@@ -118,6 +118,13 @@ def test_a_key_without_numbers_is_no_axis_of_a_figure(folder):
         assert "scan" not in read_study("study.yaml").figures
     write_study()
     assert "scan" in read_study("study.yaml").figures
+
+
+@pytest.mark.parametrize("distribution", ["normal", "uniform"])
+def test_a_default_that_is_varied_has_its_value_as_label(distribution):
+    velocities = {"standard_deviation": 1.0, "distribution": distribution}
+    scene = parse_scene(FLUID | {"velocities": velocities}, "fluid.yaml")
+    assert value_of(scene, "velocities.distribution") == distribution
 
 
 def dataset_of(study):

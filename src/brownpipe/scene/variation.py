@@ -152,6 +152,9 @@ def value_of(scene: Scene, path: str) -> Any:
     """Return the value of a varied key in a scene: a number, or a text."""
     if path == "equilibrate":  # a number stands for {time: number}
         path = "equilibrate.time"
+    if path == "velocities.distribution":  # the text of a scene does not have its default
+        assert scene.velocities is not None
+        return scene.velocities.distribution
     keys = scene.as_mapping() | {PACKING_FRACTION: scene.packing_fraction}
     value = part_of(keys, path.split("."))
     word = _word(value)
