@@ -36,6 +36,7 @@ ORDER = (
     "harrison2020",
     "small",
     "particle_counts",
+    "harrison_start",
     "mass_and_density",
     "spreading",
     "cooling",
