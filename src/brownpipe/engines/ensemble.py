@@ -127,9 +127,7 @@ def make_runs(
         except (RunError, RequestError) as error:
             is_of_scene = isinstance(error, PlacementError) and never_placed(scene)
             if is_of_scene or not isinstance(error, RunError | PlacementError):
-                raise type(error)(
-                    f"{scene.name}, N = {scene.particles}, seed {seed}: {error}"
-                ) from None
+                raise type(error)(f"{scene.title}, seed {seed}: {error}") from None
             ensemble.stopped[seed] = str(error)
             write_columns(ensemble, slice(column, column + 1), None, {"failed": [np.uint8(1)]})
         progress.report("runs", column + 1, len(ensemble.seeds))

@@ -452,7 +452,7 @@ def settling_caution(scene: Scene) -> str | None:
     does for far less than it is expected to need; otherwise None.
     """
     time = scene.equilibrate.time
-    case = f"{scene.name}, N = {scene.particles}"
+    case = scene.title
     thermal = motion.is_thermal(scene) and motion.moves(scene)
     if thermal and time == 0 and scene.particles > 1:
         if scene.configuration is not None:  # it may be from equilibrium

@@ -130,7 +130,7 @@ def friction_rate(scene: Scene, friction: str, measured: float | None = None) ->
     is_normal = gamma >= SMALLEST_NORMAL or not motion.moves(scene)
     if not (is_normal and math.isfinite(gamma)):
         raise RequestError(
-            f"{scene.name}, N = {scene.particles}: --engine langevin needs a friction rate from "
+            f"{scene.title}: --engine langevin needs a friction rate from "
             f"{SMALLEST_NORMAL:.3g} to 1.8e308, found {gamma:g}; choose another unit of time"
         )
     return float(gamma)

@@ -50,7 +50,7 @@ def scenery_of(scene: Scene, seed: int, track: Track) -> tuple[Figure, Callable[
     The function is to be called within the context `style.drawing`, as this one.
     """
     shades = shades_of(scene)
-    figure, axes = _box(scene, f"{scene.name}, N = {scene.particles}, seed {seed}", shades)
+    figure, axes = _box(scene, f"{scene.title}, seed {seed}", shades)
     disks = EllipseCollection(
         [], [], 0, units="xy", offset_transform=axes.transData, linewidths=0.5
     )

@@ -80,7 +80,7 @@ def announcement(original: Trajectories) -> list[str]:
     number = len(original.ensemble.seeds)
     cost = engine.forecast(scene, *_options(original))
     seconds = forecast.START_UP + cost.seconds_per_process + number * cost.seconds
-    runs = f"{counted(number, 'run')} of {scene.name}, N = {scene.particles}, {engine.options}"
+    runs = f"{counted(number, 'run')} of {scene.title}, {engine.options}"
     lines = [f"running again {runs}: some {in_time(seconds)} of CPU"]
     if changes := _changes(original):
         lines.append(f"results may differ: the file was made with {changes}")

@@ -36,7 +36,7 @@ def replay_page(
     scene = trajectories.scene
     seed = _seed_of(trajectories, path, seed)
     events = trajectories.ensemble.events[seed]
-    title = f"{scene.name}, N = {scene.particles}, seed {seed}"
+    title = f"{scene.title}, seed {seed}"
     shades = shades_of(scene)
     end = scene.duration
     extent = counted(len(events.time), "collision")

@@ -647,6 +647,11 @@ class Scene(Section):
         return math.pi * float(np.sum(square))
 
     @property
+    def title(self) -> str:
+        """Name and number of disks, as messages and pictures have them: fluid, N = 150."""
+        return f"{self.name}, N = {self.particles}"
+
+    @property
     def label(self) -> str:
         """Name and number of disks: the scene's label in a trade-off."""
         return f"{self.name}_N{self.particles}"

@@ -173,7 +173,7 @@ def _cautions_of_study(study: Study, sets: list[RunSet]) -> list[str | None]:
             cautions.append(forecast.settling_caution(use.case))
     starts = {}
     for case in study.cases:
-        starts[f"{case.name}, N = {case.particles}"] = not_diffusive_before(case)
+        starts[case.title] = not_diffusive_before(case)
     for window in study.fit_windows or ():
         cautions.append(window_caution(window, starts))
     return cautions

@@ -119,7 +119,7 @@ def refuse_unresolved(runs: tradeoff.EngineRuns, window: tuple[float, float]) ->
     pilot = counted(len(runs.seeds), "pilot run")
     value = f"{plus_minus(mean, error)} in the window [{start:g}, {end:g}]"
     raise RequestError(
-        f"{case_title(runs.scene)}: the {pilot} do not tell D from zero, {value}, and a tolerance "
+        f"{runs.scene.title}: the {pilot} do not tell D from zero, {value}, and a tolerance "
         "is relative to it; choose a fit window in which the MSD grows, target: msd, or seeds"
     )
 
@@ -128,11 +128,6 @@ def spent_on(pilots: Sequence[Pilot]) -> str:
     """Return a line that says how many pilot runs were made, and where they are."""
     number = sum(pilot.made for pilot in pilots)
     return f"{counted(number, 'pilot run')} made in {RUNS}; the study uses them again"
-
-
-def case_title(scene: Scene) -> str:
-    """Return scene and number of disks, as messages name a case."""
-    return f"{scene.name}, N = {scene.particles}"
 
 
 # -- the runs of a study with a tolerance
@@ -155,7 +150,7 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     performances, pilots = performance_of(exact_study, study.target, study.tolerance)
     needed = {}
     for performance in performances:
-        needed[case_title(performance.scene)] = performance.runs or 0  # there is no bias
+        needed[performance.scene.title] = performance.runs or 0  # there is no bias
     title, most = max(needed.items(), key=lambda item: item[1])
     if most > MOST_SEEDS:
         raise RequestError(
@@ -260,7 +255,7 @@ def performance_of(
 def offers(performances: Sequence[Performance]) -> list[Offer]:
     """Return the offers of engines that meet the tolerance in all cases, the cheapest first."""
     sufficient: list[Offer] = []
-    cases = {case_title(performance.scene) for performance in performances}
+    cases = {performance.scene.title for performance in performances}
     engines = dict.fromkeys(performance.engine for performance in performances)
     for engine in engines:
         in_cases = [performance for performance in performances if performance.engine == engine]
@@ -283,7 +278,7 @@ def recommendation(
     biases = [f"bias of {target}"]
     runs = ["runs"]
     for performance in performances:
-        cases.append(case_title(performance.scene))
+        cases.append(performance.scene.title)
         engines.append(performance.engine.label)
         cpu_times.append(in_time(performance.cost.seconds))
         biases.append(f"{_percent(performance.bias)} +- {_percent(performance.bias_error)}")
@@ -291,7 +286,7 @@ def recommendation(
         runs.append(f"{number:,}" if number else "bias or its error too large")
     lines = aligned([cases, engines, cpu_times, biases, runs])
     for pilot in pilots:
-        lines += [f"{case_title(pilot.runs.scene)}: {drift}" for drift in pilot.drifts]
+        lines += [f"{pilot.runs.scene.title}: {drift}" for drift in pilot.drifts]
     lines.append(f"{target} to {_percent(tolerance)}:")
     cheapest = offers(performances)[:2]
     for word, offer in zip(("use", "or"), cheapest, strict=False):

@@ -387,7 +387,7 @@ class Study(Section):
         """
         for case in self.cases:
             for wrong, why in measures.problems(case, self.observables, self.average):
-                refuse(f"{case.name}, N = {case.particles}: {why}", wrong)
+                refuse(f"{case.title}: {why}", wrong)
             for k, (t0, t1) in enumerate(self.fit_windows or ()):
                 samples = np.count_nonzero(times_in_window(case.times, (t0, t1)))
                 if t1 > case.duration or samples < 3:

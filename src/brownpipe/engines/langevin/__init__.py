@@ -101,7 +101,7 @@ def _mass_ratio(scene: Scene) -> float:
 
 def _refuse(scene: Scene, why: str) -> NoReturn:
     """Raise RequestError."""
-    raise RequestError(f"{scene.name}, N = {scene.particles}: --engine langevin {why}")
+    raise RequestError(f"{scene.title}: --engine langevin {why}")
 
 
 def _model(scenes: Sequence[Scene], settings: Settings) -> str:

@@ -121,7 +121,7 @@ def placement_caution(scene: Scene) -> str | None:
         return None
     runs = "every run" if share > ALL_FAIL else "some of the runs"
     where = f"{runs} (packing fraction {scene.packing_fraction:.3g})"
-    case = f"{scene.name}, N = {scene.particles}"
+    case = scene.title
     if grows:
         return (
             f"{case}: smaller disks are inserted and grow in {where}: no equilibrium; add "

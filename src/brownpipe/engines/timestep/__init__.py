@@ -47,8 +47,7 @@ def refuse_unfit(scene: Scene, settings: Settings, record: Collection[str]) -> N
         )
     if math.isinf(time_step):
         raise RequestError(
-            f"{scene.name}, N = {scene.particles}: --engine timestep needs disks that move, or a "
-            "finite time_step"
+            f"{scene.title}: --engine timestep needs disks that move, or a finite time_step"
         )
     if not time_step >= least:
         raise RequestError(
