@@ -7,10 +7,13 @@ import pytest
 
 import brownpipe as bp
 from brownpipe.cli import main
+from brownpipe.engines.forecast import pair_rate
+from brownpipe.engines.friction import friction_rate
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.scene.configuration import Configuration
 from brownpipe.scene.scene import Box
+from brownpipe.scene.species import kinds_of
 from brownpipe.storage.configurations import read_configuration, read_scene
 
 BOX = {"x": [-2.0, 8.0], "y": [1.0, 9.0], "boundary": "periodic"}
@@ -33,6 +36,9 @@ duration: 1.0
 sample_interval: 0.5
 """
 TABLE = "x,y,radius,mass\n0,2,0.5,1\n2,2,0.5,1\n4,2,0.25,2\n"
+
+
+HEAD = 'Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1 Lattice="10 0 0 0 8 0 0 0 1"'
 
 
 @pytest.fixture(scope="module")
@@ -165,8 +171,26 @@ def test_a_gsd_of_another_program(tmp_path):
     assert disks.radius.tolist() == [0.5, 0.5]
     assert disks.mass.tolist() == [1.0, 1.0]
     assert disks.names == ("A",)
+    assert disks.velocity is None  # none were written
     with pytest.raises(RequestError, match="box: must be that of the scene, 9 x 8, not 10 x 8"):
         read_configuration(tmp_path / "other.gsd", Box(x=[0.0, 9.0], y=[0.0, 8.0]))
+
+
+def test_frames_may_be_apart_and_the_last_is_taken(tmp_path):
+    frame = f"1\n{HEAD} Time=TIME\nA TIME 2 0 0.5 1\n"
+    text = frame.replace("TIME", "1.5") + "\n" + frame.replace("TIME", "2.5")
+    (tmp_path / "two.xyz").write_text(text, "utf-8-sig")
+    assert read_configuration(tmp_path / "two.xyz").position.tolist() == [[2.5, 2.0]]
+    first = read_configuration(tmp_path / "two.xyz", time=1.5)
+    assert first.position.tolist() == [[1.5, 2.0]]
+
+
+def test_nothing_is_left_of_a_scene_that_cannot_be_saved(exported, tmp_path):
+    (tmp_path / "branch.yaml").write_text(BRANCH.replace("FILE", str(exported / "disks.xyz")))
+    (tmp_path / "mine.yaml").write_text("something else\n")
+    with pytest.raises(RequestError, match=r"mine\.yaml: exists"):
+        read_scene(tmp_path / "branch.yaml").save(tmp_path / "mine.yaml")
+    assert not (tmp_path / "mine_disks.csv").exists()
 
 
 def test_momenta_and_species_of_ase(tmp_path):
@@ -192,6 +216,10 @@ WRONG_TABLES = {
     "x,y,radius,mass\n0,2,0.5,0\n": "mass: must be above 0, not 0 (disk 0)",
     "Some words\nand more.\n": "x: missing; the columns are Some words",
     "x,y,radius,mass\n0,2,0.5,1,7,8\n": "is no table",
+    "x,y,radius,mass\n1_0,2,0.5,1\n": "line 2: x: must be a number, not 1_0",
+    "x,y,radius,mass,x\n0,2,0.5,1,7\n": "x: must be in one column, not in two",
+    "x,y,radius,mass,vx,vy,velocity_x\n0,2,0.5,1,7,7,8\n": "vx: must not be given with",
+    "x,y,radius,mass,species\n0,2,0.5,1,a\n0,4,0.5,1,\n": "line 3: species: missing",
 }
 
 
@@ -206,7 +234,6 @@ def test_wrong_tables(text, tmp_path):
     assert "\n" not in message
 
 
-HEAD = 'Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1 Lattice="10 0 0 0 8 0 0 0 1"'
 WRONG_XYZ = {
     f"2\n{HEAD}\nA 0 2 0 0.5 1\n": "ends after 1 of 2 disks",
     f"1\n{HEAD}\nA 0 2 x 0.5 1\n": "line 3: pos-2: must be a number",
@@ -215,6 +242,7 @@ WRONG_XYZ = {
     f"1\n{HEAD.replace('10 0', '10 1')}\nA 0 2 0 0.5 1\n": "must be a rectangle along x and y",
     f"1\n{HEAD.replace('10 0', '12 0')}\nA 0 2 0 0.5 1\n": "must be that of the scene, 10 x 8",
     "Dear all\n": "line 1: must be the number of disks",
+    "\u00b2\n": "line 1: must be the number of disks",
 }
 
 
@@ -304,3 +332,48 @@ def test_the_scene_of_runs_is_exported_with_its_disks(exported, tmp_path, monkey
     assert main(["export", "b.h5", "--to", "scene", "--output", "again.yaml"]) == 2  # it is there
     assert main(["inspect", "b.h5", "--scene"]) == 2
     assert main(["inspect", "b.h5"]) == 0
+
+
+def alternating(masses, radii, tracer):
+    """400 disks on a square lattice with the masses in turn, of these radii; the tracer's mass."""
+    x, y = np.meshgrid(np.arange(20) + 0.5, np.arange(20) + 0.5)
+    mass = np.resize(np.array(masses, float), 400)
+    mass[0] = tracer
+    disks = Configuration(np.stack([x.ravel(), y.ravel()], axis=1), None, radii, mass)
+    return bp.Scene(
+        box={"x": [0, 20], "y": [0, 20], "boundary": "periodic"},
+        disks={"configuration": disks},
+        velocities={"temperature": 1.0},
+        equilibrate={"time": 3.0, "tracer": "free"},
+        duration=2.0,
+        sample_interval=0.5,
+    )
+
+
+def test_sums_over_classes_of_disks_agree_with_those_over_kinds():
+    """Masses that do not follow the radii: nearly equal radii are many kinds or one."""
+    random = np.random.default_rng(2)
+    many = alternating([1.0, 100.0], random.uniform(0.3, 0.3001, 400), 200.0)
+    few = alternating([1.0, 100.0], np.full(400, 0.30005), 200.0)
+    assert len(kinds_of(few).number) == 3
+    assert len(kinds_of(many).number) > 64
+    assert pair_rate(many) == pytest.approx(pair_rate(few), rel=0.02)
+    friction = [friction_rate(scene, "enskog") for scene in (many, few)]
+    assert friction[0] == pytest.approx(friction[1], rel=0.05)
+
+
+def test_the_energy_of_a_species_of_several_masses_is_that_of_its_disks():
+    scene = alternating([1.0, 9.0], np.random.default_rng(3).uniform(0.3, 0.4, 400), 1.0)
+    runs = bp.simulate(scene, 8, observables=["species_energy"], quiet=True)
+    energy = bp.analyse(runs).squeeze().species_energy.isel(time=-1)
+    assert abs(float(energy) - 1.0) < 5 / np.sqrt(8 * 400)
+
+
+def test_friction_is_measured_for_a_tracer_with_a_velocity_of_its_own():
+    scene = alternating([1.0], np.full(400, 0.3), 20.0).replace(
+        **{"disks.tracer.velocity": [0.0, 0.0]}, equilibrate=0.0
+    )
+    runs = bp.simulate(
+        scene, 3, engine="langevin", friction="measured", record=["tracer", "velocity"], quiet=True
+    )
+    assert not runs.velocity.isel(time=0).any()

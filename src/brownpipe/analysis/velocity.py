@@ -125,7 +125,13 @@ def expected_slope(case: Case, averages: Averages) -> float:
     is_free = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
     begins_apart = scene.tracer_position is not None and not is_free
     at_walls = not scene.box.periodic and (case.average == "origins" or not begins_apart)
-    if partners.size != 1 or at_walls or "tracer_collisions" not in averages.places:
+    has_own_velocity = scene.tracer_velocity is not None
+    if (
+        partners.size != 1
+        or at_walls
+        or has_own_velocity
+        or "tracer_collisions" not in averages.places
+    ):
         return np.nan
     rate = averages.mean("tracer_collisions") / case.times[-1]
     share = 2 * theory.reduced_mass(scene.mass[0], partners[0]) / scene.mass[0]

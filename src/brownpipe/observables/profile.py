@@ -23,7 +23,7 @@ def bins(scene: Scene) -> tuple[int, float]:
     The smallest diameter is 40 bins wide. The last bin ends at five times the largest diameter, but
     not beyond half the shorter side of the rectangle accessible to the largest disks.
     """
-    radius = species_table(scene).radius
+    radius = scene.radius
     if not len(radius):
         return 0, 0.0
     width = 2 * radius.min() / BINS_PER_DIAMETER

@@ -88,9 +88,9 @@ def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     species = species_table(scene)
     square = np.sum(track.velocity**2, axis=-1)
     energies = []
-    for k, mass in enumerate(species.mass):
-        square_speed = square[:, species.species_index == k].mean(axis=1)
-        energies.append(mass / 2 * square_speed)
+    for k in range(len(species.name)):
+        disks = species.species_index == k
+        energies.append((square[:, disks] * scene.mass[disks]).mean(axis=1) / 2)
     return {"species_energy": np.stack(energies, axis=1)}
 
 

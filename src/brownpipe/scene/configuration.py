@@ -148,7 +148,10 @@ def _with_types(given: dict[str, Any]) -> Configuration:
             refuse("must be an array of numbers", name)
         array.flags.writeable = False
         arrays[name] = array
-    names = tuple(given.get("names", ()))
+    names = given.get("names", ())
+    if not isinstance(names, list | tuple):
+        refuse(f"must be a list of names, not {names!r:.80}", "names")
+    names = tuple(names)
     try:
         return Configuration(**arrays, names=names)  # type: ignore[arg-type]
     except TypeError:

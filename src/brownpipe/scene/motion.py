@@ -188,6 +188,9 @@ def _share_of_mass(scene: Scene) -> np.ndarray:
 
 def _bath(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return numbers (K,) and masses (K,) of the disks of each kind, the tracer left out."""
+    if scene.configuration is not None:
+        mass = scene.mass[1:]
+        return np.ones(len(mass)), mass
     kinds = kinds_of(scene)
     number = kinds.number.copy()
     number[:1] -= 1  # the tracer is of the first kind
@@ -202,7 +205,13 @@ def mean_energy(scene: Scene) -> float:
     if velocity is not None:
         return _mean_energy(scene.mass, velocity)
     tracer_energy = scene.mass[0] * mean_square_speed_of_tracer(scene) / 2
-    bath_energy = (scene.particles - 1) * bath_temperature(scene) if scene.particles > 1 else 0.0
+    if scene.particles == 1:
+        return float(tracer_energy)
+    bath_energy = (scene.particles - 1) * bath_temperature(scene)
+    if scene.tracer_velocity is not None and starts_with_zero_momentum(scene):
+        number, mass = _bath(scene)
+        # the bath as a whole moves against the tracer
+        bath_energy += tracer_energy * scene.mass[0] / float((number * mass).sum())
     return float(tracer_energy + bath_energy) / scene.particles
 
 

@@ -203,6 +203,12 @@ def write_yaml(path: Path, mapping: dict) -> None:
     write_text(path, yaml_text(mapping))
 
 
+def refuse_other_text(path: Path, text: str) -> None:
+    """Raise RequestError for a file that is there and has other contents than this text."""
+    if path.exists() and path.read_bytes() != text.encode():
+        raise RequestError(f"{path}: exists; delete it, or choose another name")
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text file, unless there is one of these contents already.
 

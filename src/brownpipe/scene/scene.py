@@ -246,7 +246,9 @@ class Velocities(Section):
         "kT: velocity components have variance kT/m [energy]", None
     )
     distribution: Literal["normal", "uniform"] = key(
-        "of the components; uniform between -sqrt(3) and sqrt(3) standard deviations", "normal"
+        "of the components; uniform between -sqrt(3) and sqrt(3) standard deviations, before the "
+        "total momentum is subtracted",
+        "normal",
     )
     zero_momentum: Resolved[StrictBool] = key(
         "subtract the velocity of the centre of mass (default: in a periodic box with several "
@@ -704,8 +706,9 @@ class Scene(Section):
             disks = keys["disks"]
             for key_of_file in ("configuration", "file", "seed", "time"):
                 disks.pop(key_of_file, None)
-            reading.write_text(table, csv_text(self.disks.configuration))
             keys["disks"] = {"file": table.name, **disks}
+            reading.refuse_other_text(file, reading.yaml_text(keys))
+            reading.write_text(table, csv_text(self.disks.configuration))
         reading.write_yaml(file, keys)
 
     def as_mapping(self) -> dict:
@@ -933,6 +936,14 @@ def scaled_disks(scene: Scene, factor: float) -> list[dict[str, Any]] | dict[str
         return disks
     keys = scene.as_mapping()["disks"]
     return keys | {"configuration": given._replace(position=position)}
+
+
+def disks_without_own_velocity(scene: Scene) -> list[dict[str, Any]] | dict[str, Any]:
+    """Return the disks of a scene, as in its mapping, with the velocity of disk 0 to be drawn."""
+    disks = scene.as_mapping()["disks"]
+    first = disks["tracer"] if isinstance(disks, dict) else disks[0]
+    first.pop("velocity", None)
+    return disks
 
 
 def _rounded_up(value: float) -> float:

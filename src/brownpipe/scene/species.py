@@ -10,6 +10,7 @@ from brownpipe.scene.configuration import in_order_of_appearance
 from brownpipe.scene.scene import Scene
 
 MOST_KINDS_IN_SUMS = 64  # of more kinds, disks of similar radius and mass are taken as one
+CLASSES = 12  # of radii, and in each of them of masses
 
 
 class SpeciesTable(NamedTuple):
@@ -76,9 +77,10 @@ def kinds_of(scene: Scene) -> Kinds:
     """Return the kinds of disks in a scene, for sums over all disks or pairs of disks.
 
     Of given disks with more than MOST_KINDS_IN_SUMS radii and masses, the tracer is a kind, and the
-    others are classes of equal number in the order of their radii, with their rms radii and mean
-    masses: the area that the disks cover is exact, other sums differ by the square of the width of
-    a class.
+    others are CLASSES of equal number in the order of their radii, and each of them as many in the
+    order of their masses. A class has the rms radius, so that the area that disks cover is exact,
+    and the mass of the mean speed at a temperature, <m^(-1/2)>^-2. Other sums differ by the square
+    of the width of a class.
     """
     given = scene.configuration
     if given is None:
@@ -90,13 +92,16 @@ def kinds_of(scene: Scene) -> Kinds:
     if len(number) <= MOST_KINDS_IN_SUMS:
         first = np.unique(kind, return_index=True)[1]
         return Kinds(number, scene.radius[first], scene.mass[first])
-    others = 1 + np.lexsort((scene.mass[1:], scene.radius[1:]))
-    classes = [np.array([0]), *np.array_split(others, MOST_KINDS_IN_SUMS - 1)]
+    by_radius = 1 + np.argsort(scene.radius[1:], kind="stable")
+    classes = [np.array([0])]
+    for of_radius in np.array_split(by_radius, CLASSES):
+        by_mass = of_radius[np.argsort(scene.mass[of_radius], kind="stable")]
+        classes += [members for members in np.array_split(by_mass, CLASSES) if len(members)]
     square_radii = np.array([np.mean(scene.radius[members] ** 2) for members in classes])
     return Kinds(
         number=np.array([len(members) for members in classes]),
         radius=np.sqrt(square_radii),
-        mass=np.array([scene.mass[members].mean() for members in classes]),
+        mass=np.array([np.mean(scene.mass[members] ** -0.5) ** -2 for members in classes]),
     )
 
 

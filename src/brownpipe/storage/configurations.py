@@ -99,7 +99,9 @@ def read_configuration(
 def _from_csv(file: Path, box: Box | None, seed: int | None, time: float | None) -> Configuration:
     """Return the disks in a table with a heading; of several seeds or times those asked for."""
     table = _read_table(file, sep=",", skipinitialspace=True)
-    table.columns = [str(title).strip() for title in table.columns]
+    titles = [str(title).strip() for title in table.columns]
+    table.columns = titles
+    _refuse_twice(file, titles)
     line = np.arange(2, len(table) + 2)  # of each row in the file
     for column, wanted in (("seed", seed), ("time", time)):
         if column not in table:
@@ -121,8 +123,16 @@ def _from_csv(file: Path, box: Box | None, seed: int | None, time: float | None)
     position = np.stack([columns["x"], columns["y"]], axis=1)
     disks = Configuration(position, velocity, columns["radius"], columns["mass"])
     if "species" in table:
-        return named(disks, table["species"].astype(str).to_numpy())
+        return named(disks, _names_in(file, table["species"], line))
     return disks
+
+
+def _names_in(file: Path, column: Any, line: np.ndarray) -> np.ndarray:
+    """Return the names (N,) in a column of species."""
+    names = np.array([str(name).strip() for name in column])
+    if len(names) and not all(names):
+        raise RequestError(f"{file}: line {line[np.argmin(names != '')]}: species: missing")
+    return names
 
 
 def _read_table(file: Path, **options: Any) -> Any:
@@ -141,6 +151,16 @@ def _read_table(file: Path, **options: Any) -> Any:
         raise RequestError(f"{file}: is no table: {reason}") from None
 
 
+def _refuse_twice(file: Path, titles: list[str]) -> None:
+    """Refuse a table that has a column twice, or velocities under both of their names."""
+    for title in titles:
+        # pandas calls the second x `x.1`
+        if f"{title}.1" in titles or titles.count(title) > 1:
+            raise RequestError(f"{file}: {title}: must be in one column, not in two")
+    if {"vx", "vy"} & {*titles} and {"velocity_x", "velocity_y"} & {*titles}:
+        raise RequestError(f"{file}: vx: must not be given with velocity_x")
+
+
 def _numbers(file: Path, table: Any, column: str, line: np.ndarray) -> np.ndarray:
     """Return the numbers (N,) in a column of a table whose rows are at these lines (N,) of the
     file.
@@ -153,6 +173,8 @@ def _numbers(file: Path, table: Any, column: str, line: np.ndarray) -> np.ndarra
         values = texts.astype(float)
     except (TypeError, ValueError):
         values = np.array([_number(text) for text in texts])
+    if any("_" in text for text in texts):  # which Python takes for a separator
+        values = np.array([np.nan if "_" in text else _number(text) for text in texts])
     is_wrong = ~np.isfinite(values)
     if is_wrong.any():
         row = int(np.argmax(is_wrong))
@@ -238,12 +260,13 @@ def _frame(file: Path, time: float | None) -> tuple[int, int, str]:
     """
     frames = []
     at = 1
-    with open(file, encoding="utf-8") as lines:
+    with open(file, encoding="utf-8-sig") as lines:
         try:
             for text in lines:
                 if not text.strip():
-                    break
-                if not text.strip().isdigit():
+                    at += 1
+                    continue
+                if not text.strip().isdecimal():
                     raise RequestError(f"{file}: line {at}: must be the number of disks")
                 number = int(text)
                 frames.append((at + 1, number, next(lines, "")))
@@ -317,9 +340,10 @@ def _from_gsd(file: Path, box: Box | None, seed: int | None, time: float | None)
     _refuse_depth(file, position[:, 2])
     sides = np.array([width, height] if box is None else [box.width, box.height])
     origin = np.zeros(2) if box is None else np.array(box.origin)
+    velocity = particles.velocity[:, :2].astype(float)
     disks = Configuration(
         position=position[:, :2] + origin + sides / 2,
-        velocity=particles.velocity[:, :2].astype(float),
+        velocity=velocity if velocity.any() else None,  # gsd has zeros where none were written
         radius=particles.diameter.astype(float) / 2,
         mass=particles.mass.astype(float),
     )

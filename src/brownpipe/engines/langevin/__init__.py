@@ -26,7 +26,7 @@ from brownpipe.errors import RequestError
 from brownpipe.observables import tracer_observables
 from brownpipe.scene import motion
 from brownpipe.scene.reading import key
-from brownpipe.scene.scene import Scene
+from brownpipe.scene.scene import Scene, disks_without_own_velocity
 
 # mass of the tracer / heaviest bath disk; below, one collision changes most of its velocity
 LIGHTEST = 2.0
@@ -96,7 +96,7 @@ def caution(scene: Scene) -> str | None:
 
 def _mass_ratio(scene: Scene) -> float:
     """Return the tracer's mass over that of the heaviest bath disk."""
-    return float(scene.mass[0] / bath_of(scene).mass.max())
+    return float(scene.mass[0] / scene.mass[1:].max())
 
 
 def _refuse(scene: Scene, why: str) -> NoReturn:
@@ -150,6 +150,8 @@ def scene_of_rate(scene: Scene, friction: str) -> Scene | None:
     if expected == 0:
         return None
     duration = float(RATE_COLLISIONS / (RATE_RUNS * expected))
+    if scene.tracer_velocity is not None:
+        scene = scene.replace(disks=disks_without_own_velocity(scene))
     return scene.replace(
         velocities={"temperature": bath_of(scene).temperature},
         duration=duration,
