@@ -2,6 +2,7 @@
 
 import json
 
+import gsd.hoomd as hoomd
 import numpy as np
 import pytest
 
@@ -159,7 +160,6 @@ def test_the_mass_of_the_tracer_is_varied(exported, tmp_path):
 
 
 def test_a_gsd_of_another_program(tmp_path):
-    hoomd = pytest.importorskip("gsd.hoomd")
     frame = hoomd.Frame()
     frame.particles.N = 2
     frame.particles.position = [[-1.0, 0.0, 0.0], [1.0, 0.5, 0.0]]
@@ -318,8 +318,9 @@ def test_a_polydisperse_sample_is_one_species():
     energy = result.species_energy.isel(time=-1)
     error = result.species_energy_standard_error.isel(time=-1)
     assert abs(energy - 1.0) < 5 * error
-    compressibility = float(result.compressibility)  # of Enskog's theory, over classes of radii
-    assert compressibility == pytest.approx(float(result.enskog_compressibility), rel=0.1)
+    # Enskog's theory over classes of radii; 100 disks are some 2 % from it
+    expected = float(result.enskog_compressibility)
+    assert float(result.compressibility) == pytest.approx(expected, rel=0.05)
 
 
 def test_the_scene_of_runs_is_exported_with_its_disks(exported, tmp_path, monkeypatch):
@@ -359,6 +360,7 @@ def test_sums_over_classes_of_disks_agree_with_those_over_kinds():
     assert len(kinds_of(many).number) > 64
     assert pair_rate(many) == pytest.approx(pair_rate(few), rel=0.02)
     friction = [friction_rate(scene, "enskog") for scene in (many, few)]
+    # some classes have disks of both masses
     assert friction[0] == pytest.approx(friction[1], rel=0.05)
 
 
@@ -366,7 +368,8 @@ def test_the_energy_of_a_species_of_several_masses_is_that_of_its_disks():
     scene = alternating([1.0, 9.0], np.random.default_rng(3).uniform(0.3, 0.4, 400), 1.0)
     runs = bp.simulate(scene, 8, observables=["species_energy"], quiet=True)
     energy = bp.analyse(runs).squeeze().species_energy.isel(time=-1)
-    assert abs(float(energy) - 1.0) < 5 / np.sqrt(8 * 400)
+    standard_error = 1 / np.sqrt(8 * 400)  # the energy of a disk in two dimensions is exponential
+    assert abs(float(energy) - 1.0) < 5 * standard_error
 
 
 def test_friction_is_measured_for_a_tracer_with_a_velocity_of_its_own():

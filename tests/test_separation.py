@@ -52,7 +52,7 @@ def test_rounded_coordinates_are_separated(boundary, decimals):
     step = separation.position - rounded
     if boundary == "periodic":
         step -= SIDE * np.rint(step / SIDE)
-    assert np.abs(step).max() < 20 * allowed
+    assert np.abs(step).max() < 20 * allowed  # a dense row hands a push on
     assert np.hypot(*step.T).max() == pytest.approx(separation.farthest, rel=1e-6, abs=1e-12)
     for seed in (0, 1):
         assert np.array_equal(draw_state(given, seed).position, separation.position)

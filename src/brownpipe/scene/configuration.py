@@ -71,10 +71,8 @@ def with_names(configuration: Configuration) -> Configuration:
 
 def named(configuration: Configuration, name_of_disk: np.ndarray) -> Configuration:
     """Return a configuration whose disks have these names (N,) of species."""
-    present, first, index = np.unique(name_of_disk, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    names = tuple(str(name) for name in present[order])
-    species_index = np.argsort(order)[index.reshape(-1)]
+    names = tuple(dict.fromkeys(name_of_disk.tolist()))
+    species_index = in_order_of_appearance(name_of_disk)
     return configuration._replace(names=names, species_index=species_index)
 
 
@@ -137,7 +135,10 @@ def _validated(value: Any) -> Configuration:
 
 def _with_types(given: dict[str, Any]) -> Configuration:
     """Return the configuration of values by field, as arrays of their own, read-only."""
-    arrays: dict[str, np.ndarray | None] = {"velocity": None}
+    lacking = [name for name in ("position", "radius", "mass") if given.get(name) is None]
+    if lacking:
+        refuse(f"must have {', '.join(lacking)}")
+    arrays: dict[str, np.ndarray] = {}
     for name, kind in TYPES.items():
         value = given.get(name)
         if value is None:
@@ -151,11 +152,14 @@ def _with_types(given: dict[str, Any]) -> Configuration:
     names = given.get("names", ())
     if not isinstance(names, list | tuple):
         refuse(f"must be a list of names, not {names!r:.80}", "names")
-    names = tuple(names)
-    try:
-        return Configuration(**arrays, names=names)  # type: ignore[arg-type]
-    except TypeError:
-        refuse(f"must have {', '.join(Configuration._fields[:4])}")
+    return Configuration(
+        position=arrays["position"],
+        velocity=arrays.get("velocity"),
+        radius=arrays["radius"],
+        mass=arrays["mass"],
+        names=tuple(names),
+        species_index=arrays.get("species_index", np.zeros(0, np.int64)),
+    )
 
 
 def _check(configuration: Configuration) -> None:
@@ -180,6 +184,7 @@ def _check(configuration: Configuration) -> None:
 
 
 def _check_names(configuration: Configuration) -> None:
+    """Refuse names that are none, and indices that do not number them by their first disks."""
     names = configuration.names
     if not names:
         return

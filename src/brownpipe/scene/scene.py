@@ -33,6 +33,7 @@ from brownpipe.scene.configuration import (
     ConfigurationKey,
     csv_text,
     encoded,
+    named,
     with_names,
     with_own_species,
 )
@@ -464,15 +465,16 @@ class Scene(Section):
         self._overlaps = overlaps(given.position, given.radius, sides)
         if self._overlaps is None:
             return
-        number, first, second, gap, depth = self._overlaps
-        if depth <= self.push_apart:
+        found = self._overlaps
+        if found.depth <= self.push_apart:
             return
-        pair = " and ".join(f"disk {k} at {given.position[k].tolist()}" for k in (first, second))
-        problem = f"{pair} overlap: the gap between their edges is {gap:.6g}; must be >= 0"
-        if number > 1:
-            problem += f"; {number} pairs overlap, these two most"
+        deepest = (found.first, found.second)
+        pair = " and ".join(f"disk {k} at {given.position[k].tolist()}" for k in deepest)
+        problem = f"{pair} overlap: the gap between their edges is {found.gap:.6g}; must be >= 0"
+        if found.number > 1:
+            problem += f"; {found.number} pairs overlap, these two most"
         if isinstance(self.disks, GivenDisks):
-            problem += f"; push_apart: {_rounded_up(depth):g} would push all apart"
+            problem += f"; push_apart: {_rounded_up(found.depth):g} would push all apart"
         refuse(problem, "disks")
 
     def _check_places(self) -> None:
@@ -494,8 +496,8 @@ class Scene(Section):
             refuse(outside.problem, "disks", "tracer", "position")
 
     def _check_given_places(self, given: Configuration) -> None:
-        number = len(given.radius)
-        if not number:
+        """Refuse given disks that are too small or too large for the box, or outside it."""
+        if not len(given.radius):
             return
         smallest = int(given.radius.argmin())
         largest = int(given.radius.argmax())
@@ -867,10 +869,7 @@ def _listed(disks: tuple[Disk, ...], has_velocities: bool) -> Configuration:
     )
     names = [disk.species for disk in disks if disk.species is not None]
     if names:
-        order = tuple(dict.fromkeys(names))
-        index = {name: k for k, name in enumerate(order)}
-        species_index = np.array([index[name] for name in names], np.int64)
-        configuration = configuration._replace(names=order, species_index=species_index)
+        configuration = named(configuration, np.array(names))
     if not has_velocities and disks and disks[0].velocity is not None:
         configuration = with_own_species(configuration)
     return _read_only(with_names(configuration))
@@ -916,6 +915,7 @@ def _replace_where(
 
 
 def _read_only(configuration: Configuration) -> Configuration:
+    """Return the configuration after its arrays were made read-only."""
     for array in configuration:
         if isinstance(array, np.ndarray):
             array.flags.writeable = False

@@ -169,12 +169,7 @@ def _numbers(file: Path, table: Any, column: str, line: np.ndarray) -> np.ndarra
         found = ", ".join(map(str, table.columns))
         raise RequestError(f"{file}: {column}: missing; the columns are {found:.80}")
     texts = table[column].to_numpy(object)
-    try:
-        values = texts.astype(float)
-    except (TypeError, ValueError):
-        values = np.array([_number(text) for text in texts])
-    if any("_" in text for text in texts):  # which Python takes for a separator
-        values = np.array([np.nan if "_" in text else _number(text) for text in texts])
+    values = np.array([_number(text) for text in texts], float)
     is_wrong = ~np.isfinite(values)
     if is_wrong.any():
         row = int(np.argmax(is_wrong))
@@ -184,10 +179,11 @@ def _numbers(file: Path, table: Any, column: str, line: np.ndarray) -> np.ndarra
     return values
 
 
-def _number(text: Any) -> float:
+def _number(text: str) -> float:
+    """Return the number that a text is, NaN for others: 1_0, which Python reads as 10, is none."""
     try:
-        return float(text)
-    except (TypeError, ValueError):
+        return np.nan if "_" in text else float(text)
+    except ValueError:
         return np.nan
 
 
@@ -287,7 +283,7 @@ def _frame(file: Path, time: float | None) -> tuple[int, int, str]:
 
 def _time_of(comment: str) -> float:
     keys = dict(KEY_AND_VALUE.findall(comment))
-    return _number(keys.get("Time", keys.get("time")))
+    return _number(keys.get("Time", keys.get("time", "")))
 
 
 def _xyz_columns(file: Path, properties: str) -> list[str]:

@@ -337,15 +337,16 @@ def separation_in_words(scene: Scene) -> str | None:
     """Return one line on disks that are pushed apart before the runs; None where there are none."""
     if scene.configuration is None or not scene.push_apart:
         return None
-    moved, farthest = separated(scene)[1:]
-    if not moved:
+    separation = separated(scene)
+    if not separation.moved:
         return None
     found = scene.overlaps
     pairs = (
         "no pairs overlapped" if found is None else f"{counted(found.number, 'pair')} overlapped"
     )
     depth = "" if found is None else f", by {found.depth:.2g} contact distances at most"
-    return f"{scene.name}: {pairs}{depth}; {counted(moved, 'disk')} moved by {farthest:.2g} at most"
+    moved = f"{counted(separation.moved, 'disk')} moved by {separation.farthest:.2g} at most"
+    return f"{scene.name}: {pairs}{depth}; {moved}"
 
 
 def _on_lattice(scene: Scene, stream: np.random.Generator) -> np.ndarray:
