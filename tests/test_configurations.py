@@ -13,7 +13,7 @@ from brownpipe.engines.friction import friction_rate
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.scene.configuration import Configuration
-from brownpipe.scene.scene import Box
+from brownpipe.scene.sections import Box
 from brownpipe.scene.species import kinds_of
 from brownpipe.storage.configurations import read_configuration, read_scene
 

@@ -31,7 +31,7 @@ from brownpipe.provenance import made_with
 from brownpipe.report.description import setup_in_words
 from brownpipe.scene import Scene
 from brownpipe.scene.reading import yaml_text
-from brownpipe.scene.scene import GivenDisks
+from brownpipe.scene.sections import GivenDisks
 from brownpipe.scene.seeds import brief_seed_text, seed_text
 from brownpipe.storage.datasets import read_contents, read_dataset
 from brownpipe.storage.layout import described, dims_of

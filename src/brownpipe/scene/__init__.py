@@ -2,14 +2,7 @@
 seeds of runs.
 """
 
-from brownpipe.scene.scene import (
-    Box,
-    Disk,
-    Scene,
-    Species,
-    Tracer,
-    Velocities,
-    parse_scene,
-)
+from brownpipe.scene.scene import Scene, parse_scene
+from brownpipe.scene.sections import Box, Disk, Species, Tracer, Velocities
 
 __all__ = ["Box", "Disk", "Scene", "Species", "Tracer", "Velocities", "parse_scene"]

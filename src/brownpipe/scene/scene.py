@@ -12,44 +12,30 @@ import math
 from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import numpy as np
-from pydantic import (
-    Discriminator,
-    Field,
-    PrivateAttr,
-    StrictBool,
-    Tag,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
-from brownpipe.scene.configuration import (
-    TRACER,
-    Configuration,
-    ConfigurationKey,
-    csv_text,
-    encoded,
-    named,
-    with_names,
-    with_own_species,
-)
-from brownpipe.scene.overlaps import ROUND_OFF, Overlaps, overlaps
-from brownpipe.scene.reading import (
-    As,
-    Count,
-    Name,
-    NotNegative,
-    Pair,
-    Positive,
-    Resolved,
-    Section,
-    alone,
-    key,
-    refuse,
+from brownpipe.scene.configuration import TRACER, Configuration, csv_text, encoded
+from brownpipe.scene.disks import changed_disks, first_outside, listed_disks
+from brownpipe.scene.overlaps import Overlaps, overlaps
+from brownpipe.scene.reading import Count, Positive, Resolved, Section, key, refuse
+from brownpipe.scene.sections import (
+    REST,
+    Before,
+    Box,
+    Disk,
+    Disks,
+    GivenDisks,
+    Group,
+    Mixture,
+    Samples,
+    Species,
+    Tracer,
+    Velocities,
 )
 from brownpipe.scene.times import decimal_of, logarithmic, multiples
 from brownpipe.text import shell_path
@@ -57,9 +43,6 @@ from brownpipe.theory import HEXAGONAL_PACKING
 
 MOST_SAMPLES = 10_000_000
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
-# side of a box; the shortest is 1/LONGEST: squared displacements of 1e-14 of it do not underflow
-LONGEST = 1e140
-REST = "rest"  # the count of a species that fills up the particles of a scene
 # with it, products of masses and squared speeds neither overflow nor underflow
 LARGEST_MASS_RATIO = 1e200
 # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
@@ -67,220 +50,6 @@ SMALLEST_RADIUS = 1e-10
 
 # The name of a scene with varied keys (`variation`) has their values: `fluid,tracer_mass=10`.
 SceneName = Annotated[str, Field(pattern=rf"^{reading.NAME.pattern}(,[\w-]+=[\w.-]{{1,64}})*$")]
-
-
-class Box(Section):
-    """A rectangle [length]. Reflecting walls are hard and touch a disk at its edge."""
-
-    x: Pair = key("its sides, [low, high] [length]")
-    y: Pair = key("its sides, [low, high] [length]")
-    boundary: Literal["reflecting", "periodic"] = key(
-        "hard walls, hit by a disk's edge, or periodic", "reflecting"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> "Box":
-        for name, (low, high) in (("x", self.x), ("y", self.y)):
-            if not 1 / LONGEST <= high - low <= LONGEST:
-                allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
-                refuse(f"must be {allowed}, not {[low, high]}", name)
-        return self
-
-    @cached_property
-    def width(self) -> float:
-        left, right = self.x
-        return right - left
-
-    @cached_property
-    def height(self) -> float:
-        bottom, top = self.y
-        return top - bottom
-
-    @cached_property
-    def area(self) -> float:
-        return self.width * self.height
-
-    @cached_property
-    def origin(self) -> tuple[float, float]:
-        """The lower left corner."""
-        return self.x[0], self.y[0]
-
-    @cached_property
-    def periodic(self) -> bool:
-        return self.boundary == "periodic"
-
-    def accessible(self, radius: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return lower corner (2,) and size (2,) [length] of the rectangle accessible to the centre
-        of a disk; (n, 2) for radii (n, 1) between walls.
-
-        It is smaller than the box by the radius at each wall; a periodic box is accessible as it
-        is.
-        """
-        margin = 0.0 if self.periodic else radius
-        corner = np.array(self.origin) + margin
-        size = np.array((self.width, self.height)) - 2 * margin
-        return corner, size
-
-
-class Disk(Section):
-    """A disk of a list."""
-
-    position: Pair = key("initial centre, [x, y] [length]")
-    velocity: Pair | None = key(
-        "[x, y] [length/time]; without it the velocities of all disks are drawn", None
-    )
-    radius: Positive = key("[length]")
-    mass: Positive = key("[mass]")
-    species: Name | None = key(
-        "name of its species; without it disks of one radius and mass are one", None
-    )
-    count: ClassVar[int] = 1
-
-
-class Tracer(Section):
-    """Disk 0, whose motion is recorded and analysed. It is a species of its own."""
-
-    radius: Positive = key("[length]")
-    mass: Positive = key("[mass]")
-    position: Pair | None = key(
-        "its initial centre [length]; by default it is placed like the others", None
-    )
-    velocity: Pair | None = key(
-        "[x, y] at t = 0 [length/time]; by default it is drawn like the others", None
-    )
-    name: ClassVar[str] = TRACER
-    count: ClassVar[int] = 1
-
-
-class Species(Section):
-    """Equal disks, which `engines.start.initial_state.draw_state` places."""
-
-    name: Name = key("differs from the others and from `tracer`")
-    count: Annotated[int, As(Count | Literal[REST])] = key(
-        "a number; one species at most is the `rest` of `particles`"
-    )
-    radius: Positive = key("of each disk [length]")
-    mass: Positive = key("of each disk [mass]")
-    position: ClassVar[None] = None
-
-
-class Mixture(Section):
-    """Disks that are placed by the program. Without a tracer, disk 0 is the first disk of the first
-    species.
-    """
-
-    tracer: Tracer | None = key("disk 0, whose motion is recorded and analysed", None)
-    species: tuple[Species, ...] = key("all other disks", ())
-    placement: Literal["auto", "random", "lattice"] = key(
-        "random insertion (`auto`: of smaller disks that grow, where it fails), or a lattice",
-        "auto",
-    )
-
-
-class DiskChanges(Section):
-    """Keys of disks of a configuration that replace what is in it."""
-
-    radius: Positive | None = key("[length]", None)
-    mass: Positive | None = key("[mass]", None)
-
-
-class TracerChanges(DiskChanges):
-    """Keys of disk 0 that replace what is in the configuration. It is then a species of its own."""
-
-    position: Pair | None = key("its initial centre, [x, y] [length]", None)
-    velocity: Pair | None = key("[x, y] at t = 0 [length/time]", None)
-
-
-class GivenDisks(Section):
-    """Disks of a file, or of a program, the tracer first."""
-
-    file: Annotated[str, Field(min_length=1)] | None = key(
-        "CSV, extended XYZ, GSD or runs of brownpipe (.h5), relative to the scene file", None
-    )
-    seed: reading.SeedNumber | None = key(
-        "of the run in a file of runs (default: the first whole one)", None
-    )
-    time: reading.Number | None = key("of the sample in a file [time] (default: the last)", None)
-    configuration: ConfigurationKey | None = key("the disks themselves, in place of a file", None)
-    push_apart: NotNegative = key(
-        "disks that overlap by no more than this are pushed apart [contact distances]", 0.0
-    )
-    tracer: TracerChanges | None = key("keys of disk 0 that are replaced", None)
-    species: dict[Name, DiskChanges] = key(
-        "keys of the disks of a species that are replaced, by its name", {}
-    )
-
-
-PLACED = "disks that are placed"
-LISTED = "list of disks"
-GIVEN = "disks of a file"
-
-
-def _kind_of_disks(value: Any) -> str:
-    """Return which of the three forms of `disks` a value has."""
-    if isinstance(value, GivenDisks):
-        return GIVEN
-    if isinstance(value, Mixture):
-        return PLACED
-    if not isinstance(value, Mapping):
-        return LISTED
-    return GIVEN if {"file", "configuration"} & {*value} else PLACED
-
-
-Disks = Annotated[
-    Annotated[Mixture, Tag(PLACED)]
-    | Annotated[tuple[Disk, ...], Tag(LISTED)]
-    | Annotated[GivenDisks, Tag(GIVEN)],
-    Discriminator(_kind_of_disks),
-]
-Group = Tracer | Species  # equal disks, `count` of them
-
-
-class Velocities(Section):
-    """Distribution of the initial velocity components: one of the two widths is given."""
-
-    # Theory that reads `scene.velocities` relies on this distribution.
-    standard_deviation: NotNegative | None = key(
-        "of every velocity component of every disk [length/time]", None
-    )
-    temperature: NotNegative | None = key(
-        "kT: velocity components have variance kT/m [energy]", None
-    )
-    distribution: Literal["normal", "uniform"] = key(
-        "of the components; uniform between -sqrt(3) and sqrt(3) standard deviations, before the "
-        "total momentum is subtracted",
-        "normal",
-    )
-    zero_momentum: Resolved[StrictBool] = key(
-        "subtract the velocity of the centre of mass (default: in a periodic box with several "
-        "disks)",
-        None,
-    )
-
-
-class Samples(Section):
-    """Logarithmic sample times: 0, first * 10^(k/per_decade) for k = 0, 1, ..., and the
-    duration.
-    """
-
-    per_decade: Annotated[reading.AtLeastOne, Field(le=10_000)] = key(
-        "sample times per factor of ten in time"
-    )
-    first: Resolved[Positive] = key(
-        "the first sample time after 0 [time] (default: 1e-4 of the duration)", None
-    )
-
-
-class Equilibration(Section):
-    """What is simulated before t = 0."""
-
-    time: NotNegative = key("[time]")
-    tracer: Resolved[Literal["pinned", "free"]] = key(
-        "whether the tracer is held (default, if there is one)", None
-    )
-
-
-Before = Annotated[Equilibration, alone("time", NotNegative | Equilibration)]
 
 
 class Scene(Section):
@@ -365,9 +134,9 @@ class Scene(Section):
         They have no velocities if the scene draws them.
         """
         if isinstance(disks, GivenDisks):
-            configuration = _with_changes(disks, has_velocities=self.velocities is None)
+            configuration = changed_disks(disks, has_velocities=self.velocities is None)
         else:
-            configuration = _listed(disks, has_velocities=self.velocities is None)
+            configuration = listed_disks(disks, has_velocities=self.velocities is None)
         names = configuration.names
         several = np.count_nonzero(configuration.species_index == 0) > 1
         if TRACER in names[1:] or (names[:1] == (TRACER,) and several):
@@ -491,7 +260,7 @@ class Scene(Section):
         self._check_radius(tracer.radius, "disks", "tracer", "radius")
         if tracer.position is None:
             return
-        outside = _first_outside(self.box, np.array([tracer.position]), np.array([tracer.radius]))
+        outside = first_outside(self.box, np.array([tracer.position]), np.array([tracer.radius]))
         if outside is not None:
             refuse(outside.problem, "disks", "tracer", "position")
 
@@ -504,7 +273,7 @@ class Scene(Section):
         for k in (smallest, largest):
             self._check_radius(float(given.radius[k]), "disks", k, "radius")
         slack = 2 * self.push_apart * given.radius
-        outside = _first_outside(self.box, given.position, given.radius, slack)
+        outside = first_outside(self.box, given.position, given.radius, slack)
         if outside is not None:
             refuse(outside.problem, "disks", outside.disk, "position")
 
@@ -808,118 +577,6 @@ def refuse_other_file(values: Mapping[str, Any]) -> None:
     for path in ("disks.file", "disks.seed", "disks.time"):
         if path in values:
             raise RequestError(f"{path}: must be in a scene of its own, as the file is read once")
-
-
-class Outside(NamedTuple):
-    """A disk that is not inside the box."""
-
-    disk: int
-    problem: str
-
-
-def _first_outside(
-    box: Box, position: np.ndarray, radius: np.ndarray, tolerance: float | np.ndarray = 0.0
-) -> Outside | None:
-    """Return the first of N disks at positions (N, 2) that is not inside the box; None if all are.
-
-    Its edge is in a reflecting box, its centre in a periodic one. tolerance: by how much each disk
-    may be outside [length].
-    """
-    margin = np.zeros_like(radius) if box.periodic else radius
-    for column, (axis, (low, high)) in enumerate((("x", box.x), ("y", box.y))):
-        value = position[:, column]
-        if box.periodic:
-            is_inside = (low - tolerance <= value) & (value < high + tolerance)
-        else:
-            slack = tolerance + ROUND_OFF * margin + 2 * math.ulp(max(-low, high))
-            is_inside = (low - slack <= value - margin) & (value + margin <= high + slack)
-        if not is_inside.all():
-            disk = int(np.argmin(is_inside))
-            least = float(low + margin[disk])
-            most = float(high - margin[disk])
-            sign = "<" if box.periodic else "<="
-            allowed = f"{least:.10g} <= {axis} {sign} {most:.10g}"
-            place = position[disk].tolist()
-            return Outside(disk, f"must have the disk inside the box, {allowed}, not {place}")
-    return None
-
-
-def _listed(disks: tuple[Disk, ...], has_velocities: bool) -> Configuration:
-    """Return the disks of a list. Either all have velocities, or the scene draws them; then disk 0
-    alone may have one, and is a species of its own.
-    """
-    for k, disk in enumerate(disks):
-        if has_velocities and disk.velocity is None:
-            problem = "missing; must be given, or `velocities` that draw those of all disks"
-            refuse(problem, "disks", k, "velocity")
-        if not has_velocities and disk.velocity is not None and k > 0:
-            problem = "must not be given with `velocities`; disk 0 alone may have one of its own"
-            refuse(problem, "disks", k, "velocity")
-        if (disk.species is None) != (disks[0].species is None):
-            refuse("must be given for all disks or for none", "disks", k, "species")
-    number = len(disks)
-    velocity = None
-    if has_velocities:
-        velocity = np.array([disk.velocity for disk in disks], float).reshape(number, 2)
-    configuration = Configuration(
-        position=np.array([disk.position for disk in disks], float).reshape(number, 2),
-        velocity=velocity,
-        radius=np.array([disk.radius for disk in disks], float),
-        mass=np.array([disk.mass for disk in disks], float),
-    )
-    names = [disk.species for disk in disks if disk.species is not None]
-    if names:
-        configuration = named(configuration, np.array(names))
-    if not has_velocities and disks and disks[0].velocity is not None:
-        configuration = with_own_species(configuration)
-    return _read_only(with_names(configuration))
-
-
-def _with_changes(disks: GivenDisks, has_velocities: bool) -> Configuration:
-    """Return the disks of a file with the keys that replace those in it."""
-    if disks.configuration is None:
-        refuse("must be in a scene file, or in a new Scene, which read it", "disks", "file")
-    given = disks.configuration
-    if has_velocities and given.velocity is None and len(given.radius):
-        refuse("missing; must be given, as the disks have none", "velocities")
-    if disks.tracer is not None and not len(given.radius):
-        refuse("must not be given, as there are no disks", "disks", "tracer")
-    given = with_names(given) if disks.tracer is None else with_own_species(given)
-    position = given.position.copy()
-    velocity = None if given.velocity is None else given.velocity.copy()
-    radius = given.radius.copy()
-    mass = given.mass.copy()
-    for name, changes in disks.species.items():
-        if name not in given.names:
-            known = ", ".join(given.names)
-            refuse(f"must be a species of the disks: {known}", "disks", "species", name)
-        of_species = given.species_index == given.names.index(name)
-        _replace_where(of_species, radius, changes.radius)
-        _replace_where(of_species, mass, changes.mass)
-    if disks.tracer is not None:
-        _replace_where(0, radius, disks.tracer.radius)
-        _replace_where(0, mass, disks.tracer.mass)
-        _replace_where(0, position, disks.tracer.position)
-        if has_velocities and velocity is not None:
-            _replace_where(0, velocity, disks.tracer.velocity)
-    changed = given._replace(position=position, velocity=velocity, radius=radius, mass=mass)
-    return _read_only(changed)
-
-
-def _replace_where(
-    disks: int | np.ndarray, values: np.ndarray, value: float | tuple[float, float] | None
-) -> None:
-    """Replace the values of some disks; None replaces none."""
-    if value is not None:
-        values[disks] = value
-
-
-def _read_only(configuration: Configuration) -> Configuration:
-    """Return the configuration after its arrays were made read-only."""
-    for array in configuration:
-        if isinstance(array, np.ndarray):
-            array.flags.writeable = False
-    return configuration
 
 
 def scaled_disks(scene: Scene, factor: float) -> list[dict[str, Any]] | dict[str, Any]:

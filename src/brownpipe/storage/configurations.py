@@ -20,7 +20,7 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.configuration import Configuration, ConfigurationKey, named
 from brownpipe.scene.reading import Document, Number, SeedNumber, read_yaml, validated
-from brownpipe.scene.scene import Box
+from brownpipe.scene.sections import Box
 from brownpipe.scene.species import species_table
 
 SAME_TIME = 1e-9  # in durations: times closer than this are one

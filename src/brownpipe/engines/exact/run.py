@@ -35,7 +35,7 @@ from brownpipe.errors import RequestError, RunError
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
 from brownpipe.observables.trajectory import Events, Run
 from brownpipe.scene import Scene
-from brownpipe.scene.scene import Box
+from brownpipe.scene.sections import Box
 from brownpipe.scene.species import species_table
 
 # plus 2 per disk: in the kernel's first call, and while buckets are shorter than estimated; then

@@ -1,0 +1,249 @@
+"""The sections of a scene: the box, the disks and how they move at first, sample times, and what is
+simulated before t = 0.
+
+Their fields are the keys of scene files, with their bounds. What contradicts another section is
+refused by the scene.
+"""
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, StrictBool, Tag, model_validator
+
+from brownpipe.scene.configuration import TRACER, ConfigurationKey
+from brownpipe.scene.reading import (
+    As,
+    AtLeastOne,
+    Count,
+    Name,
+    NotNegative,
+    Number,
+    Pair,
+    Positive,
+    Resolved,
+    Section,
+    SeedNumber,
+    alone,
+    key,
+    refuse,
+)
+
+# side of a box; the shortest is 1/LONGEST: squared displacements of 1e-14 of it do not underflow
+LONGEST = 1e140
+REST = "rest"  # the count of a species that fills up the particles of a scene
+
+
+class Box(Section):
+    """A rectangle [length]. Reflecting walls are hard and touch a disk at its edge."""
+
+    x: Pair = key("its sides, [low, high] [length]")
+    y: Pair = key("its sides, [low, high] [length]")
+    boundary: Literal["reflecting", "periodic"] = key(
+        "hard walls, hit by a disk's edge, or periodic", "reflecting"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "Box":
+        for name, (low, high) in (("x", self.x), ("y", self.y)):
+            if not 1 / LONGEST <= high - low <= LONGEST:
+                allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
+                refuse(f"must be {allowed}, not {[low, high]}", name)
+        return self
+
+    @cached_property
+    def width(self) -> float:
+        left, right = self.x
+        return right - left
+
+    @cached_property
+    def height(self) -> float:
+        bottom, top = self.y
+        return top - bottom
+
+    @cached_property
+    def area(self) -> float:
+        return self.width * self.height
+
+    @cached_property
+    def origin(self) -> tuple[float, float]:
+        """The lower left corner."""
+        return self.x[0], self.y[0]
+
+    @cached_property
+    def periodic(self) -> bool:
+        return self.boundary == "periodic"
+
+    def accessible(self, radius: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower corner (2,) and size (2,) [length] of the rectangle accessible to the centre
+        of a disk; (n, 2) for radii (n, 1) between walls.
+
+        It is smaller than the box by the radius at each wall; a periodic box is accessible as it
+        is.
+        """
+        margin = 0.0 if self.periodic else radius
+        corner = np.array(self.origin) + margin
+        size = np.array((self.width, self.height)) - 2 * margin
+        return corner, size
+
+
+class Disk(Section):
+    """A disk of a list."""
+
+    position: Pair = key("initial centre, [x, y] [length]")
+    velocity: Pair | None = key(
+        "[x, y] [length/time]; without it the velocities of all disks are drawn", None
+    )
+    radius: Positive = key("[length]")
+    mass: Positive = key("[mass]")
+    species: Name | None = key(
+        "name of its species; without it disks of one radius and mass are one", None
+    )
+    count: ClassVar[int] = 1
+
+
+class Tracer(Section):
+    """Disk 0, whose motion is recorded and analysed. It is a species of its own."""
+
+    radius: Positive = key("[length]")
+    mass: Positive = key("[mass]")
+    position: Pair | None = key(
+        "its initial centre [length]; by default it is placed like the others", None
+    )
+    velocity: Pair | None = key(
+        "[x, y] at t = 0 [length/time]; by default it is drawn like the others", None
+    )
+    name: ClassVar[str] = TRACER
+    count: ClassVar[int] = 1
+
+
+class Species(Section):
+    """Equal disks, which `engines.start.initial_state.draw_state` places."""
+
+    name: Name = key("differs from the others and from `tracer`")
+    count: Annotated[int, As(Count | Literal[REST])] = key(
+        "a number; one species at most is the `rest` of `particles`"
+    )
+    radius: Positive = key("of each disk [length]")
+    mass: Positive = key("of each disk [mass]")
+    position: ClassVar[None] = None
+
+
+class Mixture(Section):
+    """Disks that are placed by the program. Without a tracer, disk 0 is the first disk of the first
+    species.
+    """
+
+    tracer: Tracer | None = key("disk 0, whose motion is recorded and analysed", None)
+    species: tuple[Species, ...] = key("all other disks", ())
+    placement: Literal["auto", "random", "lattice"] = key(
+        "random insertion (`auto`: of smaller disks that grow, where it fails), or a lattice",
+        "auto",
+    )
+
+
+class DiskChanges(Section):
+    """Keys of disks of a configuration that replace what is in it."""
+
+    radius: Positive | None = key("[length]", None)
+    mass: Positive | None = key("[mass]", None)
+
+
+class TracerChanges(DiskChanges):
+    """Keys of disk 0 that replace what is in the configuration. It is then a species of its own."""
+
+    position: Pair | None = key("its initial centre, [x, y] [length]", None)
+    velocity: Pair | None = key("[x, y] at t = 0 [length/time]", None)
+
+
+class GivenDisks(Section):
+    """Disks of a file, or of a program, the tracer first."""
+
+    file: Annotated[str, Field(min_length=1)] | None = key(
+        "CSV, extended XYZ, GSD or runs of brownpipe (.h5), relative to the scene file", None
+    )
+    seed: SeedNumber | None = key(
+        "of the run in a file of runs (default: the first whole one)", None
+    )
+    time: Number | None = key("of the sample in a file [time] (default: the last)", None)
+    configuration: ConfigurationKey | None = key("the disks themselves, in place of a file", None)
+    push_apart: NotNegative = key(
+        "disks that overlap by no more than this are pushed apart [contact distances]", 0.0
+    )
+    tracer: TracerChanges | None = key("keys of disk 0 that are replaced", None)
+    species: dict[Name, DiskChanges] = key(
+        "keys of the disks of a species that are replaced, by its name", {}
+    )
+
+
+PLACED = "disks that are placed"
+LISTED = "list of disks"
+GIVEN = "disks of a file"
+
+
+def _kind_of_disks(value: Any) -> str:
+    """Return which of the three forms of `disks` a value has."""
+    if isinstance(value, GivenDisks):
+        return GIVEN
+    if isinstance(value, Mixture):
+        return PLACED
+    if not isinstance(value, Mapping):
+        return LISTED
+    return GIVEN if {"file", "configuration"} & {*value} else PLACED
+
+
+Disks = Annotated[
+    Annotated[Mixture, Tag(PLACED)]
+    | Annotated[tuple[Disk, ...], Tag(LISTED)]
+    | Annotated[GivenDisks, Tag(GIVEN)],
+    Discriminator(_kind_of_disks),
+]
+Group = Tracer | Species  # equal disks, `count` of them
+
+
+class Velocities(Section):
+    """Distribution of the initial velocity components: one of the two widths is given."""
+
+    # Theory that reads `scene.velocities` relies on this distribution.
+    standard_deviation: NotNegative | None = key(
+        "of every velocity component of every disk [length/time]", None
+    )
+    temperature: NotNegative | None = key(
+        "kT: velocity components have variance kT/m [energy]", None
+    )
+    distribution: Literal["normal", "uniform"] = key(
+        "of the components; uniform between -sqrt(3) and sqrt(3) standard deviations, before the "
+        "total momentum is subtracted",
+        "normal",
+    )
+    zero_momentum: Resolved[StrictBool] = key(
+        "subtract the velocity of the centre of mass (default: in a periodic box with several "
+        "disks)",
+        None,
+    )
+
+
+class Samples(Section):
+    """Logarithmic sample times: 0, first * 10^(k/per_decade) for k = 0, 1, ..., and the
+    duration.
+    """
+
+    per_decade: Annotated[AtLeastOne, Field(le=10_000)] = key(
+        "sample times per factor of ten in time"
+    )
+    first: Resolved[Positive] = key(
+        "the first sample time after 0 [time] (default: 1e-4 of the duration)", None
+    )
+
+
+class Equilibration(Section):
+    """What is simulated before t = 0."""
+
+    time: NotNegative = key("[time]")
+    tracer: Resolved[Literal["pinned", "free"]] = key(
+        "whether the tracer is held (default, if there is one)", None
+    )
+
+
+Before = Annotated[Equilibration, alone("time", NotNegative | Equilibration)]
