@@ -1,15 +1,17 @@
-"""Every function and class of the Python interface has an example in its docstring, which gives
-what it says.
+"""Examples in docstrings give what they say, and every function and class of the Python interface
+has one.
 """
 
 import doctest
+from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 
 import numpy as np
 import pytest
 
 import brownpipe as bp
-from brownpipe import interface
+from brownpipe import interface, provenance
 from brownpipe.errors import DONE
 
 SCENE = """
@@ -30,6 +32,10 @@ fit_windows: [[2, 8]]
 figures: [msd]
 """
 NAMES = [name for name in bp.__all__ if not name.endswith("Error")]  # no one calls an error
+ALL_MODULES = [module.name for module in walk_packages([str(provenance.PACKAGE.parent)])]
+# the first runs the command line; the examples of the second are run by name
+LEFT_OUT = ("brownpipe.__main__", interface.__name__)
+MODULES = [name for name in ALL_MODULES if name not in LEFT_OUT]
 
 
 @pytest.fixture(scope="module")
@@ -70,4 +76,10 @@ def test_examples_give_what_they_say(name, folder, names, workflow, monkeypatch)
     example = doctest.DocTestParser().get_doctest(docstring, names, name, None, None)
     assert example.examples, f"the docstring of {name} has no example"
     outcome = doctest.DocTestRunner().run(example)
+    assert outcome.failed == 0
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_of_modules_give_what_they_say(name, names):
+    outcome = doctest.testmod(import_module(name), extraglobs=names)
     assert outcome.failed == 0

@@ -3,11 +3,8 @@
 Monte-Carlo tolerances are 4.5 standard errors: a false alarm in 1 of 150,000 comparisons.
 """
 
-import doctest
 import math
 from fractions import Fraction
-from importlib import import_module
-from pkgutil import iter_modules
 
 import numpy as np
 import pytest
@@ -15,7 +12,7 @@ from numpy.polynomial.hermite import hermgauss
 from numpy.polynomial.legendre import leggauss
 from scipy.special import eval_genlaguerre, roots_genlaguerre
 
-from brownpipe import analysis, theory
+from brownpipe import theory
 from validation import transport
 
 SIGMAS = 4.5
@@ -365,23 +362,3 @@ def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
     carried = kinetic * (1 + np.pi / 4 * n * s**2 * chi) ** 2 / chi
     collisional = transport.enskog_viscosity(n, s, chi, m, kt) - carried
     assert collisional == pytest.approx(-flux / shear, rel=1e-6)
-
-
-# --- examples in docstrings
-
-
-ANALYSIS = [f"analysis.{name}" for _, name, _ in iter_modules(analysis.__path__)]
-ENGINES = [
-    "engines.confinement",
-    "engines.ensemble",
-    "engines.exact.layout",
-    "engines.exact.simulation",
-    "engines.friction",
-    "engines.units",
-]
-
-
-@pytest.mark.parametrize("module", ["theory", *ANALYSIS, *ENGINES])
-def test_examples_in_docstrings_give_what_they_say(module):
-    """Of the closed forms, of all modules of the analysis, and of the engines that have some."""
-    assert not doctest.testmod(import_module(f"brownpipe.{module}")).failed

@@ -23,7 +23,7 @@ MOST_ENDS = 16  # the last is 1/181 of the first
 def window_labels(windows: Sequence[Window]) -> list[str]:
     """Return labels of windows, from the first six digits of their ends.
 
-    >>> labels([(0.1, 1.0), (0.25, 12345678.0)])
+    >>> window_labels([(0.1, 1.0), (0.25, 12345678.0)])
     ['[0.1, 1]', '[0.25, 1.23457e+07]']
     """
     return [f"[{start:g}, {end:g}]" for start, end in windows]
