@@ -227,10 +227,13 @@ def join_ensembles(ensembles: Sequence[Ensemble]) -> Ensemble:
 
 def _blank_as(track: Track, runs: int) -> Track:
     """Return a blank track of the tracer in so many runs, with the arrays that `track` has."""
-    arrays: dict[str, np.ndarray | None] = {}
-    for name, values in track._asdict().items():
-        arrays[name] = None if values is None else blank_array((len(values), runs, 2), values.dtype)
-    return Track(**arrays)
+
+    def blank(values: np.ndarray) -> np.ndarray:
+        return blank_array((len(values), runs, 2), values.dtype)
+
+    velocity = None if track.velocity is None else blank(track.velocity)
+    image = None if track.image is None else blank(track.image)
+    return Track(blank(track.position), velocity, image)
 
 
 # -- failed runs in words --------------------------------------------------------------------------

@@ -216,8 +216,9 @@ def speeds(scene: Scene) -> np.ndarray:
     at their mean kinetic energy.
     """
     mass = kinds_of(scene).mass
-    if motion.is_thermal(scene):
-        return np.sqrt(scene.velocities.temperature / mass)
+    temperature = motion.temperature(scene)
+    if temperature is not None:
+        return np.sqrt(temperature / mass)
     if scene.velocities is None or scene.tracer_velocity is not None:
         return np.sqrt(motion.mean_energy(scene)) / np.sqrt(mass)
     return _speeds_towards_equipartition(scene)
@@ -236,7 +237,7 @@ def _speeds_towards_equipartition(scene: Scene) -> np.ndarray:
     """
     number = kinds_of(scene).number
     mass = kinds_of(scene).mass
-    start = scene.velocities.standard_deviation
+    start = motion.common_deviation(scene)
     time = scene.duration + scene.equilibrate.time
     ratio = mass[:, None] / mass  # m_i/m_j
     energy_kept = np.ones(len(mass))

@@ -86,7 +86,7 @@ def rate_at_temperature(scene: Scene, rate: np.ndarray, kt: np.ndarray) -> np.nd
     rate has, in equilibrium, the canonical mean of the rate, without the spread due to the
     temperatures of the runs.
     """
-    return rate * np.sqrt(scene.velocities.temperature / kt) * mean_root(scene)
+    return rate * np.sqrt(motion.bath_temperature(scene) / kt) * mean_root(scene)
 
 
 def mean_root(scene: Scene) -> float:

@@ -107,17 +107,17 @@ def rms_speed(scene: Scene) -> float:
     if scene.particles == 0:
         return 0.0
     ratio = np.minimum(scene.mass / scene.mass.min(), LARGEST_RATIO)
-    velocities = scene.velocities
-    if velocities is None:
-        velocity = motion.given_velocities(scene)
+    velocity = motion.given_velocities(scene)
+    if velocity is not None:
         unit = power_of_two(np.abs(velocity).max())
         squares = np.sum((velocity / unit) ** 2, axis=1)
         return unit * math.sqrt(np.mean(ratio * squares))
-    if velocities.temperature is not None:
+    velocities = scene.velocities
+    if velocities is not None and velocities.temperature is not None:
         unit = math.sqrt(velocities.temperature)
         squares = 2.0 / scene.mass
     else:
-        unit = velocities.standard_deviation
+        unit = motion.common_deviation(scene)
         squares = 2.0
         if ratio.max() > SLOW_TO_COOL:
             ratio = np.sort(ratio)[: -math.isqrt(len(ratio))]

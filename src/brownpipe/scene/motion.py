@@ -93,7 +93,7 @@ def bath_temperature(scene: Scene) -> float:
     largest = mass.max(initial=0.0)
     unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)  # many masses of 1e300 add up to infinity
     mean_mass = float((number * (mass / unit)).sum() / number.sum()) * unit
-    deviation = _common_deviation(scene)
+    deviation = common_deviation(scene)
     return deviation * deviation * mean_mass
 
 
@@ -163,13 +163,13 @@ def _component_variance(scene: Scene) -> np.ndarray:
     if scene.velocities is not None and scene.velocities.temperature is not None:
         variance = scene.velocities.temperature / scene.mass
     else:
-        variance = (_common_deviation(scene) * speed_ratios(scene)) ** 2
+        variance = (common_deviation(scene) * speed_ratios(scene)) ** 2
     if scene.tracer_velocity is not None:  # it is not drawn
         variance[0] = 0.0
     return variance
 
 
-def _common_deviation(scene: Scene) -> float:
+def common_deviation(scene: Scene) -> float:
     """Return the standard deviation [length/time] of which the velocity components of all disks
     are drawn, whatever their mass.
 

@@ -60,13 +60,17 @@ def entry_point(function: Callable) -> Callable:
     if FOLDER is not None and not config.DISABLE_JIT:
         before = config.CACHE_DIR
         config.CACHE_DIR = str(FOLDER)  # read when the cache is made
-        dispatcher._cache = DiskCache(function)
+        dispatcher._cache = DiskCache(function, FOLDER)
         config.CACHE_DIR = before
     return dispatcher
 
 
 class DiskCache(FunctionCache):
     """Numba's own cache. Without a lock two processes may save different variants in one file."""
+
+    def __init__(self, function: Callable, folder: Path) -> None:
+        super().__init__(function)
+        self.folder = folder
 
     def load_overload(self, *variant: Any) -> Any:
         """Return a variant; None if it is not there. Files that a loss of power has truncated are
@@ -86,7 +90,7 @@ class DiskCache(FunctionCache):
         """Save a variant. If that fails, it stays in memory, and other processes compile it
         again.
         """
-        with suppress(OSError), _locked(FOLDER):
+        with suppress(OSError), _locked(self.folder):
             super().save_overload(*variant)
 
 

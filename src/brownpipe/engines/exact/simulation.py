@@ -106,14 +106,23 @@ def equilibrate(
     result = run_to_end(prepared, start, saving)
     if result.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
-    position = result.whole.position[-1]
-    velocity = result.whole.velocity[-1]
+    end = state_at_end(state, result.whole)
     if prepared.pinned:
-        position[0] = state.position[0]
-        velocity[0] = state.velocity[0]
+        end.position[0] = state.position[0]
+        end.velocity[0] = state.velocity[0]
     if motion.starts_with_zero_momentum(scene):
-        velocity = with_zero_momentum(scene, velocity)
-    return state._replace(position=position, velocity=velocity)
+        return end._replace(velocity=with_zero_momentum(scene, end.velocity))
+    return end
+
+
+def state_at_end(state: State, track: Track | None) -> State:
+    """Return the state at the last sample of the tracks of the same disks.
+
+    Raises ValueError if tracks or velocities were not recorded.
+    """
+    if track is None or track.velocity is None:
+        raise ValueError("positions and velocities of all disks must be recorded")
+    return state._replace(position=track.position[-1], velocity=track.velocity[-1])
 
 
 # -- checkpoints -----------------------------------------------------------------------------------

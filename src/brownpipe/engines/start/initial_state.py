@@ -111,7 +111,7 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
     else:
         components = stream.standard_normal(shape)
     if distribution.temperature is None:
-        velocity = distribution.standard_deviation * components
+        velocity = motion.common_deviation(scene) * components
     else:
         velocity = np.sqrt(distribution.temperature / mass)[:, None] * components
     if scene.tracer_velocity is not None:
