@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
 from typing import Any, NoReturn, TypeVar
 
 from brownpipe import progress
@@ -35,7 +36,7 @@ def terminate(*_: object) -> NoReturn:
     raise Terminated(128 + signal.SIGTERM)
 
 
-def send_again(ignored: Any) -> None:
+def send_again(ignored: "sys.UnraisableHookArgs") -> None:
     """In place of `sys.unraisablehook`: send a signal once more that arrived while an object was
     destroyed.
 
@@ -120,7 +121,9 @@ def _begin(work: Callable, items: Sequence) -> None:
     """Set up a forked process: it ends at once on a signal, and when its parent process ends."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_DFL)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     progress.listeners.clear()
     _inherited[:] = [(work, items)]
 
@@ -130,6 +133,6 @@ def _do(number: int) -> Any:
     return work(items[number])
 
 
-def _end_with_parent() -> None:
-    multiprocessing.parent_process().join()
+def _end_with(parent: BaseProcess) -> None:
+    parent.join()
     os._exit(1)
