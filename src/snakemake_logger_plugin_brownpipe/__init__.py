@@ -112,8 +112,11 @@ class LogHandler(LogHandlerBase):
     def watch(self) -> None:
         """Look at the running jobs every LOOK_INTERVAL."""
         while not self.closed.wait(LOOK_INTERVAL):
-            with self.lock:
+            self.acquire()
+            try:
                 self.look()
+            finally:
+                self.release()
 
     def look(self) -> None:
         """Show new remarks of running jobs, identical ones once, and the progress of all.
