@@ -17,7 +17,7 @@ import numpy as np
 
 from brownpipe import simulate
 from brownpipe.engines.friction import bath_of, friction_rate, partners_of
-from brownpipe.scene import Scene
+from brownpipe.scene import Scene, motion
 from brownpipe.storage.configurations import read_scene
 
 SCENES = ("harrison2020", "harrison2020_thermal")
@@ -68,8 +68,10 @@ def initial_speed(scene: Scene) -> float:
     """Return the standard deviation of a component of the tracer's initial velocity
     [length/time].
     """
-    velocities = scene.velocities
-    return velocities.standard_deviation or math.sqrt(velocities.temperature / scene.mass[0])
+    temperature = motion.temperature(scene)
+    if temperature is None:
+        return motion.common_deviation(scene)
+    return math.sqrt(temperature / scene.mass[0])
 
 
 def msd_of_exact_runs(scene: Scene) -> tuple[float, float]:

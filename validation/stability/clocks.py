@@ -11,7 +11,7 @@ from brownpipe.engines.recording import HEALTH_BOUND
 from brownpipe.figures.style import DOTTED, GREY, SERIES, grid
 from validation.stability.game import pymunk, time_step
 from validation.stability.outcome import Outcome
-from validation.stability.programs import COLUMNS, EVENT_DRIVEN, GAME, Run
+from validation.stability.programs import COLUMNS, EVENT_DRIVEN, GAME
 from validation.stability.start import Start, gas, listed
 from validation.stability.table import Row, shown
 
@@ -44,9 +44,11 @@ def measure(durations: Sequence[float] = (1e5, 1e6, 1e7, 1e8, 1e9), near: float 
     for name, run in EVENT_DRIVEN.items():
         errors[name] = {t: _error(run(lone, t), t) for t in durations}
         outcomes[name] = {t: run(thin, t) for t in durations}
-        far[name] = _change(run, close, near)
-    if pymunk(close, 1e-3) is not None:
-        far[GAME] = _change(pymunk, close, near)
+        far[name] = _change(run(close, near), run(close.moved(SHIFT), near))
+    here = pymunk(close, near)
+    there = pymunk(close.moved(SHIFT), near)
+    if here is not None and there is not None:
+        far[GAME] = _change(here, there)
     return Clocks(errors, outcomes, far)
 
 
@@ -71,8 +73,7 @@ def _rounded(start: Start) -> Start:
     )
 
 
-def _change(run: Run, start: Start, duration: float) -> tuple[float, float, float]:
-    here, there = run(start, duration), run(start.moved(SHIFT), duration)
+def _change(here: Outcome, there: Outcome) -> tuple[float, float, float]:
     place = np.abs(there.state.position - SHIFT - here.state.position).max()
     return (
         float(place),

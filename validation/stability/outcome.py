@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brownpipe.engines.exact.simulation import simulate
+from brownpipe.engines.exact.simulation import simulate, state_at_end
 from brownpipe.engines.recording import conservation
 from brownpipe.engines.units import State
 from validation.stability.start import Start
@@ -58,10 +58,8 @@ def brownpipe(start: Start, duration: float) -> Outcome:
     seen = {name: values[0] for name, values in run.observables.items()}
     if run.stopped:
         return Outcome(start.state, 0, 0, math.nan, math.nan, math.nan, failed=True)
-    track = run.whole[0]
-    state = start.state._replace(position=track.position[-1], velocity=track.velocity[-1])
     return Outcome(
-        state,
+        state_at_end(start.state, run.whole[0]),
         int(seen["pair_collisions"]),
         int(seen["wall_collisions"]),
         float(seen["worst_overlap"]),

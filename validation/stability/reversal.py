@@ -15,7 +15,7 @@ from brownpipe.engines.exact.simulation import simulate
 from brownpipe.figures.style import DASHED, FIT, GREY, SERIES, grid
 from validation.page import value
 from validation.stability.game import pymunk
-from validation.stability.programs import EVENT_DRIVEN, GAME, Run
+from validation.stability.programs import EVENT_DRIVEN, GAME, Attempt
 from validation.stability.start import Start, notes_scene
 from validation.stability.table import Row, shown
 
@@ -67,14 +67,17 @@ def measure(
     )
 
 
-def there_and_back(run: Run, start: Start, duration: float) -> float:
+def there_and_back(run: Attempt, start: Start, duration: float) -> float:
     """Return how far the disk is from its start that is furthest from it; NaN if the program is not
     there.
     """
     there = run(start, duration)
     if there is None:
         return np.nan
-    back = run(start._replace(state=there.state._replace(velocity=-there.state.velocity)), duration)
+    reversed_state = there.state._replace(velocity=-there.state.velocity)
+    back = run(start._replace(state=reversed_state), duration)
+    if back is None:
+        return np.nan
     return float(np.abs(back.state.position - start.state.position).max())
 
 

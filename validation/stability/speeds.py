@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from brownpipe.figures.style import SERIES, grid
 from validation.stability.game import pymunk
 from validation.stability.outcome import Outcome
-from validation.stability.programs import EVENT_DRIVEN, GAME
+from validation.stability.programs import EVENT_DRIVEN, GAME, Attempt
 from validation.stability.start import gas
 from validation.stability.table import Row
 
-PROGRAMS = {**EVENT_DRIVEN, GAME: pymunk}
+PROGRAMS: dict[str, Attempt] = {**EVENT_DRIVEN, GAME: pymunk}
 Found = dict[
     str, dict[int, tuple[int, bool]]
 ]  # program: exponent of the unit of time: events, same bits as with 0
@@ -28,11 +28,13 @@ def measure(
     found: Found = {}
     for name, run in PROGRAMS.items():
         plainly = run(start, duration)
-        if plainly is not None:
-            found[name] = {
-                k: _compared(run(start.scaled(0, k), float(np.ldexp(duration, k))), plainly, k)
-                for k in powers
-            }
+        if plainly is None:
+            continue
+        found[name] = {}
+        for power in powers:
+            scaled = run(start.scaled(0, power), float(np.ldexp(duration, power)))
+            if scaled is not None:
+                found[name][power] = _compared(scaled, plainly, power)
     return found
 
 
