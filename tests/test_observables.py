@@ -381,6 +381,14 @@ def test_few_lags_of_many_are_averaged_one_by_one(monkeypatch):
     assert 10 < len(lags) < 60
 
 
+def test_what_was_not_recorded_is_refused():
+    track = Track(np.zeros((3, 1, 2)))
+    with pytest.raises(ValueError, match="track: has no velocities"):
+        _ = track.known_velocity
+    with pytest.raises(ValueError, match="run: has no tracks of all disks"):
+        _ = Run(track, None).every_disk
+
+
 # -- orientational order ---------------------------------------------------------------------------
 
 

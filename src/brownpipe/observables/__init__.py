@@ -81,10 +81,10 @@ def observe(
 def _track_for(observable: Observable, scene: Scene, run: Run, average: str) -> Track:
     """Return the track that an observable is measured from."""
     if observable.tracks_needed == "tracer":
-        return run.whole.select(equal_disks(scene)) if average == "disks" else run.tracer
+        return run.every_disk.select(equal_disks(scene)) if average == "disks" else run.tracer
     if observable.is_over_samples and not is_stationary(scene):
-        return run.whole.last_sample()
-    return run.whole
+        return run.every_disk.last_sample()
+    return run.every_disk
 
 
 def needs_every_disk(names: Collection[str], average: str = "runs") -> bool:

@@ -50,12 +50,12 @@ class Pairs:
     @property
     def earlier_velocity(self) -> np.ndarray:
         """(T', M, 2), or (1, M, 2) [length/time]."""
-        return self.track.velocity[self.earlier]
+        return self.track.known_velocity[self.earlier]
 
     @property
     def later_velocity(self) -> np.ndarray:
         """(T', M, 2) [length/time]."""
-        return self.track.velocity[self.later]
+        return self.track.known_velocity[self.later]
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Samples:
     @cached_property
     def velocity(self) -> tuple[np.ndarray, np.ndarray]:
         """Components along x and y, (B, W, M) each [length/time]."""
-        velocity = self.track.velocity[self._inside(self.index)]
+        velocity = self.track.known_velocity[self._inside(self.index)]
         return velocity[..., 0] * self.present, velocity[..., 1] * self.present
 
     def _inside(self, index: np.ndarray) -> np.ndarray:

@@ -177,7 +177,7 @@ def measure(
     function = _find_function(name)
     arrays: dict[str, np.ndarray] = {}
     try:
-        returned = function.call(scene, Run(_read_only(run.tracer), _read_only(run.whole)))
+        returned = function.call(scene, Run(_read_only(run.tracer), _read_only(run.every_disk)))
         if not isinstance(returned, Mapping):
             raise TypeError(f"must return a mapping of names to arrays, not {returned!r:.40}")
         for array, value in returned.items():
@@ -205,9 +205,7 @@ def measure(
 
 def _read_only(track: Track) -> Track:
     """Return a track whose arrays cannot be written to."""
-    return Track(
-        *(None if values is None else np.broadcast_to(values, values.shape) for values in track)
-    )
+    return track.transformed(lambda values: np.broadcast_to(values, values.shape))
 
 
 def _refuse_misfit(name: str, variable: Variable, scene: Scene, axes: Mapping) -> None:

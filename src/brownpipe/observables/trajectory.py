@@ -3,7 +3,7 @@
 T sample times, N disks, of which the tracer is the first.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -20,20 +20,35 @@ class Track(NamedTuple):
 
     def select(self, disks: np.ndarray | slice | int) -> "Track":
         """Return the tracks of some of the disks: indices or a mask (M,), a slice, or one index."""
-        return Track(*(None if values is None else values[:, disks] for values in self))
+        return self.transformed(lambda values: values[:, disks])
+
+    def transformed(self, change: Callable[[np.ndarray], np.ndarray]) -> "Track":
+        """Return the tracks with this change of each of their arrays."""
+        velocity = None if self.velocity is None else change(self.velocity)
+        image = None if self.image is None else change(self.image)
+        return Track(change(self.position), velocity, image)
 
     @property
     def disks(self) -> int:
         """Their number M."""
         return self.position.shape[1]
 
+    @property
+    def known_velocity(self) -> np.ndarray:
+        """(T, M, 2) [length/time], of a track that must have them, as those of engines do. Raises
+        ValueError if it has none.
+        """
+        if self.velocity is None:
+            raise ValueError("track: has no velocities")
+        return self.velocity
+
     def first_samples(self, count: int) -> "Track":
         """Return the tracks at the first samples, T = count."""
-        return Track(*(None if values is None else values[:count] for values in self))
+        return self.transformed(lambda values: values[:count])
 
     def last_sample(self) -> "Track":
         """Return the tracks at the last sample, T = 1."""
-        return Track(*(None if values is None else values[-1:] for values in self))
+        return self.transformed(lambda values: values[-1:])
 
 
 def displacement(
@@ -74,3 +89,12 @@ class Run(NamedTuple):
     events: Events | None = None  # if recorded
     # what the engine itself reports, like numbers of collisions
     observables: Mapping[str, Any] = MappingProxyType({})
+
+    @property
+    def every_disk(self) -> Track:
+        """The tracks of all disks, of a run that must have them. Raises ValueError if it has none;
+        those of `observables.needs_every_disk` have.
+        """
+        if self.whole is None:
+            raise ValueError("run: has no tracks of all disks")
+        return self.whole

@@ -36,7 +36,7 @@ def autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.nd
         products = (VELOCITY_PRODUCT, VELOCITY_DISPLACEMENT)
         correlation, integral = averaged_over_origins(scene, track, products)
     else:
-        correlation = _correlation_with_start(track.velocity)
+        correlation = _correlation_with_start(track.known_velocity)
         (integral,) = averaged(scene, track, average, (VELOCITY_DISPLACEMENT,))
     return {"velocity_autocorrelation": correlation, "velocity_displacement": integral}
 
@@ -51,7 +51,7 @@ def bath_autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, 
     if average == "origins":
         (correlation,) = averaged_over_origins(scene, track.select(disks), (VELOCITY_PRODUCT,))
     else:
-        correlation = _correlation_with_start(track.velocity[:, disks])
+        correlation = _correlation_with_start(track.known_velocity[:, disks])
     return {"bath_velocity_autocorrelation": correlation}
 
 
@@ -86,7 +86,7 @@ def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     Where the total momentum is zero it is kT (1 - m/M), with the mass m of a disk and M of all.
     """
     species = species_table(scene)
-    square = np.sum(track.velocity**2, axis=-1)
+    square = np.sum(track.known_velocity**2, axis=-1)
     energies = []
     for k in range(len(species.name)):
         disks = species.species_index == k
@@ -104,7 +104,7 @@ def velocity_distribution(scene: Scene, track: Track, _: str) -> dict[str, np.nd
     (Maxwell-Boltzmann). The outermost bins include all values beyond.
     """
     species = species_table(scene)
-    velocity = track.velocity
+    velocity = track.known_velocity
     temperature = _temperature(scene, velocity) or np.inf
     scale = np.sqrt(scene.mass / temperature)[:, None]
     components = np.zeros((len(species.name), len(VELOCITIES)), np.int64)
