@@ -133,6 +133,15 @@ def spent_on(pilots: Sequence[Pilot]) -> str:
 # -- the runs of a study with a tolerance
 
 
+def tolerance_of(study: Study) -> float:
+    """Return the tolerance of a study. Raises RequestError if it has none."""
+    if study.tolerance is None:
+        raise RequestError(
+            f"{study.name}: --count is for a study with a tolerance; this one says its seeds"
+        )
+    return study.tolerance
+
+
 def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     """Determine by pilot runs how many runs the tolerance of a study needs, and store it; return it
     with the pilots.
@@ -141,23 +150,20 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     reduce an engine's bias. Raises RequestError for too many runs, and for a study without a
     tolerance.
     """
-    if study.tolerance is None:
-        raise RequestError(
-            f"{study.name}: --count is for a study with a tolerance; this one says its seeds"
-        )
+    tolerance = tolerance_of(study)
     uses = [EngineUse(REFERENCE, case, None) for case in study.cases]
     exact_study = study.with_uses(uses)
-    performances, pilots = performance_of(exact_study, study.target, study.tolerance)
+    performances, pilots = performance_of(exact_study, study.target, tolerance)
     needed = {}
     for performance in performances:
         needed[performance.scene.title] = performance.runs or 0  # there is no bias
     title, most = max(needed.items(), key=lambda item: item[1])
     if most > MOST_SEEDS:
         raise RequestError(
-            f"{title}: a tolerance of {study.tolerance:g} needs {most} runs; at most {MOST_SEEDS}"
+            f"{title}: a tolerance of {tolerance:g} needs {most} runs; at most {MOST_SEEDS}"
         )
     plan = {"planned": f"study {digests(study)['plan']}", "needed": needed, "runs": most}
-    heading = f"# Runs for a tolerance of {study.tolerance:g} of {study.target}"
+    heading = f"# Runs for a tolerance of {tolerance:g} of {study.target}"
     write_sealed(path, f"{heading}\n\n{yaml_text(plan)}".encode())
     return most, pilots
 

@@ -20,6 +20,7 @@ from brownpipe.study.plan import (
     performance_of,
     recommendation,
     spent_on,
+    tolerance_of,
     write_plan,
     write_study,
 )
@@ -140,12 +141,7 @@ def plan_study(arguments: Namespace) -> int:
     config = dict(arguments.config)
     study = read_study(arguments.study, config)
     if arguments.count is not None:
-        with progress.shown("plan"):
-            path = writable(arguments.count, arguments.study, suffixes=YAML)
-            runs, pilots = write_plan(study, path)
-        goal = f"a tolerance of {100 * study.tolerance:g} % of {study.target}"
-        show(f"{arguments.count}: {runs:,} runs for {goal}")
-        show(spent_on(pilots))
+        _count_runs(study, arguments)
         return DONE
     target = arguments.target or study.target
     tolerance = arguments.tolerance or study.tolerance
@@ -170,6 +166,16 @@ def plan_study(arguments: Namespace) -> int:
         show(f"{output}: a study with this engine and number of runs")
     show(spent_on(pilots))
     return FAILED if best is None else DONE
+
+
+def _count_runs(study: Study, arguments: Namespace) -> None:
+    """Determine and store how many runs the tolerance of a study needs."""
+    goal = f"a tolerance of {100 * tolerance_of(study):g} % of {study.target}"
+    with progress.shown("plan"):
+        path = writable(arguments.count, arguments.study, suffixes=YAML)
+        runs, pilots = write_plan(study, path)
+    show(f"{arguments.count}: {runs:,} runs for {goal}")
+    show(spent_on(pilots))
 
 
 def _schema_options(add: AddOption) -> None:
