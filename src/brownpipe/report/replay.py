@@ -67,7 +67,7 @@ def _motion(trajectories: Trajectories, seed: int, shades: np.ndarray) -> dict[s
         "mass": scene.mass,
         "shade": shades,
         "position": track.position[0],
-        "velocity": track.velocity[0],
+        "velocity": track.known_velocity[0],
     }
     collisions = {
         name: values[:MOST_COLLISIONS].tolist() for name, values in events._asdict().items()
@@ -90,7 +90,7 @@ def _seed_of(trajectories: Trajectories, path: str, seed: int | None) -> int:
     seed = chosen_seed(trajectories, path, seed, ensemble.whole)
     track = ensemble.whole[seed]
     events = ensemble.events[seed]
-    numbers = (track.position, track.velocity, events.time, events.impulse)
+    numbers = (track.position, track.known_velocity, events.time, events.impulse)
     if not all(np.isfinite(values).all() for values in numbers):
         raise RequestError(
             f"{path}: seed {seed}: its run failed: positions or velocities are not numbers"
