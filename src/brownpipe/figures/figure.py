@@ -41,6 +41,13 @@ class Columns:
         return frame_of(cases, self.dims, self.variables)
 
 
+def no_table(cases: list[Dataset]) -> DataFrame:
+    """Return a table without rows and columns, of a figure that is not one of a study."""
+    import pandas
+
+    return pandas.DataFrame()
+
+
 @dataclass(frozen=True, kw_only=True)
 class Figure:
     """A figure of an analysis: one of your own for `bp.plot`, made like the built-in ones.
@@ -80,7 +87,7 @@ class Figure:
     labels: Sequence[str] = ()
     variables: Sequence[str] = ()
     below: Callable[[np.ndarray, list[list[Dataset]]], None] | None = None
-    table: Callable[[list[Dataset]], DataFrame] | None = None
+    table: Callable[[list[Dataset]], DataFrame] = no_table
     component: str = ""
     every_count: bool = False
     selection: Callable[[list[Dataset]], list[Dataset]] | None = None

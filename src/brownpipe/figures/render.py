@@ -16,7 +16,7 @@ from brownpipe.figures.cases import (
     parts_of,
     title_of,
 )
-from brownpipe.figures.figure import Figure, figure_named
+from brownpipe.figures.figure import DrawCurves, Figure, figure_named
 from brownpipe.figures.style import drawing, image_bytes, put_titles_and_legends, stacked_panels
 from brownpipe.needs import FIGURES
 
@@ -131,10 +131,10 @@ def _picture(
     number = min(figure.most_cases, len(cases))
     places = np.linspace(0, len(cases) - 1, number, dtype=int)
     shown = [cases[place] for place in places]
-    if figure.draw is not None:
+    if figure.curves is not None:
+        picture = _panels_of_curves(figure, figure.curves, shown, panel)
+    elif figure.draw is not None:
         picture = figure.draw(shown)
-    else:
-        picture = _panels_of_curves(figure, shown, panel)
     if len(shown) < len(cases):
         picture.suptitle(
             f"{len(shown)} of {len(cases)} cases, at equal steps; the table has all",
@@ -145,9 +145,9 @@ def _picture(
 
 
 def _panels_of_curves(
-    figure: Figure, cases: list[Dataset], panel: Sequence[str]
+    figure: Figure, draw_curves: DrawCurves, cases: list[Dataset], panel: Sequence[str]
 ) -> matplotlib_figure.Figure:
-    """Draw the curves of the cases, several of which share a panel.
+    """Draw the curves of the cases of a figure, several of which share a panel.
 
     A figure that shows every particle count has one panel. Further rows of panels are drawn by
     `below`.
@@ -160,7 +160,7 @@ def _panels_of_curves(
     rows = len(figure.labels)
     picture, axes = stacked_panels(figure.labels, len(groups), HEIGHTS[:rows], sharey=rows > 1)
     for upper, group in zip(axes[0], groups, strict=True):
-        figure.curves(upper, group)
+        draw_curves(upper, group)
     if figure.below is not None:
         figure.below(axes, groups)
     put_titles_and_legends(axes[0], [title_of(*group) for group in groups])

@@ -4,7 +4,7 @@ of disks.
 
 import sys
 from collections.abc import Mapping
-from itertools import chain, cycle, pairwise
+from itertools import chain, cycle
 
 import numpy as np
 from matplotlib import figure as matplotlib_figure
@@ -131,7 +131,8 @@ def table_of_scan(cases: list[Dataset]) -> DataFrame:
     axis = axis_of(cases)
     ends = []
     for series in series_of(cases, axis).values():
-        for before, case in pairwise([None, *series]):
+        cases_before: list[Dataset | None] = [None, *series[:-1]]
+        for before, case in zip(cases_before, series, strict=True):
             ends.append(case.isel(time=-1).assign(_differences(before, case)))
     differences = [f"{name}_difference" for name in OF_RUNS]
     theory = [expected for _, _, expected in PANELS.values() if expected]
