@@ -146,13 +146,15 @@ def aggregate(
     windows and times that no run reaches or can use, and what `read_trajectories` raises for broken
     files.
     """
-    if (dr is None) != (rings is None):
+    edges = None
+    if dr is not None and rings is not None:
+        edges = dr * np.arange(rings + 1)
+    elif dr is not None or rings is not None:
         raise AnalysisError("rings: width and number must be given together")
     groups = group_by_case(sources)
     outlines = [group.pattern.contents for group in groups]
     scenes = [contents.scene for contents in outlines]
     times = [*displacement_times]
-    edges = None if dr is None else dr * np.arange(rings + 1)
     cases = [_case_of(contents, windows or (), times, edges, vary) for contents in outlines]
     if windows or dr or times:
         _refuse_without_displacements(outlines)

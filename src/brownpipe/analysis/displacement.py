@@ -5,7 +5,7 @@ S runs, n runs of a block, T sample times, W windows. Lengths and times in the r
 scene. See docs/theory.md, section 5.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -210,8 +210,8 @@ def best_end(cases: Sequence[Case], groups: Sequence[Group]) -> float:
     first_windows = [candidate_windows(scenes, end)[0][0] for end in ends]
     reduction = np.zeros((len(cases), len(ends)))
     for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
-        squares = [squared_of(case, runs) for runs in first_good_runs(group)]
-        if squares and squares[0] is not None:
+        squares = known_arrays(squared_of(case, runs) for runs in first_good_runs(group))
+        if squares:
             msd = np.concatenate(squares).mean(axis=0)
             at_ends = np.interp(ends, case.times, msd)
             reduction[k] = [wall_reduction(case.scene, average, value) for value in at_ends]
@@ -222,6 +222,15 @@ def best_end(cases: Sequence[Case], groups: Sequence[Group]) -> float:
         if cases_felt.min() < len(cases):
             return ends[int(np.argmin(cases_felt))]
     return ends[0]
+
+
+def known_arrays(arrays: Iterable[np.ndarray | None]) -> list[np.ndarray]:
+    """Return the arrays of those blocks of runs that have them.
+
+    >>> known_arrays([np.array([0.5]), None])
+    [array([0.5])]
+    """
+    return [array for array in arrays if array is not None]
 
 
 def squared_of(case: Case, runs: Ensemble) -> np.ndarray | None:

@@ -89,8 +89,10 @@ def rings_of(case: Case, blocks: Sequence[Ensemble]) -> tuple[np.ndarray, ...]:
     samples = chosen_times(case)
     if case.edges is not None:
         return (case.edges,) * len(samples)
-    squares = [displacement.tracer_square_displacement(case, runs) for runs in blocks]
-    if not squares or squares[0] is None:
+    squares = displacement.known_arrays(
+        displacement.tracer_square_displacement(case, runs) for runs in blocks
+    )
+    if not squares:
         return ()
     r2 = np.concatenate([square[:, samples] for square in squares])
     edges = []

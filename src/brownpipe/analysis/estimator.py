@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis import resampling
-from brownpipe.analysis.resampling import Estimate, Sums
+from brownpipe.analysis.resampling import NO_SUMS, Estimate, Sums
 from brownpipe.analysis.variables import AVERAGED, Variable, with_intervals, with_uncertainties
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
@@ -68,7 +68,7 @@ class Averages:
     """Averages over all runs of a case, by the name of the column."""
 
     runs: int = 0
-    sums: Sums | None = None  # None: no runs
+    sums: Sums = NO_SUMS
     places: dict[str, Place] = field(default_factory=dict)  # by the name of the mean
     totals: dict[str, np.ndarray] = field(default_factory=dict)  # sums over runs
     run_values: dict[str, np.ndarray] = field(default_factory=dict)  # (runs, ...) of every run

@@ -84,6 +84,15 @@ class Sums(NamedTuple):
         )
 
 
+# sums of no runs, from which `add_block` begins
+NO_SUMS = Sums(
+    pivot=np.zeros(0),
+    weight=np.zeros(1 + REPLICATES),
+    first=np.zeros((1 + REPLICATES, 0)),
+    second=np.zeros((1 + REPLICATES, 0)),
+)
+
+
 def moments(sums: Sums, replicates: int = REPLICATES) -> tuple[np.ndarray, np.ndarray]:
     """Return means and variances (1 + `replicates`, C), divided by n, not n - 1; NaN for a
     replicate without runs.
@@ -95,15 +104,16 @@ def moments(sums: Sums, replicates: int = REPLICATES) -> tuple[np.ndarray, np.nd
     return sums.pivot + first, np.maximum(second - np.square(first), 0.0)
 
 
-def add_block(sums: Sums | None, seeds: np.ndarray, columns: np.ndarray) -> Sums:
+def add_block(sums: Sums, seeds: np.ndarray, columns: np.ndarray) -> Sums:
     """Return `sums` with the runs `seeds` (n,) of one block added, n > 0, whose entries are
     `columns` (n, C).
 
-    The arrays of `sums` are changed in place. Seeds must ascend, and blocks be added in ascending
-    order; the result is then the same to the bit on any number of threads.
+    The arrays of `sums` are changed in place, unless it has no runs yet. Seeds must ascend, and
+    blocks be added in ascending order; the result is then the same to the bit on any number of
+    threads.
     """
     columns = np.asarray(columns, float)
-    if sums is None:
+    if sums.weight[0] == 0:  # no runs yet
         rows = 1 + REPLICATES
         shape = (rows, columns.shape[1])
         pivot = columns[0] + (columns - columns[0]).mean(axis=0)
@@ -225,7 +235,7 @@ def replicates(samples: np.ndarray, other: bool = False) -> np.ndarray:
 
 def _added_up(seeds: np.ndarray, columns: np.ndarray) -> Sums:
     """Return the sums over all runs, seeds ascending."""
-    sums = None
+    sums = NO_SUMS
     starts = np.flatnonzero(np.diff(seeds // SEEDS_PER_BLOCK)) + 1  # of the blocks but the first
     for rows in np.split(np.arange(len(seeds)), starts):
         sums = add_block(sums, seeds[rows], columns[rows])
