@@ -30,7 +30,7 @@ from brownpipe.analysis.estimator import Estimator
 from brownpipe.analysis.resampling import resample
 from brownpipe.analysis.variables import Variable as Variable
 from brownpipe.engines import DEFINITIONS, Engine, engine_of_request, read_record
-from brownpipe.engines.definition import Definition
+from brownpipe.engines.definition import REFERENCE_NAME, Definition
 from brownpipe.engines.ensemble import Ensemble, failures, join_ensembles, select
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, RunError
 from brownpipe.figures.figure import Figure
@@ -170,7 +170,7 @@ def simulate(
     seeds: int | str | Collection[int] = 1,
     *,
     particles: int | None = None,
-    engine: str | Definition = "exact",
+    engine: str | Definition = REFERENCE_NAME,
     record: str | Iterable[str] = "tracer",
     observables: Collection[str | Callable] = (),
     average: str = "runs",
@@ -607,7 +607,7 @@ def _request(
     seeds: Any,
     *,
     particles: Any = None,
-    engine: str | Definition = "exact",
+    engine: str | Definition = REFERENCE_NAME,
     record: str | Iterable[str] = "tracer",
     observables: Collection[str | Callable] = (),
     average: str = "runs",

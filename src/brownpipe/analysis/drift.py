@@ -18,8 +18,8 @@ from brownpipe.analysis.goodness import change_found_with_power
 from brownpipe.analysis.thermodynamics import compressibility, temperature
 from brownpipe.analysis.variables import CASE_DIMS, ERROR, Variable
 from brownpipe.engines import Engine
+from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.engines.exact import EXACT
 from brownpipe.engines.forecast import settling_time
 from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarters
 from brownpipe.scene import Scene
@@ -52,7 +52,7 @@ def is_tested(scene: Scene, engine: Engine) -> bool:
     """Return whether runs are tested: those of the exact engine. Others drift towards an
     equilibrium of their own.
     """
-    return claims_equilibrium(scene) and engine.name == EXACT.name
+    return claims_equilibrium(scene) and engine.name == REFERENCE_NAME
 
 
 def quarters_of(

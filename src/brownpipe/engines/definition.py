@@ -12,6 +12,8 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")  # of an engine
+# Of the engine without bias: the default, with which all others are compared
+REFERENCE_NAME = "exact"
 
 
 class Checkpoints(NamedTuple):

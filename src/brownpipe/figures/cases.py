@@ -16,6 +16,7 @@ import numpy as np
 
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
+from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.errors import FigureError
 
 if TYPE_CHECKING:
@@ -284,9 +285,9 @@ def labels_in_words(case: Dataset, names: Iterable[str]) -> str:
             words.append(value)
         else:
             words.append(f"{'N' if name == 'particles' else name} = {value}")
-    named = [word for word in words if word != "exact"]
+    named = [word for word in words if word != REFERENCE_NAME]
     if not named and "engine" in labels:
-        return "exact"
+        return REFERENCE_NAME
     return ", ".join(named)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.figures.cases import aligned, plus_minus
 from brownpipe.figures.render import Drawing, drawing_of
 from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, drawing, grid, log_axis
@@ -62,7 +63,7 @@ def draw(dataset: Dataset, scene: str) -> Figure:
     times = _cpu_times(settings, front)
     height = max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings))
     figure, ((axes,),) = grid(1, 1, WIDTH, height)
-    coloured = dict.fromkeys(["exact", *(interval.label for interval in front)])
+    coloured = dict.fromkeys([REFERENCE_NAME, *(interval.label for interval in front)])
     colours = dict(zip(coloured, cycle(colour for colour, _, _ in SERIES), strict=False))
     for setting in settings:
         bias = dataset.sel(scene=scene, setting=setting.label)
@@ -233,7 +234,7 @@ def _bias(setting: Dataset, name: str) -> str:
     standard error.
     """
     value = float(setting[name])
-    if np.isnan(value) or setting.setting == "exact":
+    if np.isnan(value) or setting.setting == REFERENCE_NAME:
         return "-"
     if bound := _unresolved_bound(setting, name):
         return f"< {float(f'{100 * bound:.2g}'):g} %"  # 150 %, not 1.5e+02 %

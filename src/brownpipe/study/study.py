@@ -25,7 +25,7 @@ from pydantic import (
 
 from brownpipe import observables as measures
 from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_section
-from brownpipe.engines.exact import EXACT
+from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.engines.units import rms_speed
 from brownpipe.engines.windows import default_windows, times_in_window
 from brownpipe.errors import RequestError
@@ -50,7 +50,7 @@ from brownpipe.scene.variation import Vary, combinations, is_number, scene_with
 from brownpipe.storage.configurations import read_scene_file
 from brownpipe.text import shell_path
 
-REFERENCE = Engine(EXACT.name)  # without bias: all other engines are compared with it
+REFERENCE = Engine(REFERENCE_NAME)
 # Snakemake plans these in half a minute, and needs 0.03 s of CPU time to start each
 MOST_JOBS = 10_000
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
@@ -160,7 +160,7 @@ class Study(Section):
     shown_particles: Count | None = key(
         "the number of disks in figures of a single one (default: the largest)", None
     )
-    engines: Engines = key("engines, with their settings if any", ("exact",))
+    engines: Engines = key("engines, with their settings if any", (REFERENCE_NAME,))
     seeds: Resolved[Seeds] = key(
         "a count (2400: seeds 0 to 2399), a range (100-199), or a list of both", None
     )

@@ -4,7 +4,7 @@ from contextlib import suppress
 from typing import Any
 
 from brownpipe.engines import Engine
-from brownpipe.engines.exact import EXACT
+from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.errors import PlacementError
 from brownpipe.observables.own import is_own
 from brownpipe.scene import Scene
@@ -23,7 +23,7 @@ def refuse_mistakes(study: Study) -> None:
     cases = [use.case for use in study.uses if use.engine.moves_all_disks]
     if not own or not cases:
         return
-    exact = Engine(EXACT.name)
+    exact = Engine(REFERENCE_NAME)
     seconds = [exact.forecast(case, (), own, study.average).seconds for case in cases]
     cheapest = seconds.index(min(seconds))
     scene = shortened(cases[cheapest], LONGEST / seconds[cheapest])

@@ -12,13 +12,13 @@ from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.runs import Group, blocks_of, reported
 from brownpipe.analysis.variables import with_intervals
 from brownpipe.engines import Engine
+from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.engines.ensemble import Ensemble, select
 from brownpipe.errors import AnalysisError
 from brownpipe.observables.trajectory import displacement
 from brownpipe.scene import Scene
 from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Pairs
-from brownpipe.tradeoff.front import REFERENCE_NAME
 
 TARGET_COLUMNS = {"msd": 0, "d": 1}  # columns of `_per_run`
 APART = 1e-3  # of the tracer's radius: two trajectories further apart than this have departed

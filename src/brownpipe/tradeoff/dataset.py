@@ -9,12 +9,13 @@ from brownpipe.analysis.dataset import outer_join
 from brownpipe.analysis.runs import Source, group_by_case
 from brownpipe.analysis.variables import ENDS, Mean, Variable, with_uncertainties
 from brownpipe.engines import Engine
+from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.datasets import origin_attributes
 from brownpipe.tradeoff import timing
 from brownpipe.tradeoff.compare import EngineRuns, compare, read_runs
-from brownpipe.tradeoff.front import REFERENCE_NAME, pareto_front, settings_of
+from brownpipe.tradeoff.front import pareto_front, settings_of
 
 if TYPE_CHECKING:
     import xarray

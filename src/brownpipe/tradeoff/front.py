@@ -12,12 +12,12 @@ import numpy as np
 
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.variables import names_of
+from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.tradeoff import bias
 
 if TYPE_CHECKING:
     import xarray
 
-REFERENCE_NAME = "exact"  # the engine that all others are compared with
 FEWEST_RUNS = 10  # with fewer runs of a setting its total error is not stated
 
 

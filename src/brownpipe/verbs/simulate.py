@@ -17,7 +17,7 @@ from brownpipe.engines import (
     read_record,
     settings_section,
 )
-from brownpipe.engines.definition import Checkpoints
+from brownpipe.engines.definition import REFERENCE_NAME, Checkpoints
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
@@ -60,8 +60,8 @@ def _simulate_options(add: AddOption) -> None:
         help="which seeds: 0-399 (400 runs), 17 (one run) or 3,5,9 (default: 0)",
     )
     summaries = [f"{definition.name}: {definition.summary}" for definition in DEFINITIONS.values()]
-    engines = f"{'; '.join(summaries)} (default: exact)"
-    add("--engine", default="exact", metavar="NAME", help=engines)
+    engines = f"{'; '.join(summaries)} (default: {REFERENCE_NAME})"
+    add("--engine", default=REFERENCE_NAME, metavar="NAME", help=engines)
     for definition in DEFINITIONS.values():
         fields = settings_section(definition.name).model_fields
         for key, kind in get_type_hints(definition.settings, include_extras=True).items():
@@ -217,7 +217,7 @@ def _checkpoints(
         "engine": arguments.engine,
         "scene": scene.digest,
     }
-    for name, value in made_with("simulate", "exact").items():
+    for name, value in made_with("simulate", REFERENCE_NAME).items():
         made_by[name.partition("_")[0]] = value
     last_written = time.monotonic()
 

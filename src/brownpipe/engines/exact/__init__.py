@@ -6,10 +6,10 @@ its `Definition`.
 """
 
 from brownpipe.engines import forecast
-from brownpipe.engines.definition import Definition
+from brownpipe.engines.definition import REFERENCE_NAME, Definition
 
 EXACT = Definition(
-    name="exact",
+    name=REFERENCE_NAME,
     summary="event by event",
     simulation="brownpipe.engines.exact.simulation",
     model=lambda scenes, settings: "from collision to collision",
