@@ -4,6 +4,7 @@ import json
 
 import gsd.hoomd as hoomd
 import numpy as np
+import pandas
 import pytest
 
 import brownpipe as bp
@@ -253,6 +254,64 @@ def test_wrong_xyz(text, tmp_path):
         read_configuration(tmp_path / "wrong.xyz", Box(**BOX))
     assert WRONG_XYZ[text] in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+PAIR = {"position": [[0.0, 2.0], [2.0, 2.0]], "radius": [0.5, 0.2], "mass": [1.0, 2.0]}
+RECORDS = np.array([(1.0,), (2.0,)], dtype=[("mass", float)])
+DATES = np.array(["2020-01-01", "2020-01-02"], "datetime64[D]")
+MASKED = np.ma.array([0.5, 0.2], mask=[False, True])
+MASKED_ROWS = [np.ma.array([0.0, 2.0], mask=[False, True]), np.array([2.0, 2.0])]
+
+
+@pytest.mark.parametrize(("field", "value", "problem"), [
+    ("position", np.array(PAIR["position"]) + 0j, "be an array of numbers, not of complex128"),
+    ("radius", MASKED, "have no masked values (disk 1)"),
+    ("radius", [0.5, np.ma.masked], "have no masked values (disk 1)"),
+    ("position", MASKED_ROWS, "have no masked values (disk 0)"),
+    ("mass", [True, True], "be an array of numbers, not of bool"),
+    ("mass", ["1", "2"], "be an array of numbers, not of str"),
+    ("mass", np.array(["1", 2.0], object), "be an array of numbers, not of object"),
+    ("mass", [1.0, None], "be an array of numbers, not of object"),
+    ("mass", RECORDS, "be an array of numbers, not of void"),
+    ("mass", DATES, "be an array of numbers, not of datetime64"),
+    ("mass", [1.0, 10**400], "be an array of numbers"),
+    ("mass", [1.0, np.nan], "be finite, not nan (disk 1)"),
+    ("position", [[0.0, 2.0], [2.0]], "be an array of numbers"),
+    ("position", [[0.0, 2.0, 4.0], [2.0, 2.0, 2.0]], "be an array of shape (2, 2), not (2, 3)"),
+    ("species_index", [0, 1], "be given with names"),
+])  # fmt: skip
+def test_wrong_arrays(field, value, problem):
+    with pytest.raises(RequestError) as refused:
+        scene_of_arrays(**{field: value})
+    assert f"disks.configuration.{field}: must {problem}" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("index", [
+    [0, 1.5], [0, np.nan], [0, np.inf], [False, True], ["0", "1"], [0, 2**63], [0, 2**70],
+])  # fmt: skip
+def test_an_index_of_species_is_an_integer(index):
+    with pytest.raises(RequestError, match="species_index: must be an array of integers"):
+        scene_of_arrays(names=("a", "b"), species_index=index)
+
+
+def test_arrays_of_other_packages_are_numbers():
+    scene = scene_of_arrays(
+        radius=np.ma.array([0.5, 0.2]),
+        mass=pandas.array([1.0, 2.0], dtype="Float64"),
+        names=["a", "b"],
+        species_index=np.array([0.0, 1.0]),
+    )
+    assert scene.radius.tolist() == [0.5, 0.2]
+    assert scene.mass.tolist() == [1.0, 2.0]
+    assert scene.configuration.species_index.tolist() == [0, 1]
+
+
+def scene_of_arrays(**arrays):
+    """The scene of two disks, of which some arrays are others."""
+    disks = Configuration(**{"velocity": None, **PAIR, **arrays})
+    given = {"configuration": disks}
+    return bp.Scene(box=BOX, disks=given, velocities={"temperature": 1.0}, duration=1.0)
 
 
 def test_wrong_files(exported, tmp_path):

@@ -7,6 +7,7 @@ with every digit, 11 bytes a number, and without the file that they were read fr
 import base64
 import binascii
 from collections.abc import Mapping
+from numbers import Real
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -139,14 +140,11 @@ def _with_types(given: dict[str, Any]) -> Configuration:
     if lacking:
         refuse(f"must have {', '.join(lacking)}")
     arrays: dict[str, np.ndarray] = {}
-    for name, kind in TYPES.items():
+    for name in TYPES:
         value = given.get(name)
         if value is None:
             continue
-        try:
-            array = np.array(value, np.dtype(kind).newbyteorder("="))
-        except (TypeError, ValueError):
-            refuse("must be an array of numbers", name)
+        array = _array_of_numbers(name, value)
         array.flags.writeable = False
         arrays[name] = array
     names = given.get("names", ())
@@ -160,6 +158,45 @@ def _with_types(given: dict[str, Any]) -> Configuration:
         names=tuple(names),
         species_index=arrays.get("species_index", np.zeros(0, np.int64)),
     )
+
+
+def _array_of_numbers(name: str, value: Any) -> np.ndarray:
+    """Return a copy of the value of a field as an array of its type.
+
+    Refuses what NumPy would convert without a word: masked values, complex numbers, texts, dates.
+    """
+    _refuse_masked(name, value)
+    wanted = "integers" if name == "species_index" else "numbers"
+    kind = np.dtype(TYPES[name]).newbyteorder("=")
+    try:
+        numbers = np.asarray(value)
+        are_real = _are_real(numbers)
+        with np.errstate(invalid="ignore"):  # NaN as an integer
+            array = numbers.astype(kind) if are_real else numbers
+    except (TypeError, ValueError, OverflowError):
+        refuse(f"must be an array of {wanted}", name)
+    if not are_real:
+        refuse(f"must be an array of {wanted}, not of {numbers.dtype.name}", name)
+    is_rounded = np.ravel(array != numbers)
+    if wanted == "integers" and is_rounded.any():
+        disk = int(np.argmax(is_rounded))
+        refuse(f"must be an array of integers, not {numbers.flat[disk]} (disk {disk})", name)
+    return array
+
+
+def _refuse_masked(name: str, value: Any) -> None:
+    """Refuse a masked array, or a list of them, of which some values are masked."""
+    rows = value if isinstance(value, list | tuple | np.ma.MaskedArray) else ()
+    for disk, row in enumerate(rows):
+        if np.ma.is_masked(row):
+            refuse(f"must have no masked values (disk {disk})", name)
+
+
+def _are_real(numbers: np.ndarray) -> bool:
+    """Return whether an array holds integers or floating-point numbers, perhaps as objects."""
+    if numbers.dtype.kind != "O":
+        return numbers.dtype.kind in "iuf"
+    return all(isinstance(item, Real) and not isinstance(item, bool) for item in numbers.flat)
 
 
 def _check(configuration: Configuration) -> None:
@@ -187,6 +224,8 @@ def _check_names(configuration: Configuration) -> None:
     """Refuse names that are none, and indices that do not number them by their first disks."""
     names = configuration.names
     if not names:
+        if configuration.species_index.size:
+            refuse("must be given with names", "species_index")
         return
     for name in names:
         if not isinstance(name, str) or not NAME.fullmatch(name):
