@@ -38,9 +38,8 @@ duration: 1.0
 sample_interval: 0.5
 """
 TABLE = "x,y,radius,mass\n0,2,0.5,1\n2,2,0.5,1\n4,2,0.25,2\n"
-
-
-HEAD = 'Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1 Lattice="10 0 0 0 8 0 0 0 1"'
+PROPERTIES = "Properties=type:S:1:pos:R:3:radius:R:1:mass:R:1"
+HEAD = f'{PROPERTIES} Lattice="10 0 0 0 8 0 0 0 1"'
 
 
 @pytest.fixture(scope="module")
@@ -206,54 +205,126 @@ def test_momenta_and_species_of_ase(tmp_path):
     assert disks.names == ("Ar", "Ne")
 
 
+ROW = "0,2,0.5,1\n"
 WRONG_TABLES = {
     "": "is empty",
-    "x,y,radius\n0,2,0.5\n": "mass: missing; the columns are x, y, radius",
+    "\n \n": "holds no disks",
+    "x,y,radius,mass\n": "must have at least one disk",
+    "x,y,radius,mass,time\n": "must have at least one disk",
+    "x,y,radius\n0,2,0.5\n": "line 1: mass: missing; the columns are x, y, radius",
     "x,y,radius,mass\n0,2,0.5,1\n2,,0.5,1\n": "line 3: y: missing",
+    "\nx,y,radius,mass\n0,2,0.5,1\n\n2,,0.5,1\n": "line 5: y: missing",
+    "x,y,radius,mass\r\n0,2,0.5,1\r\n\r\n2,,0.5,1\r\n": "line 4: y: missing",
     "x,y,radius,mass\n0,2,0.5,1\n2,nan,0.5,1\n": "line 3: y: must be a number, not nan",
     "x,y,radius,mass\n0,2,0.5,1\n2,inf,0.5,1\n": "line 3: y: must be a number, not inf",
     "x,y,radius,mass\n0,two,0.5,1\n": "line 2: y: must be a number, not two",
     "x,y,radius,mass\n0,2,-0.5,1\n": "radius: must be above 0, not -0.5 (disk 0)",
     "x,y,radius,mass\n0,2,0.5,0\n": "mass: must be above 0, not 0 (disk 0)",
-    "Some words\nand more.\n": "x: missing; the columns are Some words",
-    "x,y,radius,mass\n0,2,0.5,1,7,8\n": "is no table",
+    "Some words\nand more.\n": "line 1: must be titles separated by commas, as in x,y,radius,mass",
+    f"# of a program\nx,y,radius,mass\n{ROW}": "in x,y,radius,mass, not # of",
+    "x;y;radius;mass\n0,5;2,0;0,5;1,0\n": "as in x,y,radius,mass, not x;y;radius;mass",
+    "x\ty\tradius\tmass\n0\t2\t0.5\t1\n": "separated by commas",
+    f"# x,y,radius,mass\n{ROW}": "line 1: x: missing; the columns are # x, y, radius, mass",
+    f"x,y,radius,mass\n{ROW}0,4,0.5,1,\n": "line 3: must have 4 values, x, y, radius, mass; not 5",
+    "x,y,radius,mass\n0,2,0.5,1,7,8\n": "line 2: must have 4 values, x, y, radius, mass; not 6",
+    "x,y,radius,mass\n0,2,0.5\n": "line 2: must have 4 values, x, y, radius, mass; not 3",
+    "x,y,radius,mass\n0,5,2,0,0,5,1,0\n": "line 2: must have 4 values",
+    'x,y,radius,mass\n0,2,0.5,"1\n': "must be values separated by commas",
     "x,y,radius,mass\n1_0,2,0.5,1\n": "line 2: x: must be a number, not 1_0",
-    "x,y,radius,mass,x\n0,2,0.5,1,7\n": "x: must be in one column, not in two",
+    "x,y,radius,mass,x\n0,2,0.5,1,7\n": "line 1: x: must be in one column, not in 2",
+    "x,y,radius,mass,X\n0,2,0.5,1,7\n": "line 1: x: must be in one column, not in 2",
     "x,y,radius,mass,vx,vy,velocity_x\n0,2,0.5,1,7,7,8\n": "vx: must not be given with",
+    "x,y,radius,mass,VX\n0,2,0.5,1,7\n": "line 1: vy: missing",
     "x,y,radius,mass,species\n0,2,0.5,1,a\n0,4,0.5,1,\n": "line 3: species: missing",
+    "x,y,radius,mass,species\n0,2,0.5,1,a b\n": "line 2: species: must be a name: letters",
+    "x,y,z,radius,mass\n0,2,0,0.5,1\n2,2,3,0.5,1\n": "z: must be the same for all disks",
+    "x,y,vx,vy,vz,radius,mass\n0,2,1,1,-3,0.5,1\n": "along z: must be 0 for all disks",
+    f"time,x,y,radius,mass\n1,{ROW}1,2,{ROW[2:]}1.1,{ROW}": "time: must have equally many",
 }
-
-
-@pytest.mark.parametrize("text", WRONG_TABLES)
-def test_wrong_tables(text, tmp_path):
-    (tmp_path / "wrong.csv").write_text(text)
-    with pytest.raises(RequestError) as refused:
-        read_configuration(tmp_path / "wrong.csv")
-    message = str(refused.value)
-    assert message.startswith(f"{tmp_path}/wrong.csv: ")
-    assert WRONG_TABLES[text] in message
-    assert "\n" not in message
-
-
 WRONG_XYZ = {
+    "": "is empty",
+    "\n\n": "holds no disks",
+    f"0\n{HEAD}\n": "must have at least one disk",
     f"2\n{HEAD}\nA 0 2 0 0.5 1\n": "ends after 1 of 2 disks",
+    f"999999999\n{HEAD}\nA 0 2 0 0.5 1\n": "ends after 1 of 999999999 disks",
+    f"{'1' * 5000}\n{HEAD}\nA 0 2 0 0.5 1\n": "line 1: must be the number of disks, not 1111",
     f"1\n{HEAD}\nA 0 2 x 0.5 1\n": "line 3: pos-2: must be a number",
+    f"1\n{HEAD}\nA 0,0 2 0 0.5 1\n": "line 3: pos-0: must be a number, not 0,0",
+    f"1\n{HEAD}\nA 0 2 0 0.5\n": "line 3: must have 6 values, type, pos-0, pos-1, pos-2, radius",
     f"2\n{HEAD}\nA 0 2 0 0.5 1\nA 3 2 1 0.5 1\n": "z: must be the same for all disks",
+    f"1\n{PROPERTIES}:velo:R:3\nA 0 2 0 0.5 1 0 0 -2\n": "velocity along z: must be 0",
     "1\nno properties\nA 0 2 0\n": "line 2: Properties: must have radius",
-    f"1\n{HEAD.replace('10 0', '10 1')}\nA 0 2 0 0.5 1\n": "must be a rectangle along x and y",
-    f"1\n{HEAD.replace('10 0', '12 0')}\nA 0 2 0 0.5 1\n": "must be that of the scene, 10 x 8",
-    "Dear all\n": "line 1: must be the number of disks",
+    f"1\n{PROPERTIES}:radius:R:1\nA 0 2 0 0.5 1 2\n": "radius: must be in one column, not in 2",
+    f"1\n{PROPERTIES}:spin:R:\u00b2\n\n": "Properties: must be name:type:width, not type:S",
+    "Dear all\n": "line 1: must be the number of disks, not Dear all",
     "\u00b2\n": "line 1: must be the number of disks",
 }
+WRONG_LATTICES = {
+    'Lattice="10 1 0 0 8 0 0 0 1"': "line 2: Lattice: must be a rectangle along x and y",
+    'Lattice="12 0 0 0 8 0 0 0 1"': "box: must be that of the scene, 10 x 8, not 12 x 8",
+    'lattice="12 0 0 0 8 0 0 0 1"': "box: must be that of the scene",
+    "Lattice='12 0 0 0 8 0 0 0 1'": "box: must be that of the scene",
+    'Lattice = "12 0 0 0 8 0 0 0 1"': "box: must be that of the scene",
+    r'note="a \" Time=1" LATTICE="12 0 0 0 8 0 0 0 1"': "box: must be that of the scene",
+    'Lattice="10 0 0 0 8 0"': "line 2: Lattice: must be nine numbers",
+    "Lattice=[[10, 0, 0], [0, 8, 0], [0, 0, 1]]": "line 2: Lattice: must be nine numbers",
+    'Lattice="10 0 0 0 8 0 0 0 1" origin="0 0 0"': "box: must be that of the scene, from (-2",
+    'Lattice="10 0 0 0 8 0 0 0 1" Origin="-2"': "line 2: Origin: must be three numbers",
+}
+for lattice, refusal in WRONG_LATTICES.items():
+    WRONG_XYZ[f"1\n{lattice} {PROPERTIES}\nA 0 2 0 0.5 1\n"] = refusal
+WRONG_FILES = [("csv", *item) for item in WRONG_TABLES.items()]
+WRONG_FILES += [("xyz", *item) for item in WRONG_XYZ.items()]
+PROBLEMS = [problem for *_, problem in WRONG_FILES]
 
 
-@pytest.mark.parametrize("text", WRONG_XYZ)
-def test_wrong_xyz(text, tmp_path):
-    (tmp_path / "wrong.xyz").write_text(text)
+@pytest.mark.parametrize(("form", "text", "problem"), WRONG_FILES, ids=PROBLEMS)
+def test_wrong_files_are_refused_in_one_line(form, text, problem, tmp_path):
+    path = tmp_path / f"wrong.{form}"
+    path.write_bytes(text.encode())
     with pytest.raises(RequestError) as refused:
-        read_configuration(tmp_path / "wrong.xyz", Box(**BOX))
-    assert WRONG_XYZ[text] in str(refused.value)
-    assert "\n" not in str(refused.value)
+        read_configuration(path, Box(**BOX))
+    message = str(refused.value)
+    assert message.startswith(f"{path}: ")
+    assert problem in message
+    assert "\n" not in message
+    assert len(message.removeprefix(str(path))) < 200
+
+
+SAME_TABLES = [
+    ("csv", "\ufeffX, Y, Radius, Mass, Species\r\n0, 2, 0.5, 1, A\r\n2, 2, 0.25, 2, B\r\n"),
+    ("csv", "species,mass,radius,y,x\nA,1,.5,2,0\n\n,,,,\nB,2e0,0.25,2,2\n"),
+    ("csv", ',x,y,radius,mass,species\n0,0,2,0.5,1,"A"\n1,2,2,0.25,2,B\n'),  # pandas has an index
+    ("csv", "z,x,y,vz,radius,mass,species\n3,0,2,0,0.5,1,A\n3,2,2,0,0.25,2,B\n"),
+    ("xyz", f"2\r\n{HEAD}\r\nA 0 2 0 0.5 1\r\nB\t2\t2\t0\t0.25\t2\r\n"),
+    ("xyz", f"2\n{HEAD.replace('Prop', 'prop')}\nA 0 2 0 .5 1\nB 2 2 0 .25 2"),
+    ("xyz", f"2\n{HEAD.replace('radius', 'Radius')}\nA 0 2 0 0.5 1\nB 2 2 0 0.25 2\n"),
+    ("xyz", "2\n" + HEAD.replace('"', "'") + "\nA 0 2 0 0.5 1\nB 2 2 0 0.25 2\n"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("form", "text"), SAME_TABLES)
+def test_tables_of_other_programs(form, text, tmp_path):
+    (tmp_path / f"other.{form}").write_bytes(text.encode())
+    disks = read_configuration(tmp_path / f"other.{form}", Box(**BOX))
+    assert disks.position.tolist() == [[0.0, 2.0], [2.0, 2.0]]
+    assert disks.radius.tolist() == [0.5, 0.25]
+    assert disks.mass.tolist() == [1.0, 2.0]
+    assert disks.names == ("A", "B")
+    assert disks.velocity is None
+
+
+def test_a_seed_is_taken_exactly(tmp_path):
+    """Seeds may be large, and differ by less than times that are the same up to round-off."""
+    large = 99999999998
+    rows = f"{large},1,2,0.5,1\n{large + 1},3,2,0.5,1\n"
+    (tmp_path / "seeds.csv").write_text(f"seed,x,y,radius,mass\n{rows}")
+    disks = read_configuration(tmp_path / "seeds.csv", seed=large + 1)
+    assert disks.position.tolist() == [[3.0, 2.0]]
+    with pytest.raises(
+        RequestError, match="must be one of 99999999998, 99999999999, not 99999999997"
+    ):
+        read_configuration(tmp_path / "seeds.csv", seed=large - 1)
 
 
 PAIR = {"position": [[0.0, 2.0], [2.0, 2.0]], "radius": [0.5, 0.2], "mass": [1.0, 2.0]}

@@ -202,6 +202,8 @@ def _are_real(numbers: np.ndarray) -> bool:
 def _check(configuration: Configuration) -> None:
     """Refuse arrays whose shapes do not agree, or with numbers that no disk can have."""
     number = len(np.atleast_1d(configuration.radius))
+    if not number:
+        refuse("must have at least one disk")
     for name in TYPES:
         array = getattr(configuration, name)
         if array is None or (name == "species_index" and not configuration.names):
@@ -214,7 +216,7 @@ def _check(configuration: Configuration) -> None:
             refuse(f"must be finite, not {array[disk].tolist()} (disk {disk})", name)
     for name in ("radius", "mass"):
         array = getattr(configuration, name)
-        if number and not array.min() > 0:
+        if not array.min() > 0:
             disk = int(np.argmin(array))
             refuse(f"must be above 0, not {array[disk]:g} (disk {disk})", name)
     _check_names(configuration)
@@ -234,7 +236,7 @@ def _check_names(configuration: Configuration) -> None:
     appearing = in_order_of_appearance(index)
     if len(set(names)) < len(names) or not np.array_equal(index, appearing):
         refuse("must be names that differ, in the order of their first disks", "names")
-    if len(index) and index.max() + 1 != len(names):
+    if index.max() + 1 != len(names):
         refuse(f"must be {index.max() + 1} names, not {len(names)}", "names")
 
 

@@ -83,10 +83,8 @@ def changed_disks(disks: GivenDisks, has_velocities: bool) -> Configuration:
     if disks.configuration is None:
         refuse("must be in a scene file, or in a new Scene, which read it", "disks", "file")
     given = disks.configuration
-    if has_velocities and given.velocity is None and len(given.radius):
+    if has_velocities and given.velocity is None:
         refuse("missing; must be given, as the disks have none", "velocities")
-    if disks.tracer is not None and not len(given.radius):
-        refuse("must not be given, as there are no disks", "disks", "tracer")
     given = with_names(given) if disks.tracer is None else with_own_species(given)
     position = given.position.copy()
     velocity = None if given.velocity is None else given.velocity.copy()

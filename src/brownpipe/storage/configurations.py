@@ -8,8 +8,6 @@ What `brownpipe export` writes is read back, to the bit where the format has the
     h5     runs with all disks recorded
 """
 
-import re
-import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
@@ -22,11 +20,23 @@ from brownpipe.scene.configuration import Configuration, ConfigurationKey, named
 from brownpipe.scene.reading import Document, Number, SeedNumber, read_yaml, validated
 from brownpipe.scene.sections import Box
 from brownpipe.scene.species import species_table
+from brownpipe.storage.tables import (
+    Frame,
+    Table,
+    frames_of,
+    keys_of,
+    names_in,
+    number_of,
+    numbers_in,
+    read_csv,
+    read_frame,
+    select_rows,
+)
 
 SAME_TIME = 1e-9  # in durations: times closer than this are one
 SAME_SIDE = 1e-6  # relative: sides of boxes in single precision
 VELOCITIES = (("vx", "vy"), ("velocity_x", "velocity_y"))  # columns of a CSV
-KEY_AND_VALUE = re.compile(r'(\w+)=("[^"]*"|\S+)')  # in the comment of an extended XYZ
+XYZ_VELOCITIES = ("velo", "vel", "velocity", "velocities")  # properties
 
 
 # -- scenes ----------------------------------------------------------------------------------------
@@ -98,217 +108,130 @@ def read_configuration(
 
 def _from_csv(file: Path, box: Box | None, seed: int | None, time: float | None) -> Configuration:
     """Return the disks in a table with a heading; of several seeds or times those asked for."""
-    table = _read_table(file, sep=",", skipinitialspace=True)
-    titles = [str(title).strip() for title in table.columns]
-    table.columns = titles
-    _refuse_twice(file, titles)
-    line = np.arange(2, len(table) + 2)  # of each row in the file
-    for column, wanted in (("seed", seed), ("time", time)):
-        if column not in table:
-            if wanted is not None:
-                raise RequestError(f"{file}: {column}: the table has no such column")
-            continue
-        values = _numbers(file, table, column, line)
-        chosen = _chosen(file, column, np.unique(values), wanted)
-        is_chosen = values == chosen
-        table = table[is_chosen]
-        line = line[is_chosen]
-    columns = {}
-    for name in ("x", "y", "radius", "mass"):
-        columns[name] = _numbers(file, table, name, line)
-    velocity = None
-    for pair in VELOCITIES:
-        if set(pair) & set(table.columns):
-            velocity = np.stack([_numbers(file, table, name, line) for name in pair], axis=1)
+    table = read_csv(file)
+    table = _rows_of(table, "seed", seed)
+    table = _rows_of(table, "time", time)
+    columns = {name: numbers_in(table, name) for name in ("x", "y", "radius", "mass")}
     position = np.stack([columns["x"], columns["y"]], axis=1)
+    _refuse_depth(file, _first_column(table, "z"))
+    velocities = [titles for titles in VELOCITIES if not table.columns.keys().isdisjoint(titles)]
+    if len(velocities) > 1:
+        place = f"{file}: line {table.heading}"
+        raise RequestError(f"{place}: vx: must not be given with velocity_x")
+    velocity = None
+    for titles in velocities:
+        velocity = np.stack([numbers_in(table, name) for name in titles], axis=1)
+    _refuse_motion_along_z(file, _first_column(table, "vz", "velocity_z"))
     disks = Configuration(position, velocity, columns["radius"], columns["mass"])
-    if "species" in table:
-        return named(disks, _names_in(file, table["species"], line))
-    return disks
+    return _with_species(disks, table, "species")
 
 
-def _names_in(file: Path, column: Any, line: np.ndarray) -> np.ndarray:
-    """Return the names (N,) in a column of species."""
-    names = np.array([str(name).strip() for name in column])
-    if len(names) and not all(names):
-        raise RequestError(f"{file}: line {line[np.argmin(names != '')]}: species: missing")
-    return names
-
-
-def _read_table(file: Path, **options: Any) -> Any:
-    """Return a table of the texts in a file; as numbers pandas may round them in the last digit."""
-    import pandas  # takes 0.3 s
-
-    try:
-        with warnings.catch_warnings():  # of rows with too many values
-            warnings.simplefilter("error", pandas.errors.ParserWarning)
-            texts = {"dtype": str, "keep_default_na": False, "index_col": False}
-            return pandas.read_csv(file, encoding="utf-8-sig", **texts, **options)
-    except UnicodeDecodeError:
-        raise RequestError(f"{file}: is no text") from None
-    except (ValueError, pandas.errors.ParserError, pandas.errors.ParserWarning) as error:
-        reason = str(error).splitlines()[0].removeprefix("Error tokenizing data. C error: ")
-        raise RequestError(f"{file}: is no table: {reason}") from None
-
-
-def _refuse_twice(file: Path, titles: list[str]) -> None:
-    """Refuse a table that has a column twice, or velocities under both of their names."""
-    for title in titles:
-        # pandas calls the second x `x.1`
-        if f"{title}.1" in titles or titles.count(title) > 1:
-            raise RequestError(f"{file}: {title}: must be in one column, not in two")
-    if {"vx", "vy"} & {*titles} and {"velocity_x", "velocity_y"} & {*titles}:
-        raise RequestError(f"{file}: vx: must not be given with velocity_x")
-
-
-def _numbers(file: Path, table: Any, column: str, line: np.ndarray) -> np.ndarray:
-    """Return the numbers (N,) in a column of a table whose rows are at these lines (N,) of the
-    file.
+def _rows_of(table: Table, key: str, wanted: float | None) -> Table:
+    """Return the rows of the seed or time that is wanted, else of the first seed or the last
+    time.
     """
-    if column not in table:
-        found = ", ".join(map(str, table.columns))
-        raise RequestError(f"{file}: {column}: missing; the columns are {found:.80}")
-    texts = table[column].to_numpy(object)
-    values = np.array([_number(text) for text in texts], float)
-    is_wrong = ~np.isfinite(values)
-    if is_wrong.any():
-        row = int(np.argmax(is_wrong))
-        found = texts[row]
-        problem = f"must be a number, not {found}"[:60] if found else "missing"
-        raise RequestError(f"{file}: line {line[row]}: {column}: {problem}")
-    return values
-
-
-def _number(text: str) -> float:
-    """Return the number that a text is, NaN for others: 1_0, which Python reads as 10, is none."""
-    try:
-        return np.nan if "_" in text else float(text)
-    except ValueError:
-        return np.nan
-
-
-def _chosen(file: Path, key: str, present: np.ndarray, wanted: float | None) -> float:
-    """Return the seed or time to take of those (n,) in a file: that which is wanted, else the first
-    seed and the last time.
-    """
+    file = table.file
+    if key not in table.columns:
+        if wanted is not None:
+            raise RequestError(f"{file}: {key}: the table has no such column")
+        return table
+    values = numbers_in(table, key)
+    present, number = np.unique(values, return_counts=True)
     if not len(present):
-        raise RequestError(f"{file}: holds no disks")
-    if wanted is None:
-        return float(present[0] if key == "seed" else present[-1])
-    return float(present[_index_of(file, key, present, wanted)])
+        return table
+    if key == "time" and np.ptp(number):
+        few = int(np.argmin(number))
+        many = int(np.argmax(number))
+        counts = f"{number[few]} at {present[few]:.12g} and {number[many]} at {present[many]:.12g}"
+        raise RequestError(f"{file}: time: must have equally many disks at each, not {counts}")
+    if wanted is not None:
+        chosen = present[_index_of(file, key, present, wanted)]
+    else:
+        chosen = present[0 if key == "seed" else -1]
+    return select_rows(table, values == chosen)
 
 
 def _index_of(file: Path, key: str, present: np.ndarray, wanted: float) -> int:
-    """Return where a wanted value is among those (n,) in a file, up to round-off."""
+    """Return where a wanted seed or time is among those (n,) in a file; times up to round-off."""
     nearest = int(np.argmin(np.abs(present - wanted)))
-    slack = SAME_TIME * float(np.abs(present).max())
+    slack = SAME_TIME * float(np.abs(present).max()) if key == "time" else 0.0
     if abs(present[nearest] - wanted) <= slack:
         return nearest
-    some = ", ".join(f"{value:g}" for value in present[:8])
-    more = f", ... {present[-1]:g}" if len(present) > 8 else ""
-    raise RequestError(f"{file}: {key}: must be one of {some}{more}, not {wanted:g}")
+    some = ", ".join(f"{value:.12g}" for value in present[:8])
+    more = f", ... {present[-1]:.12g}" if len(present) > 8 else ""
+    raise RequestError(f"{file}: {key}: must be one of {some}{more}, not {wanted:.12g}")
 
 
 def _from_xyz(file: Path, box: Box | None, seed: int | None, time: float | None) -> Configuration:
-    """Return the disks in a frame of an extended XYZ."""
+    """Return the disks in a frame of an extended XYZ: the last one, or that of a time."""
     _refuse_seed(file, seed)
-    line, number, comment = _frame(file, time)
-    keys = {key: value.strip('"') for key, value in KEY_AND_VALUE.findall(comment)}
-    names = _xyz_columns(file, keys.get("Properties", "species:S:1:pos:R:3"))
-    table = _read_table(file, sep=r"\s+", header=None, names=names, skiprows=line, nrows=number)
-    lines = np.arange(line + 1, line + 1 + len(table))
-    if len(table) < number:
-        raise RequestError(f"{file}: ends after {len(table)} of {number} disks")
-
-    def column(*choices: str) -> np.ndarray | None:
-        present = [name for name in choices if name in table]
-        return _numbers(file, table, present[0], lines) if present else None
-
-    def vector(*choices: str) -> np.ndarray | None:
-        x = column(*(f"{name}-0" for name in choices))
-        y = column(*(f"{name}-1" for name in choices))
-        return None if x is None or y is None else np.stack([x, y], axis=1)
-
-    position = vector("pos")
-    radius = column("radius", "radii")
-    mass = column("mass", "masses")
+    frame = _frame_of_time(file, frames_of(file), time)
+    table = read_frame(file, frame)
+    position = _first_vectors(table, "pos")
+    radius = _first_column(table, "radius", "radii")
+    mass = _first_column(table, "mass", "masses")
     for name, values in (("pos", position), ("radius", radius), ("mass", mass)):
         if values is None:
-            raise RequestError(f"{file}: line {line}: Properties: must have {name}")
+            raise RequestError(f"{file}: line {frame.line}: Properties: must have {name}")
     assert position is not None and radius is not None and mass is not None
-    _refuse_depth(file, column("pos-2"))
-    if "Lattice" in keys:
-        _check_lattice(file, line, keys, box)
-    velocity = vector("velo", "vel", "velocity", "velocities")
-    momentum = vector("momenta")
+    _refuse_depth(file, _first_column(table, "pos-2"))
+    _check_lattice(file, frame, box)
+    velocity = _first_vectors(table, *XYZ_VELOCITIES)
+    momentum = _first_vectors(table, "momenta")
     if velocity is None and momentum is not None:
         velocity = momentum / mass[:, None]
+    along_z = [f"{name}-2" for name in (*XYZ_VELOCITIES, "momenta")]
+    _refuse_motion_along_z(file, _first_column(table, *along_z))
     disks = Configuration(position, velocity, radius, mass)
-    for name in ("type", "species"):
-        if name in table:
-            return named(disks, table[name].astype(str).to_numpy())
-    return disks
+    return _with_species(disks, table, "type", "species")
 
 
-def _frame(file: Path, time: float | None) -> tuple[int, int, str]:
-    """Return of a frame of an XYZ the line of its comment (from 1), number of disks and comment:
-    the last one, or that of a time.
-    """
-    frames = []
-    at = 1
-    with open(file, encoding="utf-8-sig") as lines:
-        try:
-            for text in lines:
-                if not text.strip():
-                    at += 1
-                    continue
-                if not text.strip().isdecimal():
-                    raise RequestError(f"{file}: line {at}: must be the number of disks")
-                number = int(text)
-                frames.append((at + 1, number, next(lines, "")))
-                for _ in range(number):
-                    next(lines, "")
-                at += number + 2
-        except UnicodeDecodeError:
-            raise RequestError(f"{file}: is no text") from None
-    if not frames:
-        raise RequestError(f"{file}: holds no disks")
+def _frame_of_time(file: Path, frames: list[Frame], time: float | None) -> Frame:
+    """Return the last of some frames, or that of a time."""
     if time is None:
         return frames[-1]
-    times = np.array([_time_of(comment) for *_, comment in frames])
+    times = np.array([number_of(keys_of(frame).get("time", "")) for frame in frames])
     if np.isnan(times).any():
         raise RequestError(f"{file}: time: the frames have no Time")
     return frames[_index_of(file, "time", times, time)]
 
 
-def _time_of(comment: str) -> float:
-    keys = dict(KEY_AND_VALUE.findall(comment))
-    return _number(keys.get("Time", keys.get("time", "")))
+def _first_column(table: Table, *titles: str) -> np.ndarray | None:
+    """Return the numbers (N,) in the first of these columns that a table has; None without any."""
+    present = [title for title in titles if title in table.columns]
+    return numbers_in(table, present[0]) if present else None
 
 
-def _xyz_columns(file: Path, properties: str) -> list[str]:
-    """Return the name of each column: `radius`, or for vectors `pos-0`, `pos-1`, ..."""
-    words = properties.split(":")
-    names = []
-    for name, width in zip(words[::3], words[2::3], strict=False):
-        if not width.isdigit():
-            raise RequestError(f"{file}: Properties: must be name:type:width, not {properties!r}")
-        if width == "1":
-            names.append(name)
-        else:
-            names += [f"{name}-{k}" for k in range(int(width))]
-    return names
+def _first_vectors(table: Table, *titles: str) -> np.ndarray | None:
+    """Return the x and y components (N, 2) of the first of these vectors that a table has; None
+    without any.
+    """
+    x = _first_column(table, *(f"{title}-0" for title in titles))
+    y = _first_column(table, *(f"{title}-1" for title in titles))
+    return None if x is None or y is None else np.stack([x, y], axis=1)
 
 
-def _check_lattice(file: Path, line: int, keys: Mapping[str, str], box: Box | None) -> None:
+def _with_species(disks: Configuration, table: Table, *titles: str) -> Configuration:
+    """Return disks with the names in the first of these columns that a table has."""
+    present = [title for title in titles if title in table.columns]
+    return named(disks, names_in(table, present[0])) if present else disks
+
+
+def _check_lattice(file: Path, frame: Frame, box: Box | None) -> None:
     """Refuse another box than that of the scene, and boxes that are no rectangles."""
-    edges = [_number(word) for word in keys["Lattice"].split()]
+    keys = keys_of(frame)
+    if "lattice" not in keys:
+        return
+    place = f"{file}: line {frame.line}"
+    edges = [number_of(word) for word in keys["lattice"].split()]
     if len(edges) != 9 or not np.isfinite(edges).all():
-        raise RequestError(f"{file}: line {line}: Lattice: must be nine numbers")
+        raise RequestError(f"{place}: Lattice: must be nine numbers")
     if any(edges[k] for k in (1, 3)):
-        raise RequestError(f"{file}: line {line}: Lattice: must be a rectangle along x and y")
-    origin = [_number(word) for word in keys.get("Origin", "").split()[:2]]
-    _check_box(file, box, (edges[0], edges[4]), origin or None)
+        raise RequestError(f"{place}: Lattice: must be a rectangle along x and y")
+    origin = [number_of(word) for word in keys.get("origin", "").split()]
+    if len(origin) not in (0, 3) or not np.isfinite(origin).all():
+        raise RequestError(f"{place}: Origin: must be three numbers")
+    _check_box(file, box, (edges[0], edges[4]), origin[:2] or None)
 
 
 def _from_gsd(file: Path, box: Box | None, seed: int | None, time: float | None) -> Configuration:
@@ -334,6 +257,7 @@ def _from_gsd(file: Path, box: Box | None, seed: int | None, time: float | None)
     particles = frame.particles
     position = particles.position.astype(float)
     _refuse_depth(file, position[:, 2])
+    _refuse_motion_along_z(file, particles.velocity[:, 2])
     sides = np.array([width, height] if box is None else [box.width, box.height])
     origin = np.zeros(2) if box is None else np.array(box.origin)
     velocity = particles.velocity[:, :2].astype(float)
@@ -407,6 +331,13 @@ def _refuse_depth(file: Path, z: np.ndarray | None) -> None:
         least = float(z.min())
         most = float(z.max())
         raise RequestError(f"{file}: z: must be the same for all disks, not {least:g} to {most:g}")
+
+
+def _refuse_motion_along_z(file: Path, component: np.ndarray | None) -> None:
+    """Refuse disks that leave their plane."""
+    if component is not None and component.any():
+        fastest = float(component[np.argmax(np.abs(component))])
+        raise RequestError(f"{file}: velocity along z: must be 0 for all disks, not {fastest:g}")
 
 
 def _check_box(
