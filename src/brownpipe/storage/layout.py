@@ -132,7 +132,7 @@ def variables_by_group(scene: Scene, ensemble: Ensemble) -> Groups:
     groups = {"/": root}
     if ensemble.whole:
         sizes = {"disk": np.arange(scene.particles), "radius": scene.radius, "mass": scene.mass}
-        groups["/disks"] = sizes | _arrays_of_track(_tracks_side_by_side(ensemble))
+        groups["/disks"] = sizes | _tracks_side_by_side(ensemble)
     if ensemble.events:
         groups["/events"] = _collisions_side_by_side(ensemble)
     return groups
@@ -145,20 +145,20 @@ def _arrays_of_track(track: Track | None) -> dict[str, np.ndarray]:
     return {name: values for name, values in track._asdict().items() if values is not None}
 
 
-def _tracks_side_by_side(ensemble: Ensemble) -> Track:
-    """Return the tracks of all disks of all runs (T, S, N, 2); without values for runs that could
-    not go on.
+def _tracks_side_by_side(ensemble: Ensemble) -> dict[str, np.ndarray]:
+    """Return position, velocity and image, as far as they are recorded, of all disks of all runs
+    (T, S, N, 2); without values for runs that could not go on.
     """
     seeds = ensemble.seeds.tolist()
-    first = next(iter(ensemble.whole.values()))
+    first = _arrays_of_track(next(iter(ensemble.whole.values())))
     if len(seeds) == 1:  # not copied
-        return Track(*(None if values is None else values[:, None] for values in first))
+        return {name: values[:, None] for name, values in first.items()}
     tracks = [_arrays_of_track(ensemble.whole.get(seed)) for seed in seeds]
-    fields = {}
-    for name, like in _arrays_of_track(first).items():
+    arrays = {}
+    for name, like in first.items():
         absent = blank_array(like.shape, like.dtype)
-        fields[name] = np.stack([track.get(name, absent) for track in tracks], axis=1)
-    return Track(**fields)
+        arrays[name] = np.stack([track.get(name, absent) for track in tracks], axis=1)
+    return arrays
 
 
 def _collisions_side_by_side(ensemble: Ensemble) -> dict[str, np.ndarray]:
@@ -211,7 +211,7 @@ def ensemble_of(groups: Groups, average: str, own: OwnArrays = NO_OWN_ARRAYS) ->
 
 def _track_of(variables: dict[str, np.ndarray]) -> Track:
     """Return the track among the variables of a group."""
-    return Track(*map(variables.get, Track._fields))
+    return Track(variables["position"], variables.get("velocity"), variables.get("image"))
 
 
 def _collisions_of_run(variables: dict[str, np.ndarray], row: int) -> Events:
