@@ -649,6 +649,14 @@ def test_the_main_panel_is_drawn_into_axes_of_ones_own(hot, name):
     assert any(line.get_linewidth() == 7.0 for line in axes.lines), "in the style of the caller"
 
 
+def test_looks_replace_those_of_points_by_their_long_or_short_names(hot):
+    axes = matplotlib.figure.Figure().add_subplot()
+    draw_into(axes, hot, "orientational_order", markersize=9, c="red", mfc="blue")
+    (mark,) = (bar.lines[0] for bar in axes.containers)
+    looks = (mark.get_markersize(), mark.get_color(), mark.get_markerfacecolor())
+    assert looks == (9, "red", "blue")
+
+
 def test_theory_is_beside_the_pair_distribution(hot):
     """The contact value of a tracer and its bath; the first order in the density where equal disks
     are dilute.

@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 from xarray import DataArray, Dataset, DataTree
@@ -34,6 +34,7 @@ from brownpipe.engines.definition import REFERENCE_NAME, Definition
 from brownpipe.engines.ensemble import Ensemble, failures, join_ensembles, select
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, RunError
 from brownpipe.figures.figure import Figure
+from brownpipe.figures.looks import Looks
 from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import SHAPE, summary_table
@@ -475,7 +476,7 @@ def plot(
     particles: int | None = None,
     panel: str | Iterable[str] = (),
     ax: "Axes | None" = None,
-    **looks: Any,
+    **looks: Unpack[Looks],
 ) -> "matplotlib_figure.Figure | Axes":
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, SupportsFloat
+from typing import TYPE_CHECKING, SupportsFloat
 
 import numpy as np
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MOST_CURVES = 6  # cases in one panel, or curves of one case
 LONGEST = 10.0  # duration of the cases in one panel over the shortest
 SPECIES = ("species", "species_pair")  # dimensions of parts of a case
+Label = str | int | float  # of a case or a part of it, or one of its numbers
 PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 
 
@@ -206,14 +207,14 @@ def series_of(cases: list[Dataset], *axes: str, drift: bool = False) -> dict[str
     return _grouped(ascending, lambda case: labels_in_words(case, names))
 
 
-def _values(case: Dataset, labels: Iterable[str]) -> tuple[Any, ...]:
+def _values(case: Dataset, labels: Iterable[str]) -> tuple[Label, ...]:
     """Return the values of labels of a case."""
     return tuple(case[label].item() for label in labels)
 
 
-def _grouped(cases: list[Dataset], name: Callable[[Dataset], Any]) -> dict[Any, list[Dataset]]:
+def _grouped(cases: list[Dataset], name: Callable[[Dataset], str]) -> dict[str, list[Dataset]]:
     """Group the cases by name; names and cases keep their order."""
-    groups: dict[Any, list[Dataset]] = {}
+    groups: dict[str, list[Dataset]] = {}
     for case in cases:
         groups.setdefault(name(case), []).append(case)
     return groups
@@ -389,7 +390,7 @@ def frame_of(cases: Sequence[Dataset], dims: Sequence[str], names: Iterable[str]
     return pandas.concat(frames).reset_index()
 
 
-def label_of(case: Dataset, *numbers: str) -> dict[str, Any]:
+def label_of(case: Dataset, *numbers: str) -> dict[str, Label]:
     """Return scene, particle count and engine, by which the rows of a case begin, and some of its
     numbers.
     """

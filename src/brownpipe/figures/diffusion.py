@@ -5,13 +5,14 @@ The routes (docs/theory.md): the running slope of the MSD over 4, MSD/4t, and th
 integral. In two dimensions D(t) has no limit, as the velocity autocorrelation decays as 1/t.
 """
 
-from typing import Any
+from typing import Unpack
 
 from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures.cases import fits_of, fitted_diffusion, has
 from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.looks import Looks
 from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, styled_cases, time_axis
 
 ROUTES = {
@@ -28,7 +29,7 @@ REACH = 2.0
 ENSKOG = "Enskog's theory"
 
 
-def draw_diffusion(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_diffusion(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:
     """Draw D(t) with its 95 % band, Enskog's D, and slope/4 across its window, of a single case by
     every route.
 
@@ -64,7 +65,7 @@ def _routes(axes: Axes, case: Dataset) -> None:
         if name in highest:
             if (later[name] > end).any():
                 label += ", leaves the panel"
-            band(axes, later, name, colour, linestyle=line, label=label)
+            band(axes, later, name, color=colour, linestyle=line, label=label)
     _bar(axes, case, color=INK, label=f"slope/4: {fitted_diffusion(case)}")
     if "enskog_diffusion" in highest:
         theory = float(case.enskog_diffusion)
@@ -75,7 +76,7 @@ def _routes(axes: Axes, case: Dataset) -> None:
     axes.set_ylim(min(0.0, *lowest.values()), end)
 
 
-def _bar(axes: Axes, case: Dataset, **looks: Any) -> None:
+def _bar(axes: Axes, case: Dataset, **looks: Unpack[Looks]) -> None:
     """Draw slope/4 of the first fit across its window."""
     for fit in fits_of(case)[:1]:
         ends = [float(fit.window_start), float(fit.window_end)]

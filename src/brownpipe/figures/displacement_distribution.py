@@ -11,7 +11,7 @@ from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe.analysis import goodness
-from brownpipe.figures.cases import distributions_of, label_of, parts_of, title_of
+from brownpipe.figures.cases import Label, distributions_of, label_of, parts_of, title_of
 from brownpipe.figures.figure import Figure
 from brownpipe.figures.style import (
     DASHED,
@@ -126,7 +126,7 @@ def table_of_counts(cases: list[Dataset]) -> DataFrame:
     """
     frames = []
     for case in distributions_of(cases):
-        columns = label_of(case)
+        columns: dict[str, Label | np.ndarray] = {**label_of(case)}
         columns["time"] = case.displacement_time.item()
         columns["r_inner"] = np.append(case.r_inner, case.r_outer[-1])
         columns["r_outer"] = np.append(case.r_outer, np.inf)

@@ -4,19 +4,20 @@ In equilibrium all species have the same, kT in two dimensions (equipartition); 
 hotter cools.
 """
 
-from typing import Any
+from typing import Unpack
 
 from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures.cases import defined, estimate_of, has
 from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.looks import Looks
 from brownpipe.figures.style import DOTTED, INK, band, highest, styled_cases, time_axis
 
 NAME = "species_energy"
 
 
-def draw_energies(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_energies(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:
     """Draw the energy of each species with its 95 % band, and the mean over all disks."""
     cases = [defined(species, NAME) for species in cases]
     for species, line in styled_cases(cases, _last_energy, looks):

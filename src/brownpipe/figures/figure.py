@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol, Unpack
 
 from brownpipe.errors import FigureError
 from brownpipe.figures.cases import SPECIES, frame_of
+from brownpipe.figures.looks import Looks
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,7 +28,7 @@ MOST_ROWS = 2  # of panels with the same cases
 class DrawCurves(Protocol):
     """Draws all curves of a panel, one or more for each of its cases or of their components."""
 
-    def __call__(self, axes: Axes, cases: list[Dataset], **looks: Any) -> None: ...
+    def __call__(self, axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None: ...
 
 
 @dataclass(frozen=True)

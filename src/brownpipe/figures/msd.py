@@ -2,7 +2,7 @@
 diffusion.
 """
 
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,16 +21,17 @@ from brownpipe.figures.cases import (
     has,
 )
 from brownpipe.figures.figure import Figure
+from brownpipe.figures.looks import Looks, replaced
 
 HEADROOM = 1.12  # upper end of a linear axis over the largest value
 MARGIN = 1.6  # ends of a logarithmic axis over the largest value, and under the smallest
 # One at every fiftieth of the length of a curve
-DOTS = {"linestyle": "", "marker": "o", "markersize": 3, "markevery": 0.02}
+DOTS: Looks = {"linestyle": "", "marker": "o", "markersize": 3, "markevery": 0.02}
 # MSD over ballistic MSD below which the initial velocity is forgotten and the slope gives D
 FORGOTTEN = 0.5
 
 
-def draw_msd(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_msd(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:
     """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise
     with models.
     """
@@ -38,7 +39,7 @@ def draw_msd(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     number = _last_in_words if single else fitted_diffusion
     for case, line in style.styled_cases(cases, number, looks):
         if single:
-            line |= DOTS  # models are lines
+            line = replaced(line, DOTS)  # models are lines
         style.band(axes, case, "msd", **line)
     first_fits: list[Dataset] = []
     for case in cases:
@@ -127,7 +128,7 @@ def draw_logarithmic_msd(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
         moving = [case.isel(time=(case.time.values > 0) & (case.msd.values > 0)) for case in group]
         moving = [case for case in moving if case.sizes["time"] > 1]
         if moving:
-            for case, line in style.styled_cases(moving, lambda _: "", {}):
+            for case, line in style.styled_cases(moving):
                 style.band(panel, case, "msd", **line)
             start = min(case.time.values[0] for case in moving)
             end = max(case.time.values[-1] for case in moving)

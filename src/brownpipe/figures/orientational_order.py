@@ -3,19 +3,20 @@ is varied.
 """
 
 from itertools import cycle
-from typing import Any
+from typing import Unpack
 
 from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures.cases import axis_label, axis_of, series_of
 from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.looks import Looks, replaced
 from brownpipe.figures.style import MARKS, points
 
 NAME = "orientational_order"
 
 
-def draw_order(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_order(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:
     """Draw a point per case against a varied key, the packing fraction or the number of disks, by
     what else differs.
     """
@@ -26,13 +27,9 @@ def draw_order(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
     else:
         series = series_of(cases, axis)
     for (label, of_series), mark in zip(series.items(), cycle(MARKS), strict=False):
-        points(
-            axes,
-            [case[axis].item() for case in of_series],
-            of_series,
-            NAME,
-            **mark | {"label": label} | looks,
-        )
+        places = [case[axis].item() for case in of_series]
+        own: Looks = {**mark, "label": label}
+        points(axes, places, of_series, NAME, **replaced(own, looks))
     axes.set_ylim(bottom=0)
     axes.set_xlabel(axis_label(cases[0], axis))
 

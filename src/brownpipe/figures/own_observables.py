@@ -21,6 +21,7 @@ from brownpipe.figures.cases import (
     own_names,
 )
 from brownpipe.figures.figure import Figure
+from brownpipe.figures.looks import Looks, replaced
 from brownpipe.figures.style import (
     MARKS,
     WIDTH,
@@ -45,12 +46,12 @@ def draw_own_observables(cases: list[Dataset]) -> matplotlib_figure.Figure:
         along, *others = map(str, cases[0][name].dims or ("case",))
         dims = [dim for dim in others if dim not in SPECIES]  # species are told apart anyway
         place = partial(labels_in_words, names=dims)
-        for k, (part, line) in enumerate(styled_cases(parts, place, {})):
+        for k, (part, line) in enumerate(styled_cases(parts, place)):
             if cases[0][name].dims:
                 band(panel, defined(part, name), name, **line)
             else:
-                mark = {"linestyle": "none", "marker": MARKS[k % 36]["fmt"]}
-                points(panel, [k], [part], name, **line | mark)
+                mark: Looks = {"linestyle": "none", "marker": MARKS[k % 36]["marker"]}
+                points(panel, [k], [part], name, **replaced(line, mark))
                 panel.set_xticks([])
         panel.set(xlabel=along, ylabel=axis_label(cases[0], name))
     arrays = [cases[0][name] for name in shown]

@@ -5,7 +5,7 @@ The routes: extrapolation of g(r) to contact, and the collision rate of the pair
 """
 
 from functools import partial
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +16,7 @@ from brownpipe.analysis.pairs import NORMAL
 from brownpipe.figures import style
 from brownpipe.figures.cases import estimate_of, has
 from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.looks import Looks
 from brownpipe.observables.pairs import BINS_PER_CONTACT
 
 NAME = "pair_distribution"
@@ -31,7 +32,7 @@ MOST_POOLED = BINS_PER_CONTACT // 10
 DILUTE = 0.2  # packing fraction below which the first order in the density is drawn
 
 
-def draw_pair_distributions(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_pair_distributions(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:
     """Draw g(r) of each pair of species with its 95 % band, and theory.
 
     Of several pairs or with `looks` it is drawn with its value at contact, of a single one with
@@ -51,8 +52,15 @@ def draw_pair_distributions(axes: Axes, cases: list[Dataset], **looks: Any) -> N
         for name in (name for name in CONTACTS if has(pair, name)):
             words, colour, marker = CONTACTS[name]
             label = f"{words}: {estimate_of(pair, name)}" if single else "_"
-            look = {"color": colour if single else line["color"], "fmt": marker, "label": label}
-            style.points(axes, [float(pair.contact_distance)], [pair], name, **look)
+            style.points(
+                axes,
+                [float(pair.contact_distance)],
+                [pair],
+                name,
+                color=colour if single else line["color"],
+                marker=marker,
+                label=label,
+            )
     _theory(axes, pairs, named=not looks)
     end = max(float(pair.distance[-1]) for pair in pairs)
     axes.set_xlim(min(contacts) - 0.04 * (end - min(contacts)), end)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 import numpy as np
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
     from xarray import Dataset
+
+    from brownpipe.figures.looks import Looks
 
 HEIGHTS = (4.4, 3.2)  # of the panels of a column [inch]
 
@@ -193,7 +195,11 @@ def draw(
 
 
 def draw_into(
-    axes: Axes, dataset: Dataset, figure: str | Figure, particles: int | None = None, **looks: Any
+    axes: Axes,
+    dataset: Dataset,
+    figure: str | Figure,
+    particles: int | None = None,
+    **looks: Unpack[Looks],
 ) -> Axes:
     """Draw all curves of a figure into axes, whose style is the caller's; return the axes.
 

@@ -27,6 +27,7 @@ from brownpipe.figures.cases import (
     with_value,
 )
 from brownpipe.figures.figure import Figure
+from brownpipe.figures.looks import Looks
 from brownpipe.figures.style import (
     DASHED,
     MARKS,
@@ -102,9 +103,10 @@ def _panel(axes: Axes, axis: str, series: Mapping[str, list[Dataset]], name: str
     """Draw a quantity of each series with 95 % intervals, and theory as a dashed line."""
     _, _, theory = PANELS[name]
     values: list[float] = []
-    for (label, cases), looks in zip(series.items(), cycle(MARKS), strict=False):
+    for (label, cases), mark in zip(series.items(), cycle(MARKS), strict=False):
         x = [case[axis].item() for case in cases]
-        points(axes, x, cases, name, label=label, **looks)
+        looks: Looks = {**mark, "label": label}
+        points(axes, x, cases, name, **looks)
         for suffix in ("", "_low", "_high"):
             values += [float(case[f"{name}{suffix}"]) for case in cases]
         expected = [float(case.get(theory, np.nan)) for case in cases]

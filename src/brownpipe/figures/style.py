@@ -10,18 +10,20 @@ import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import cycle
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Literal, Unpack
 
 import numpy as np
 
 from brownpipe.figures.cases import differing, drift_remark, labels_in_words
+from brownpipe.figures.looks import NO_LOOKS, Looks, replaced
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.typing import LineStyleType
     from xarray import Dataset
 
+SharedAxis = bool | Literal["none", "all", "row", "col"]  # as for `Figure.subplots`
 # Colours by meaning: measured data, fits, models, reference lines, text and theory
 DATA = "#0072B2"
 FIT = "#D55E00"
@@ -31,7 +33,7 @@ INK = "#222222"
 DASHED = (0, (5, 2.5))
 DOTTED = (0, (1, 1.2))
 # Colour, line and marker of the first, second, ... species, fit window or scene
-SERIES = (
+SERIES: Sequence[tuple[str, LineStyleType, str]] = (
     (DATA, "-", "o"),
     (FIT, DASHED, "s"),
     (MODEL, (0, (4, 1.5, 1, 1.5)), "^"),
@@ -41,7 +43,9 @@ SERIES = (
 )
 # Of the points or curves of the first, second, ... series: every pair of colour and marker, or of
 # colour and line
-MARKS = [{"color": SERIES[k % 6][0], "fmt": SERIES[(k + k // 6) % 6][2]} for k in range(36)]
+MARKS: list[Looks] = [
+    {"color": SERIES[k % 6][0], "marker": SERIES[(k + k // 6) % 6][2]} for k in range(36)
+]
 LINES = [SERIES[(k + k // 6) % 6][1] for k in range(36)]
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
@@ -78,17 +82,27 @@ def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None 
 
 
 def grid(
-    rows: int, columns: int, width: float, height: float, **options: Any
+    rows: int,
+    columns: int,
+    width: float,
+    height: float,
+    *,
+    sharex: SharedAxis = False,
+    sharey: SharedAxis = False,
+    height_ratios: Sequence[float] | None = None,
 ) -> tuple[Figure, np.ndarray]:
     """Return a figure of panels and its axes (rows, columns).
 
-    `width` and `height` [inch] are those of a panel, on average over the rows; `options` as for
-    `Figure.subplots`.
+    `width` and `height` [inch] are those of a panel, on average over the rows; the other arguments
+    are those of `Figure.subplots`.
     """
     from matplotlib.figure import Figure
 
     figure = Figure((width * columns, height * rows), layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+    axes = figure.subplots(
+        rows, columns, sharex=sharex, sharey=sharey, squeeze=False, height_ratios=height_ratios
+    )
+    return figure, axes
 
 
 def stacked_panels(
@@ -132,17 +146,18 @@ def put_titles_and_legends(panels: Sequence[Axes] | np.ndarray, titles: Iterable
     for of_panel, size in zip(labels, sizes, strict=True):
         heights.append(LINE_HEIGHT * size * len(of_panel))
     pad = 9 + max(heights)  # [point]
-    place: dict[str, Any] = {
-        "loc": "lower left",
-        "bbox_to_anchor": (-0.02, 1.0),
-        "borderaxespad": 0.2,
-        "labelspacing": 0.35,
-    }
     for axes, title, of_panel, size in zip(panels, titles, labels, sizes, strict=True):
         title_size = 11 * min(1, 45 / max(len(title), 1))
         axes.set_title(title or " ", pad=pad, fontsize=title_size)  # "" makes no room
         if of_panel:
-            axes.legend(**place, fontsize=size).set_in_layout(False)
+            legend = axes.legend(
+                loc="lower left",
+                bbox_to_anchor=(-0.02, 1.0),
+                borderaxespad=0.2,
+                labelspacing=0.35,
+                fontsize=size,
+            )
+            legend.set_in_layout(False)
 
 
 def _legend_size(labels: Sequence[str]) -> float:
@@ -163,41 +178,38 @@ def _legend_size(labels: Sequence[str]) -> float:
 def styled_cases(
     cases: list[Dataset],
     number: Callable[[Dataset], str] = lambda case: "",
-    looks: Mapping[str, Any] = MappingProxyType({}),
-) -> Iterator[tuple[Dataset, dict[str, Any]]]:
+    looks: Looks = NO_LOOKS,
+) -> Iterator[tuple[Dataset, Looks]]:
     """Yield the cases, or parts of cases, of one panel, each with the looks of its line, as for
     `axes.plot`.
 
     The label says what distinguishes it from the others, and adds its `number`. Colours are ordered
     if only one number differs. `looks` replaces any of these.
     """
-    from matplotlib.cbook import normalize_kwargs
-    from matplotlib.lines import Line2D
-
     names = differing(cases)
     ordered = len(names) == 1 and cases[0][names[0]].dtype.kind in "iuf"
     colours = shades(len(cases)) if ordered else [colour for colour, _, _ in SERIES]
     for case, colour, line in zip(cases, cycle(colours), cycle(LINES), strict=False):
         words = filter(None, (labels_in_words(case, names), number(case)))
         label = ": ".join(words) + drift_remark(case)
-        default = {"color": colour, "linestyle": "-" if ordered else line, "label": label}
-        yield case, default | normalize_kwargs({**looks}, Line2D)
+        own: Looks = {"color": colour, "linestyle": "-" if ordered else line, "label": label}
+        yield case, replaced(own, looks)
 
 
-def band(axes: Axes, case: Dataset, name: str, color: Any, **line: Any) -> None:
-    """Draw a variable over its one dimension, with its 95 % band if it has one; `line` as for
-    `axes.plot`.
+def band(axes: Axes, case: Dataset, name: str, **line: Unpack[Looks]) -> None:
+    """Draw a variable over its one dimension, with its 95 % band in the same colour if it has
+    one.
     """
     x = case[case[name].dims[0]].values
     if f"{name}_low" in case:
         low = case[f"{name}_low"]
         high = case[f"{name}_high"]
-        axes.fill_between(x, low, high, color=color, alpha=0.22, linewidth=0)
-    axes.plot(x, case[name], color=color, **line)
+        axes.fill_between(x, low, high, color=line["color"], alpha=0.22, linewidth=0)
+    axes.plot(x, case[name], **line)
 
 
 def points(
-    axes: Axes, x: Sequence[float], cases: Sequence[Dataset], name: str, **looks: Any
+    axes: Axes, x: Sequence[float], cases: Sequence[Dataset], name: str, **looks: Unpack[Looks]
 ) -> None:
     """Draw a variable of each case at its x, with its 95 % interval; hollow, so that equal points
     show each other.
@@ -206,7 +218,8 @@ def points(
     low = [float(case[f"{name}_low"]) for case in cases]
     high = [float(case[f"{name}_high"]) for case in cases]
     reach = np.abs(np.subtract([low, high], value))
-    axes.errorbar(x, value, reach, markersize=5, markerfacecolor="none", elinewidth=1.3, **looks)
+    hollow: Looks = {"linestyle": "none", "markersize": 5, "markerfacecolor": "none"}
+    axes.errorbar(x, value, reach, elinewidth=1.3, **replaced(hollow, looks))
 
 
 def highest(cases: Sequence[Dataset], name: str) -> float:

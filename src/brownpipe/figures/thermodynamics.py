@@ -16,6 +16,7 @@ from brownpipe import theory
 from brownpipe.analysis.thermodynamics import DENSEST
 from brownpipe.figures.cases import has, quantities_of, series_of, title_of
 from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.looks import Looks
 from brownpipe.figures.style import (
     DASHED,
     GREY,
@@ -55,13 +56,13 @@ def draw_thermodynamics(cases: list[Dataset]) -> matplotlib_figure.Figure:
     )
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
-        for (label, of_series), looks in zip(_series(measured).items(), cycle(MARKS), strict=False):
+        for (label, of_series), mark in zip(_series(measured).items(), cycle(MARKS), strict=False):
             densities = [float(case.packing_fraction) for case in of_series]
-            points(main, densities, of_series, name, label=label, **looks)
+            looks: Looks = {**mark, "label": label}
+            points(main, densities, of_series, name, **looks)
             for panel in low:
-                points(
-                    panel, densities, [_deviation(case, name) for case in of_series], name, **looks
-                )
+                deviations = [_deviation(case, name) for case in of_series]
+                points(panel, densities, deviations, name, **mark)
         main.margins(x=0.15, y=0.12)
         if name == Z:
             main.axhline(1, color=GREY, linewidth=0.8)  # of the ideal gas

@@ -4,9 +4,9 @@ The initial slope, -gamma <v^2>, follows from the collision rate (docs/theory.md
 of hydrodynamics in two dimensions.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import product
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +15,7 @@ from xarray import Dataset
 from brownpipe.figures import style
 from brownpipe.figures.cases import PARTS, has, plus_minus
 from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.looks import NO_LOOKS, Looks
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
@@ -22,7 +23,7 @@ SLOPE = "vacf_initial_slope"
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 
 
-def draw_autocorrelations(axes: Axes, cases: list[Dataset], **looks: Any) -> None:
+def draw_autocorrelations(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:
     """Draw the correlation of the tracer; of a single case also that of the bath, and the initial
     slope.
 
@@ -47,9 +48,7 @@ def _initial_slope(axes: Axes, case: Dataset) -> None:
     axes.plot(t, 1 - rate * t, color=style.INK, linestyle=style.DOTTED, label=label)
 
 
-def _curves(
-    cases: list[Dataset], looks: Mapping[str, Any]
-) -> Iterator[tuple[Dataset, dict[str, Any]]]:
+def _curves(cases: list[Dataset], looks: Looks) -> Iterator[tuple[Dataset, Looks]]:
     """The correlations divided by their values at t = 0, under the tracer's name, and their
     looks.
     """
@@ -105,7 +104,7 @@ def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> None:
     noise.
     """
     tails = []
-    for curve, line in _curves(cases, {}):
+    for curve, line in _curves(cases, NO_LOOKS):
         later = curve.isel(time=curve.time.values > 0)
         low = later.get(f"{TRACER}_low", later[TRACER]).values
         tail = later.isel(time=np.logical_and.accumulate(low > 0))
