@@ -4,9 +4,10 @@ count, engine.
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe.analysis import (
     diffusive,
@@ -60,7 +61,7 @@ if TYPE_CHECKING:
 
 # A piece of a dataset, most often of one case: variable or coordinate -> array, whose size is that
 # of its dimensions.
-Values = dict[str, Any]
+Values = dict[str, ArrayLike]
 
 ESTIMATORS: tuple[Estimator, ...] = (
     displacement.ESTIMATOR,
@@ -486,7 +487,7 @@ def _filled(
     return array
 
 
-def _union(values: Sequence[Any], in_order: bool) -> Axis:
+def _union(values: Sequence[ArrayLike], in_order: bool) -> Axis:
     """Return all labels in order of appearance, or all numbers ascending unless `in_order`, each
     once.
 
@@ -503,11 +504,11 @@ def _union(values: Sequence[Any], in_order: bool) -> Axis:
     return numbers[np.append(True, is_new)]
 
 
-def _positions(values: Any, axis: Axis) -> np.ndarray:
+def _positions(values: ArrayLike, axis: Axis) -> np.ndarray:
     """Return the indices of a piece's values in the union."""
-    if isinstance(axis, list):
-        return np.array([axis.index(label) for label in values])
     numbers = np.asarray(values)
+    if isinstance(axis, list):
+        return np.array([axis.index(label) for label in numbers.tolist()])
     if numbers.dtype.kind == "f":
         numbers = numbers - SAME_TIME * np.abs(numbers)
     return np.searchsorted(axis, numbers)

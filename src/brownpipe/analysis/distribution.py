@@ -7,7 +7,7 @@ reduced units of the scene. See docs/theory.md, sections 2 and 5.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -139,7 +139,7 @@ def _moments_within_runs(
     return {"quartic_displacement": quartic, "square_times_quartic": squared * quartic}
 
 
-def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
+def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, ArrayLike]]:
     """Yield the values of all variables and coordinates at each of the displacement times, which
     have own rings.
     """
@@ -155,7 +155,7 @@ def at_each_time(case: Case, averages: Averages) -> Iterator[dict[str, Any]]:
     for k, (sample, edges) in enumerate(zip(samples, case.rings, strict=True)):
         counts = averages.totals["rings"][k][: len(edges)]
         p_value = goodness.kurtosis_p_value(kurtoses.mean[k], averages.runs)
-        values: dict[str, Any] = {"displacement_time": [case.times[sample]], "model": models}
+        values: dict[str, ArrayLike] = {"displacement_time": [case.times[sample]], "model": models}
         values |= _rings(edges)
         values |= _tests(case, averages, k, p_value)
         values |= _counts_with_intervals(counts, averages.runs)
@@ -238,7 +238,7 @@ def _model_of_square(msd: float, t: float, half_width: float, plane: Model) -> M
 
 def _test(
     counts: np.ndarray, edges: np.ndarray, t: float, kurtosis_p: float, model: Model
-) -> dict[str, Any]:
+) -> dict[str, ArrayLike]:
     """Return the test of one model: variable -> value."""
 
     def counts_at(scale: float) -> np.ndarray:  # expected with this multiple of D

@@ -7,7 +7,7 @@ over runs.
 from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -113,11 +113,11 @@ def names_of(name: str) -> list[str]:
     return [name, *(f"{name}_{ending}" for ending in UNCERTAINTIES)]
 
 
-def with_intervals(values: Mapping[str, ArrayLike | Estimate]) -> dict[str, Any]:
+def with_intervals(values: Mapping[str, ArrayLike | Estimate]) -> dict[str, ArrayLike]:
     """Return values by the names of their variables: those of an Estimate x, for example, as `x`,
     `x_low`, `x_high`.
     """
-    arrays: dict[str, Any] = {}
+    arrays: dict[str, ArrayLike] = {}
     for name, value in values.items():
         if isinstance(value, Estimate):
             arrays |= zip(names_of(name), value, strict=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -76,7 +76,7 @@ def file_report(path: str | Path, seed: int | None = None) -> str:
     return in_lines([f"{path}  {megabytes:.2f} MB", *lines, "", *table])
 
 
-def _origin_in_words(step: str, header: Mapping[str, Any], *engine: str) -> list[str]:
+def _origin_in_words(step: str, header: Mapping[str, object], *engine: str) -> list[str]:
     """Return the lines on the versions and the source that wrote a file with this header, by a
     step of a study.
     """
@@ -85,7 +85,7 @@ def _origin_in_words(step: str, header: Mapping[str, Any], *engine: str) -> list
         for name, version in header.items()
         if name.endswith("_version")
     ]
-    source = header.get("source_digest", "unknown")
+    source = str(header.get("source_digest", "unknown"))
     is_here = source == made_with(step, *engine)["source_digest"]
     whose = "that of this installation" if is_here else "not that of this installation"
     return [
@@ -219,7 +219,7 @@ def table_of_runs(ensemble: Ensemble) -> list[str]:
 
     Of arrays it has the dimensions instead.
     """
-    statistics: dict[str, Callable[..., Any]]
+    statistics: dict[str, Callable[[np.ndarray], float]]
     if len(ensemble.seeds) > 1:
         shown = ensemble.observables["failed"] == 0
         statistics = {"mean": np.mean, "min": np.min, "max": np.max}

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from types import FunctionType, MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -149,11 +149,11 @@ def _find_function(name: str) -> Function:
 
 
 @lru_cache(maxsize=8)
-def _definitions(file: str, source: bytes) -> dict[str, Any]:
+def _definitions(file: str, source: bytes) -> dict[str, object]:
     """Return what a module defines. It is run from these bytes: a compiled copy of it could be of
     older ones.
     """
-    variables = {"__name__": Path(file).stem, "__file__": file}
+    variables: dict[str, object] = {"__name__": Path(file).stem, "__file__": file}
     exec(compile(source, file, "exec"), variables)
     return variables
 
@@ -224,7 +224,7 @@ def _refuse_misfit(name: str, variable: Variable, scene: Scene, axes: Mapping) -
         raise ValueError(f"{name}: {min(clashes)} is a name in runs or datasets; choose another")
 
 
-def _as_variable(name: object, value: Any) -> Variable:
+def _as_variable(name: object, value: object) -> Variable:
     """Return a variable from what xarray takes as one: `3.0`, `("time", values)`, or `(["time"],
     values, {"units": "1"})`. Raises ValueError for any other.
     """

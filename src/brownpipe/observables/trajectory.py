@@ -5,9 +5,10 @@ T sample times, N disks, of which the tracer is the first.
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class Track(NamedTuple):
@@ -88,7 +89,7 @@ class Run(NamedTuple):
     whole: Track | None  # all disks, M = N; None if not recorded, see `needs_every_disk`
     events: Events | None = None  # if recorded
     # what the engine itself reports, like numbers of collisions
-    observables: Mapping[str, Any] = MappingProxyType({})
+    observables: Mapping[str, ArrayLike] = MappingProxyType({})
 
     @property
     def every_disk(self) -> Track:

@@ -8,7 +8,6 @@ import base64
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
@@ -40,7 +39,7 @@ ENVIRONMENT = Environment(
 ENVIRONMENT.filters["base64"] = lambda contents: base64.b64encode(contents).decode()
 
 
-def filled(template: str, **contents: Any) -> bytes:
+def filled(template: str, **contents: object) -> bytes:
     """Return a page: the template of this name with its contents, which are escaped and shown as
     one line each.
     """

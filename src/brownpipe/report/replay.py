@@ -6,8 +6,6 @@ collisions determine every position at every time. The page gets these numbers, 
 computes the positions.
 """
 
-from typing import Any
-
 import numpy as np
 
 from brownpipe.errors import RequestError
@@ -55,7 +53,7 @@ def replay_page(
     return page, extent
 
 
-def _motion(trajectories: Trajectories, seed: int, shades: np.ndarray) -> dict[str, Any]:
+def _motion(trajectories: Trajectories, seed: int, shades: np.ndarray) -> dict[str, object]:
     """Return the numbers from which `replay.js` computes all positions: the box, the disks with
     their `shades` (N,), their state at t = 0, and the first MOST_COLLISIONS collisions.
     """

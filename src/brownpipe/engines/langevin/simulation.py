@@ -23,6 +23,7 @@ from collections.abc import Collection, Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from brownpipe import progress
 from brownpipe.engines.compiled.kernels import compile_all, entry_point
@@ -86,8 +87,8 @@ def simulate(
         path[0] = draw_tracer(scene, seed, stream)
         follow(path, stream.standard_normal((len(weights), 2, 2)), weights)
         track, known = folded(scene, path[1:])  # the first step is the time to equilibrate
-        observables = {"friction_rate": gamma, "failed": np.uint8(not known)}
-        return Run(track, None, observables=observables)
+        report: dict[str, ArrayLike] = {"friction_rate": gamma, "failed": np.uint8(not known)}
+        return Run(track, None, observables=report)
 
     return make_runs(batch, run)
 
