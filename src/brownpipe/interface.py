@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, Literal, TypeGuard, Unpack
 
 import numpy as np
 from xarray import DataArray, Dataset, DataTree
@@ -29,7 +29,7 @@ from brownpipe.analysis.estimator import Columns as Columns
 from brownpipe.analysis.estimator import Estimator
 from brownpipe.analysis.resampling import resample
 from brownpipe.analysis.variables import Variable as Variable
-from brownpipe.engines import DEFINITIONS, Engine, engine_of_request, read_record
+from brownpipe.engines import DEFINITIONS, engine_of_request, read_record
 from brownpipe.engines.definition import REFERENCE_NAME, Definition
 from brownpipe.engines.ensemble import Ensemble, failures, join_ensembles, select
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, RunError
@@ -53,9 +53,10 @@ from brownpipe.storage.configurations import read_scene as scene_of_file
 from brownpipe.storage.configurations import read_scene_file, with_disks_of_file
 from brownpipe.storage.datasets import read_contents, read_dataset, write_dataset
 from brownpipe.storage.files import refuse_foreign
-from brownpipe.storage.store import runs_digest, seeds_without_file, stored_runs
+from brownpipe.storage.store import seeds_without_file, stored_runs
 from brownpipe.storage.trajectories import Trajectories, from_tree, to_tree, write_trajectories
-from brownpipe.study import forecast_of_runs, read_study
+from brownpipe.study import read_study
+from brownpipe.study.request import Request
 from brownpipe.study.study import Rings, Windows
 from brownpipe.study.workflow import from_command_line
 
@@ -277,7 +278,7 @@ def analyse(
     for estimator in own_estimators:
         if not isinstance(estimator, Estimator):
             raise RequestError(f"estimators: must be of brownpipe.Estimator, not {estimator!r:.60}")
-    sources: list[Any] = [runs]
+    sources: list[Any] = [runs]  # anything else than runs is refused by `from_tree`
     if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord):
         sources = [*runs]
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
@@ -357,7 +358,7 @@ def scan(
 
 
 def run(
-    study: str | Path, cores: int | None = None, config: Mapping[str, Any] | None = None
+    study: str | Path, cores: int | None = None, config: Mapping[str, object] | None = None
 ) -> Dataset:
     """Run a study as `brownpipe run` does, with all results in `results` of the current folder;
     return its dataset.
@@ -576,47 +577,20 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
 # -- runs ------------------------------------------------------------------------------------------
 
 
-class Request(NamedTuple):
-    """The runs that `simulate` is asked for, its arguments read and checked."""
-
-    scene: SceneRecord
-    seeds: Sequence[int]
-    engine: Engine
-    record: frozenset[str]
-    observables: tuple[str, ...]
-    average: str
-    cores: int
-
-    @property
-    def digest(self) -> str:
-        """The digest under which studies store runs like these."""
-        return runs_digest(self.scene, self.engine, self.record, self.observables, self.average)
-
-    def make(self, seeds: Sequence[int]) -> Ensemble:
-        """Return runs of some of the seeds, made on one core."""
-        return self.engine.simulate(
-            self.scene,
-            seeds,
-            record=self.record,
-            observables=self.observables,
-            average=self.average,
-        )
-
-
 def _request(
     scene: SceneRecord | str | Path,
-    seeds: Any,
+    seeds: int | str | Collection[int],
     *,
-    particles: Any = None,
+    particles: int | None = None,
     engine: str | Definition = REFERENCE_NAME,
     record: str | Iterable[str] = "tracer",
     observables: Collection[str | Callable] = (),
     average: str = "runs",
-    cores: Any = 1,
+    cores: int = 1,
     **settings: object,
 ) -> Request:
-    """Return the request in arguments of `simulate`; refuse wrong ones. Defaults are those of
-    `simulate`.
+    """Return the request in arguments of `simulate`; refuse wrong ones, and runs that cannot be
+    made. Defaults are those of `simulate`.
     """
     settings_known = engine.settings._fields if isinstance(engine, Definition) else SETTINGS
     arguments = [*Request._fields, "particles", "quiet", *settings_known]
@@ -632,8 +606,9 @@ def _request(
         seeds = f"{seeds[0]}-{seeds[-1]}"  # never expanded, as it may be long
     numbers = validated(Seeds, plain(seeds), key="seeds")
     processes = validated(AtLeastOne, plain(cores), key="cores")
-    forecast_of_runs(chosen, scene_record, numbers, recorded, names, average)
-    return Request(scene_record, numbers, chosen, recorded, names, average, processes)
+    request = Request(scene_record, numbers, chosen, recorded, names, average, processes)
+    request.forecast()
+    return request
 
 
 def _ensemble(request: Request) -> Ensemble:
@@ -659,7 +634,7 @@ def _simulate_in_batches(request: Request, seeds: np.ndarray) -> list[Ensemble]:
 # -- arguments -------------------------------------------------------------------------------------
 
 
-def _checked_scene(scene: SceneRecord | str | Path, particles: Any) -> SceneRecord:
+def _checked_scene(scene: SceneRecord | str | Path, particles: int | None) -> SceneRecord:
     """Return a scene, or that of a file, with `particles` disks if that is given."""
     if not isinstance(scene, SceneRecord):
         return scene_of_file(validated(Path, scene, key="scene"), plain(particles))
@@ -670,7 +645,7 @@ def _checked_scene(scene: SceneRecord | str | Path, particles: Any) -> SceneReco
     return scene
 
 
-def _comma_separated(key: str, value: Any) -> str:
+def _comma_separated(key: str, value: object) -> str:
     """Return names as one text with commas: ["tracer", "events"] as "tracer,events"."""
     if not isinstance(value, Iterable):
         raise RequestError(f"{key}: must be a name or a list of names, not {value!r}")
@@ -678,7 +653,7 @@ def _comma_separated(key: str, value: Any) -> str:
     return ",".join(map(observable_name, names))
 
 
-def _refuse_incomplete_analysis(result: Any, kind: type[BrownpipeError]) -> None:
+def _refuse_incomplete_analysis(result: object, kind: type[BrownpipeError]) -> None:
     """Raise an error of this kind unless the result is an analysis with the dimensions of its
     cases.
     """
@@ -695,5 +670,5 @@ def _refuse_incomplete_analysis(result: Any, kind: type[BrownpipeError]) -> None
             )
 
 
-def _is_analysis(data: object) -> bool:
+def _is_analysis(data: object) -> TypeGuard[Dataset]:
     return isinstance(data, Dataset) and "failed_runs" in data

@@ -6,11 +6,11 @@ Each verb is a record at the foot of its module: `brownpipe check FILE` runs `CH
 them.
 """
 
-from argparse import Namespace
+from argparse import Action, Namespace
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-AddOption = Callable[..., Any]  # `add_argument` of the parser of a verb
+AddOption = Callable[..., Action]  # `add_argument` of the parser of a verb
 
 
 class Verb(NamedTuple):

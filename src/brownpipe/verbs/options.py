@@ -6,7 +6,7 @@ A reader raises ArgumentTypeError, which argparse shows with the name of the opt
 import json
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import Count, scalar, validated, value_in
@@ -16,15 +16,15 @@ from brownpipe.verbs import AddOption
 Value = TypeVar("Value")
 
 
-def typed(kind: Any, form: str = "") -> Callable[[str], Any]:
+def typed(kind: object, form: str = "") -> Callable[[str], object]:
     """Return the reader of a value of this type, which is read and refused as in a scene or study
     file.
 
     form: of a list of two values, such as T0:T1.
     """
 
-    def read(text: str) -> Any:
-        value: Any = scalar(text)
+    def read(text: str) -> object:
+        value: object = scalar(text)
         if form:
             words = text.split(":")
             if len(words) != len(form.split(":")):

@@ -3,8 +3,7 @@
 import math
 import time
 from argparse import Namespace
-from collections.abc import Sequence
-from typing import Any, get_type_hints
+from typing import get_type_hints
 
 import numpy as np
 
@@ -23,15 +22,13 @@ from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
 from brownpipe.observables.own import identity
 from brownpipe.provenance import made_with
-from brownpipe.scene import Scene
 from brownpipe.scene.reading import Count, Positive, validated
 from brownpipe.scene.seeds import MOST_SEEDS, Seeds, seed_text
 from brownpipe.scene.variation import scene_with
 from brownpipe.storage.configurations import read_scene_file
 from brownpipe.storage.files import read_checkpoint, remove_checkpoint, write_checkpoint
-from brownpipe.storage.store import runs_digest
 from brownpipe.storage.trajectories import write_trajectories
-from brownpipe.study import forecast_of_runs
+from brownpipe.study.request import Request
 from brownpipe.text import counted, in_time
 from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_particles, key_value, several, typed
@@ -117,18 +114,11 @@ def simulate_to_file(arguments: Namespace) -> int:
     seed17.h5
     """
     began = time.process_time()
-    engine = engine_of(arguments)
-    record = read_record(arguments.record, "--record")
-    seeds = validated(Seeds, arguments.seeds, key="seeds")
-    mapping = read_scene_file(arguments.scene)
-    scene = scene_with(mapping, arguments.scene, dict(arguments.values), arguments.particles)
-    measures: dict[str, Any] = {
-        "observables": tuple(arguments.observables),
-        "average": arguments.average,
-    }
-    cost = forecast_of_runs(engine, scene, seeds, record, *measures.values())
-    digest = runs_digest(scene, engine, record, **measures)
-    if arguments.planned not in (None, digest):
+    request = _request_of(arguments)
+    scene = request.scene
+    seeds = request.seeds
+    cost = request.forecast()
+    if arguments.planned not in (None, request.digest):
         raise RequestError(
             f"{arguments.scene}: has changed since the study was planned; run the study again"
         )
@@ -136,13 +126,13 @@ def simulate_to_file(arguments: Namespace) -> int:
     size = len(seeds) * cost.bytes_in_file
     output = writable(output, arguments.scene, suffixes=HDF5, size=size)
 
-    for caution in engine.cautions(scene, arguments.observables):
+    for caution in request.engine.cautions(scene, request.observables):
         say(caution, DONE)
     checkpoint = f"{output}.checkpoint"
-    checkpoints = _checkpoints(arguments, checkpoint, scene, seeds, record)
+    checkpoints = _checkpoints(arguments, checkpoint, request)
     with progress.shown("simulate"):
-        ensemble = engine.simulate(scene, seeds, record, checkpoints=checkpoints, **measures)
-    write_trajectories(output, scene, engine, ensemble, digest=arguments.planned or "")
+        ensemble = request.make(seeds, checkpoints)
+    write_trajectories(output, scene, request.engine, ensemble, digest=arguments.planned or "")
     if arguments.checkpoint_every is not None:
         remove_checkpoint(checkpoint)
     failed = failures(ensemble)
@@ -152,6 +142,17 @@ def simulate_to_file(arguments: Namespace) -> int:
     show(f"{summary}{_other_seeds(arguments.seeds)}")
     allowed = len(seeds) - 1 if arguments.allow_failed is None else arguments.allow_failed
     return FAILED if len(ensemble.failed_seeds) > allowed else DONE
+
+
+def _request_of(arguments: Namespace) -> Request:
+    """Return the runs that are asked for; refuse words that say none."""
+    engine = engine_of(arguments)
+    record = read_record(arguments.record, "--record")
+    seeds = validated(Seeds, arguments.seeds, key="seeds")
+    mapping = read_scene_file(arguments.scene)
+    scene = scene_with(mapping, arguments.scene, dict(arguments.values), arguments.particles)
+    names = tuple(arguments.observables)
+    return Request(scene, seeds, engine, record, observables=names, average=arguments.average)
 
 
 def _summary(output: str, ensemble: Ensemble, seconds: float) -> str:
@@ -198,24 +199,23 @@ def engine_of(arguments: Namespace) -> Engine:
     return engine
 
 
-def _checkpoints(
-    arguments: Namespace, path: str, scene: Scene, seeds: Sequence[int], record: frozenset[str]
-) -> Checkpoints | None:
-    """Return checkpoints that are stored in the file `path`, and resumed from it if it exists.
+def _checkpoints(arguments: Namespace, path: str, request: Request) -> Checkpoints | None:
+    """Return checkpoints of the runs, which are stored in the file `path` and resumed from it if it
+    exists.
 
     Without --checkpoint-every return None.
     """
     if arguments.checkpoint_every is None:
         return None
-    names = ",".join(map(identity, arguments.observables))
+    names = ",".join(map(identity, request.observables))
     made_by = {
-        "particles": scene.particles,
-        "seeds": seed_text(seeds),
-        "record": ",".join(sorted(record)),
+        "particles": request.scene.particles,
+        "seeds": seed_text(request.seeds),
+        "record": ",".join(sorted(request.record)),
         "observables": names or "none",
-        "average": arguments.average,
-        "engine": arguments.engine,
-        "scene": scene.digest,
+        "average": request.average,
+        "engine": request.engine.name,
+        "scene": request.scene.digest,
     }
     for name, value in made_with("simulate", REFERENCE_NAME).items():
         made_by[name.partition("_")[0]] = value
