@@ -170,3 +170,10 @@ def labels_of_cases(dataset: "Dataset") -> list[str]:
     engine.
     """
     return [CASE_DIMS[0], *str(dataset.attrs.get(VARIED, "")).split(), *CASE_DIMS[1:]]
+
+
+def average_of(dataset: "Dataset") -> str:
+    """Return what displacements and autocorrelations of a dataset are averaged over, of
+    `observables.AVERAGES`.
+    """
+    return str(dataset.attrs.get("average", "runs"))

@@ -21,7 +21,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from brownpipe.storage.datasets import made_by
 from brownpipe.storage.trajectories import Trajectories, runs_record
@@ -34,14 +34,28 @@ RECORD = "provenance.json"
 DESCRIBING = {"Conventions", "title", "comment"}  # attributes of every dataset
 IN_JSON = {"made_from", "options"}
 IN_TEXT = re.compile(rb'(?:<dc:source>|class="brownpipe-record">)([^<]*)<')
-Record = dict[str, Any]
 
 
-def record_of(dataset: Dataset, digest: str, options: Mapping[str, Any]) -> Record:
+class Record(TypedDict, total=False):
+    """What a product was made from, as JSON."""
+
+    made_by: dict[str, str]  # source, versions and commit of the step that drew
+    dataset: dict[str, Any]  # the seal of a dataset, and what it says of itself
+    # the options of `brownpipe figures` that were given
+    figures: list[str]
+    particles: int
+    panel: list[str]
+    title: str
+    note: str
+    movie: dict[str, float | None]  # the seed, and the options of `brownpipe movie`
+    made_from: list[dict[str, Any]]  # of a movie: its run
+    files: list[str]  # of `provenance.json`: in its folder
+
+
+def record_of(dataset: Dataset, digest: str, options: Record) -> Record:
     """Return the record of the figures of a dataset.
 
-    digest: the seal of the dataset's file. options: the given ones of `brownpipe figures`:
-    `figures`, `particles` and `panel` (`render`), `title` and `note`.
+    digest: the seal of the dataset's file. options: those of `brownpipe figures` that are given.
     """
     of_dataset: dict[str, Any] = {"sha256": digest}
     for name, value in dataset.attrs.items():
@@ -74,7 +88,8 @@ def record_text(record: Record, names: Iterable[str]) -> str:
     """Return the text of `provenance.json`: the record, and the files in the folder that it belongs
     to.
     """
-    return json.dumps({"files": sorted(names)} | record, indent=1, sort_keys=True) + "\n"
+    complete: Record = {"files": sorted(names), **record}
+    return json.dumps(complete, indent=1, sort_keys=True) + "\n"
 
 
 def closing_lines(record: Record) -> str:
@@ -84,7 +99,7 @@ def closing_lines(record: Record) -> str:
     return f"Made by {installation} from the dataset {digest}.\nScenes, seeds, versions: {RECORD}\n"
 
 
-def installation_in_words(made: Mapping[str, Any]) -> str:
+def installation_in_words(made: Mapping[str, str]) -> str:
     """Return version, source, commit and Python of what made a product, in one line.
 
     The source is that of the step: other steps have digests of their own.

@@ -19,6 +19,7 @@ from brownpipe.analysis.variables import (
     MISSING,
     SAME_TIME,
     VARIED,
+    average_of,
     labels_of_cases,
 )
 from brownpipe.engines.ensemble import stopped_in_words
@@ -294,7 +295,7 @@ def time_shown(case: Dataset, name: str) -> int:
     at the end of the first fit window: it is chosen for a D, and later there are few origins.
     """
     known = np.flatnonzero(case[name].notnull())
-    if name == "green_kubo" or (name in OF_LAG and case.attrs.get("average") == "origins"):
+    if name == "green_kubo" or (name in OF_LAG and average_of(case) == "origins"):
         end = case.window_end.values[0] * (1 + SAME_TIME)
         inside = known[case.time.values[known] <= end]
         known = inside if len(inside) else known
@@ -355,7 +356,7 @@ def _legend(
         meaning = variable.attrs.get("long_name", quantity.variable).replace(FOLLOWED, followed)
         source = f" ({variable.observable})" if "observable" in variable.attrs else ""
         is_at_window_end = quantity.variable == "green_kubo" or (
-            quantity.variable in OF_LAG and dataset.attrs.get("average") == "origins"
+            quantity.variable in OF_LAG and average_of(dataset) == "origins"
         )
         places = where | at_window_end if is_at_window_end else where
         place = "".join(places.get(str(dim), "") for dim in variable.dims)

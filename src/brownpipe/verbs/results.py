@@ -25,6 +25,8 @@ from brownpipe.verbs.output import FILES, NETCDF, PAGE, show, suffix, writable
 if TYPE_CHECKING:
     from xarray import Dataset
 
+    from brownpipe.figures.origin import Record
+
 
 def _aggregate_options(add: AddOption) -> None:
     add("files", nargs="*", metavar="FILE.h5", help="trajectory files of one study, in any order")
@@ -158,11 +160,6 @@ def draw_figures(arguments: Namespace) -> None:
     folder = Path(output)
     if not folder.is_dir() and (folder.exists() or suffix(output) in FILES):
         raise RequestError(f"{output}: the output must be a folder, not a file")
-    options = {}
-    for name in ("figures", "particles", "panel", "title", "note"):
-        value = getattr(arguments, name)
-        if value is not None:
-            options[name] = value
     dataset = read_dataset(arguments.dataset)
     if arguments.planned not in (None, dataset.attrs.get("planned")):
         raise RequestError(
@@ -175,12 +172,28 @@ def draw_figures(arguments: Namespace) -> None:
         )
     page = arguments.page and writable(arguments.page, arguments.dataset, suffixes=PAGE)
     with progress.shown("figures"):
-        record = record_of(dataset, seal_of(arguments.dataset), options)
+        record = record_of(dataset, seal_of(arguments.dataset), _options_given(arguments))
         written = write(dataset, output, record, page=page, cores=arguments.cores)
     line = f"{output}: {counted(len(written), 'file')}"
     if page:
         line += f", all on one page: {page}"
     show(line)
+
+
+def _options_given(arguments: Namespace) -> "Record":
+    """Return the options that say what is drawn, as far as they are given."""
+    options: Record = {}
+    if arguments.figures is not None:
+        options["figures"] = arguments.figures
+    if arguments.particles is not None:
+        options["particles"] = arguments.particles
+    if arguments.panel is not None:
+        options["panel"] = arguments.panel
+    if arguments.title is not None:
+        options["title"] = arguments.title
+    if arguments.note is not None:
+        options["note"] = arguments.note
+    return options
 
 
 def _tradeoff_options(add: AddOption) -> None:
