@@ -23,8 +23,10 @@ from functools import cache
 from typing import Any
 
 import numba
+from llvmlite import ir
 from llvmlite.binding import ModuleRef
 from numba.core import compiler
+from numba.core.cpu import CPUContext
 
 # first and last version of Numba whose private parts are those used here
 TESTED = ((0, 63), (0, 68))
@@ -86,7 +88,7 @@ def simplify_inlined() -> None:
             self._ensure_finalized()
             return 0 if self.inlined else super().get_pointer_to_function(name)
 
-    def set_env(self: Any, name: str, environment: object) -> None:
+    def set_env(self: JITCPUCodegen, name: str, environment: object) -> None:
         """Set the environment of a function, now or as soon as there is machine code that refers to
         it.
         """
@@ -114,7 +116,13 @@ def take_indices() -> None:
     from numba.core.types import intp
     from numba.np import arrayobj  # 0.2 s of CPU, which a process with cached kernels saves
 
-    def index(context: Any, builder: Any, kind: Any, value: Any, size: Any) -> Any:
+    def index(
+        context: CPUContext,
+        builder: ir.IRBuilder,
+        kind: Any,
+        value: ir.Value,
+        size: ir.Value,
+    ) -> ir.Value:
         if kind.signed and builder.function.name.startswith(OURS):
             return context.cast(builder, value, kind, intp)
         return usual(context, builder, kind, value, size)

@@ -15,14 +15,15 @@ is checked.
 
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.cpu import CPUContext
+from numba.core.datamodel import DataModelManager
 from numba.core.imputils import lower_builtin
-from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.core.typing.templates import ConcreteTemplate, Signature, infer_global, signature
 from numba.extending import models, register_model
 
 SIZE = 4
@@ -112,11 +113,11 @@ NUMBERS, WORDS = types.Array(types.float64, 1, "C"), types.Array(types.uint32, 1
 
 @register_model(Four)
 class _FourModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Four) -> None:
+    def __init__(self, manager: DataModelManager, kind: Four) -> None:
         super().__init__(manager, kind, kind.four)
 
 
-def _instructions(function: Callable, *signatures: Any) -> Callable:
+def _instructions(function: Callable, *signatures: Signature) -> Callable:
     """Let Numba compile calls of a function with these signatures to what `code(builder,
     *arguments)` builds.
 
@@ -125,7 +126,10 @@ def _instructions(function: Callable, *signatures: Any) -> Callable:
 
     def register(code: Callable) -> Callable:
         def compiled(
-            context: Any, builder: ir.IRBuilder, called: Any, arguments: Sequence[ir.Value]
+            context: CPUContext,
+            builder: ir.IRBuilder,
+            called: Signature,
+            arguments: Sequence[ir.Value],
         ) -> ir.Value:
             values = [
                 context.make_array(kind)(context, builder, value).data
@@ -166,7 +170,7 @@ def _operation(function: Callable, kind: Four, result: Four, instruction: Callab
     _instructions(function, *_pairs(kind, result))(code)
 
 
-def _pairs(kind: Four, result: Four) -> list[Any]:
+def _pairs(kind: Four, result: Four) -> list[Signature]:
     """Return the signatures of an operation on two fours, or a four and a number."""
     return [
         signature(result, *pair)

@@ -22,6 +22,8 @@ from numba import types
 from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.cpu import CPUContext
+from numba.core.typing import Context
+from numba.core.typing.templates import Signature
 from numba.extending import intrinsic, register_jitable
 
 from brownpipe import progress
@@ -72,7 +74,7 @@ class DiskCache(FunctionCache):
         super().__init__(function)
         self.folder = folder
 
-    def load_overload(self, *variant: Any) -> Any:
+    def load_overload(self, *variant: object) -> object:
         """Return a variant; None if it is not there. Files that a loss of power has truncated are
         forgotten.
 
@@ -86,7 +88,7 @@ class DiskCache(FunctionCache):
             self.flush()
             return None
 
-    def save_overload(self, *variant: Any) -> None:
+    def save_overload(self, *variant: object) -> None:
         """Save a variant. If that fails, it stays in memory, and other processes compile it
         again.
         """
@@ -187,12 +189,17 @@ def prefetch(array: np.ndarray, index: int | np.integer) -> None:
 if not config.DISABLE_JIT:
 
     @intrinsic
-    def prefetch(typing: Any, array: types.Array, index: types.Type) -> tuple[Any, Callable]:
+    def prefetch(
+        typing: Context, array: types.Array, index: types.Type
+    ) -> tuple[Signature, Callable]:
         """Compile to LLVM's prefetch instruction."""
 
         def code(
-            context: CPUContext, builder: ir.IRBuilder, signature: Any, arguments: list[ir.Value]
-        ) -> Any:
+            context: CPUContext,
+            builder: ir.IRBuilder,
+            signature: Signature,
+            arguments: list[ir.Value],
+        ) -> ir.Value:
             start = context.make_array(signature.args[0])(context, builder, arguments[0]).data
             pointer = ir.IntType(8).as_pointer()
             word = ir.IntType(32)

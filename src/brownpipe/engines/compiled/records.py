@@ -13,15 +13,18 @@ store.
 
 import hashlib
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.cpu import CPUContext
+from numba.core.datamodel import DataModelManager
 from numba.core.imputils import impl_ret_borrowed
-from numba.core.typing.templates import AttributeTemplate
+from numba.core.typing import Context
+from numba.core.typing.templates import AttributeTemplate, Signature
 from numba.extending import (
     NativeValue,
     infer_getattr,
@@ -33,6 +36,9 @@ from numba.extending import (
     unbox,
 )
 
+if TYPE_CHECKING:
+    from numba.core.pythonapi import _UnboxContext as UnboxContext
+
 Record = TypeVar("Record", bound=NamedTuple)
 
 
@@ -41,11 +47,10 @@ class Reference(types.Type):
     each field.
     """
 
-    def __init__(self, record: Any, kinds: Sequence[types.Type]) -> None:
+    def __init__(self, record: type[NamedTuple], kinds: Sequence[types.Type]) -> None:
         self.fields = dict(zip(record._fields, kinds, strict=True))
-        self.struct: Any = types.NamedTuple(
-            [getattr(kind, "struct", kind) for kind in kinds], record
-        )
+        structs = [kind.struct if isinstance(kind, Reference) else kind for kind in kinds]
+        self.struct: types.NamedTuple = types.NamedTuple(structs, record)
         # Numba makes the name part of every function's name, and hashes and compares types by it
         # thousands of times: it is short, and different for different fields.
         digest = hashlib.sha256(str(self.struct).encode()).hexdigest()
@@ -73,7 +78,7 @@ def local_copy(record: Record) -> Record:
 
 @register_model(Reference)
 class _ReferenceModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, reference: Reference) -> None:
+    def __init__(self, manager: DataModelManager, reference: Reference) -> None:
         super().__init__(
             manager, reference, manager.lookup(reference.struct).get_value_type().as_pointer()
         )
@@ -89,7 +94,7 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(Reference)
 def _read_field(
-    context: Any, builder: ir.IRBuilder, reference: Reference, pointer: ir.Value, name: str
+    context: CPUContext, builder: ir.IRBuilder, reference: Reference, pointer: ir.Value, name: str
 ) -> ir.Value:
     kind = reference.fields[name]
     address = cgutils.gep_inbounds(builder, pointer, 0, [*reference.fields].index(name))
@@ -99,7 +104,7 @@ def _read_field(
 
 
 @unbox(Reference)
-def _from_python(reference: Reference, value: ir.Value, c: Any) -> NativeValue:
+def _from_python(reference: Reference, value: ir.Value, c: "UnboxContext") -> NativeValue:
     """Store the NamedTuple that Python passes in a struct."""
     struct = c.unbox(reference.struct, value)
     pointer = cgutils.alloca_once_value(c.builder, struct.value)
@@ -115,11 +120,14 @@ def _from_python(reference: Reference, value: ir.Value, c: Any) -> NativeValue:
 if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it from the environment
 
     @intrinsic
-    def local_copy(typing: Any, record: Reference) -> tuple[Any, Callable]:
+    def local_copy(typing: Context, record: Reference) -> tuple[Signature, Callable]:
         """Compile to a copy in the memory of the entry point's call."""
 
         def code(
-            context: Any, builder: ir.IRBuilder, signature: Any, arguments: list[ir.Value]
+            context: CPUContext,
+            builder: ir.IRBuilder,
+            signature: Signature,
+            arguments: list[ir.Value],
         ) -> ir.Value:
             (pointer,) = arguments
             copy = cgutils.alloca_once(builder, pointer.type.pointee)
