@@ -5,7 +5,7 @@ All is in the scene's units and in the scene's order of the disks; the tracer is
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -160,7 +160,10 @@ def _add_run(batch: Batch, column: int, run: Run) -> None:
 
 
 def write_columns(
-    ensemble: Ensemble, columns: slice, tracer: Track | None, values: Mapping[str, Any]
+    ensemble: Ensemble,
+    columns: slice,
+    tracer: Track | None,
+    values: Mapping[str, np.typing.ArrayLike],
 ) -> None:
     """Write track and observables of n runs into their columns; an observable that a run lacks is
     NaN, a count 0.

@@ -6,7 +6,7 @@ the scene's.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -32,33 +32,46 @@ class Conservation(NamedTuple):
     finite: bool  # whether all positions and velocities at the end are finite numbers
 
 
+class Recorder(Protocol):
+    """What the recorders of both engines have: samples of the tracer, M = 1, and of all disks,
+    M = N, or M = 0 if not recorded.
+    """
+
+    @property
+    def track(self) -> SampleArrays: ...
+
+    @property
+    def whole(self) -> SampleArrays: ...
+
+
 def blank_samples(times: int, disks: int) -> SampleArrays:
     """Return memory for samples at `times` times of `disks` disks."""
     shape = (times, disks, 2)
     return SampleArrays(np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int32))
 
 
-def tracks_of(scene: Scene, frame: Frame, recorder: Any) -> tuple[Track, Track | None, bool]:
+def tracks_of(scene: Scene, frame: Frame, recorder: Recorder) -> tuple[Track, Track | None, bool]:
     """Return the trajectory of the tracer, M = 1, converted in place; of all disks, M = N, or None
     if not recorded.
 
     And whether all positions and velocities are finite numbers in the scene's units.
     """
+    finite = _convert_samples(recorder.track, frame)
     tracer = Track(*recorder.track)
-    finite = _convert_track(tracer, frame)
     whole = None
     if recorder.whole.position.shape[1]:
-        whole = Track(*(values.take(frame.back, axis=1) for values in recorder.whole))
-        finite &= _convert_track(whole, frame)
+        samples = SampleArrays(*(values.take(frame.back, axis=1) for values in recorder.whole))
+        finite &= _convert_samples(samples, frame)
+        whole = Track(*samples)
     if not scene.box.periodic:
         tracer = tracer._replace(image=None)
         whole = whole and whole._replace(image=None)
     return tracer, whole, finite
 
 
-def _convert_track(track: Track, frame: Frame) -> bool:
-    """Convert a track in place to the scene's units; return whether its numbers are finite."""
-    return convert(track.position, track.velocity, frame.origin, frame.length, frame.speed)
+def _convert_samples(samples: SampleArrays, frame: Frame) -> bool:
+    """Convert samples in place to the scene's units; return whether they are finite numbers."""
+    return convert(samples.position, samples.velocity, frame.origin, frame.length, frame.speed)
 
 
 @entry_point
@@ -117,7 +130,7 @@ def report_in_scene_units(
     impulses: np.ndarray,
     worst_overlap: float,
     sound: bool,
-) -> dict[str, Any]:
+) -> dict[str, np.typing.ArrayLike]:
     """Return the observables that every engine of all disks reports of a run, in the scene's units.
 
     `kinetic_energy` is the total energy at t = 0. `collisions` are the numbers of collisions of
@@ -130,7 +143,7 @@ def report_in_scene_units(
     sound = sound and conserved.finite and abs(conserved.energy_drift) <= HEALTH_BOUND
     sound = sound and math.isfinite(conserved.energy) and math.isfinite(virial + sum(walls))
     pair_collisions, wall_collisions, tracer_collisions = collisions
-    values: dict[str, Any] = {
+    values: dict[str, np.typing.ArrayLike] = {
         "pair_collisions": pair_collisions,
         "wall_collisions": wall_collisions,
         "tracer_collisions": tracer_collisions,

@@ -10,7 +10,7 @@ interrupted.
 import math
 from collections.abc import Collection
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -300,9 +300,9 @@ def new_recorder(
     )
 
 
-def _empty_log(collisions: int) -> dict[str, Any]:
+def _empty_log(collisions: int) -> dict[str, np.ndarray]:
     """Return the fields of a recorder that log so many collisions."""
-    log: dict[str, Any] = {}
+    log: dict[str, np.ndarray] = {}
     log["log_block"] = np.empty(collisions, np.int64)
     log["log_time"] = np.empty(collisions)
     log["log_pair"] = np.empty((collisions, 2), np.int32)
@@ -382,7 +382,7 @@ def _quarters(frame: Frame, recorder: ws.Recorder) -> dict[str, np.ndarray]:
 
 def report_of(
     prepared: PreparedScene, w: ws.Workspace, first: np.ndarray, finite: bool
-) -> dict[str, Any]:
+) -> dict[str, np.typing.ArrayLike]:
     """Return the report of a run from its workspace and recorder at the end, and its motion (N, 4)
     at the beginning.
 

@@ -185,7 +185,7 @@ def _nested(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     return groups
 
 
-def _flat(name: str, value: Any) -> dict[str, np.ndarray]:
+def _flat(name: str, value: object) -> dict[str, np.ndarray]:
     """Return all arrays in a record or a mapping by the paths to them, which begin with `name`;
     without None.
     """

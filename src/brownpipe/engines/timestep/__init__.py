@@ -7,7 +7,7 @@ how it works.
 
 import math
 from collections.abc import Collection
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -89,9 +89,15 @@ def smallest_step(scene: Scene) -> float:
     return max(shortest, FINEST * float(np.finfo(float).eps) * size / speed)
 
 
-def _forecast(scene: Scene, settings: Settings, *recorded: Any) -> forecast.Cost:
+def _forecast(
+    scene: Scene,
+    settings: Settings,
+    record: Collection[str],
+    observables: Collection[str],
+    average: str,
+) -> forecast.Cost:
     """Return the cost of a run: that of an exact run, plus time steps and lists of pairs."""
-    exact = forecast.run_cost(scene, *recorded)
+    exact = forecast.run_cost(scene, record, observables, average)
     steps = scene.duration / settings.time_step
     seconds = SECONDS_PER_DISK_STEP * scene.particles * steps
     seconds += SECONDS_PER_CROSSING * scene.duration * forecast.crossing_rate(scene)

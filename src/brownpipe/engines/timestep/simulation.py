@@ -11,7 +11,7 @@ as by the exact engine.
 import math
 from collections.abc import Collection, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -145,8 +145,8 @@ def new_workspace(scene: Scene, frame: Frame, settings: Settings) -> Workspace:
     x, y = ((np.array((box.x[0], box.y[0])) - frame.origin) / frame.length).tolist()
     width = box.width / frame.length
     height = box.height / frame.length
-    real_arrays: dict[str, Any] = {name: np.zeros(n) for name in REAL_ARRAYS}
-    int_arrays: dict[str, Any] = {name: np.zeros(n, np.int32) for name in INT_ARRAYS}
+    real_arrays = {name: np.zeros(n) for name in REAL_ARRAYS}
+    int_arrays = {name: np.zeros(n, np.int32) for name in INT_ARRAYS}
     return Workspace(
         box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
         step=settings.time_step / frame.time,
@@ -168,20 +168,30 @@ def new_workspace(scene: Scene, frame: Frame, settings: Settings) -> Workspace:
     )
 
 
-def _empty_lists(capacity: int, periodic: bool) -> dict[str, Any]:
-    """Return the fields of a workspace that depend on the capacity of its lists of pairs: lists of
-    so many pairs within the box and across its edges, and of twice as many candidates.
+class Lists(TypedDict):
+    """The fields of a workspace that depend on the capacity of its lists of pairs."""
+
+    within: PairList
+    across: PairList
+    candidate: np.ndarray
+    contact_time: np.ndarray
+    contact_key: np.ndarray
+    contact_pair: np.ndarray
+
+
+def _empty_lists(capacity: int, periodic: bool) -> Lists:
+    """Return lists of so many pairs within the box and across its edges, and of twice as many
+    candidates.
     """
-    lists: dict[str, Any] = {
+    candidates = 2 * capacity
+    return {
         "within": _empty_pairs(capacity),
         "across": _empty_pairs(capacity if periodic else 0),
+        "candidate": np.zeros(candidates, np.uint32),
+        "contact_time": np.zeros(candidates),
+        "contact_key": np.zeros(candidates, np.int64),
+        "contact_pair": np.zeros(candidates, np.uint32),
     }
-    candidates = 2 * capacity
-    lists["candidate"] = np.zeros(candidates, np.uint32)
-    lists["contact_time"] = np.zeros(candidates)
-    lists["contact_key"] = np.zeros(candidates, np.int64)
-    lists["contact_pair"] = np.zeros(candidates, np.uint32)
-    return lists
 
 
 def _empty_pairs(capacity: int) -> PairList:
@@ -248,7 +258,7 @@ def new_recorder(
 
 def report_of(
     scene: Scene, frame: Frame, w: Workspace, first: np.ndarray, finite: bool
-) -> dict[str, Any]:
+) -> dict[str, np.typing.ArrayLike]:
     """Return the report of a run from its workspace at the end and its motion (N, 4) at the
     beginning.
 
