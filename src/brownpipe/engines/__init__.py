@@ -18,9 +18,10 @@ from typing import Any, Literal, NamedTuple, get_type_hints
 from pydantic import create_model
 
 from brownpipe.engines.definition import (
-    Checkpoints,
+    BatchCheckpoints,
     Definition,
     OwnEngine,
+    SettingsRecord,
     Simulation,
     refuse_name,
 )
@@ -97,7 +98,7 @@ class Engine(NamedTuple):
         return " ".join([self.name, *settings])
 
     @property
-    def values(self) -> Any:
+    def values(self) -> SettingsRecord:
         """The settings as the engine's own record."""
         record = self.definition.settings
         values = dict(self.settings)
@@ -138,7 +139,7 @@ class Engine(NamedTuple):
         record: Collection[str],
         observables: Collection[str] = (),
         average: str = "runs",
-        checkpoints: Checkpoints | None = None,
+        checkpoints: BatchCheckpoints | None = None,
     ) -> Ensemble:
         """Run a scene once for every seed; `checkpoints` are for an engine that keeps them.
 

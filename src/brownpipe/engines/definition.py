@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Collection, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,38 +15,30 @@ NAME = re.compile(r"[a-z][a-z0-9_]*")  # of an engine
 # Of the engine without bias: the default, with which all others are compared
 REFERENCE_NAME = "exact"
 
+# the settings of an engine: a record of the class that its definition names
+SettingsRecord = Any
+# runs a scene once for every seed: (scene, seeds, record, *, observables, average, and the settings
+# of the engine by name); an engine that keeps checkpoints is given `checkpoints`, if some are to be
+# kept
+Simulation = Callable[..., Ensemble]
+Stored = TypeVar("Stored", contravariant=True)
 
-class Checkpoints(NamedTuple):
+
+class Checkpoints(NamedTuple, Generic[Stored]):
     """When and how the state of a batch or, within it, of a run is stored, and what to continue
     from.
     """
 
     due: Callable[[], bool]  # whether to store at the next end of a block of simulated time
-    # takes arrays of `exact.simulation.pack`, or a RunState: views of arrays that change later
-    store: Callable[[Any], None]
+    store: Callable[[Stored], None]  # takes views of arrays that change later
     stored: dict[str, np.ndarray] | None = None  # arrays of an earlier call of `store`
+
+
+BatchCheckpoints = Checkpoints[dict[str, np.ndarray]]  # arrays of `exact.simulation.pack`
 
 
 class NoSettings(NamedTuple):
     """The settings of an engine that has none."""
-
-
-class Simulation(Protocol):
-    """A function that runs a scene once for every seed; `settings` are those of the engine.
-
-    An engine that keeps checkpoints is given `checkpoints` among them, if some are to be kept.
-    """
-
-    def __call__(
-        self,
-        scene: Scene,
-        seeds: Sequence[int],
-        record: Collection[str],
-        *,
-        observables: Collection[str],
-        average: str,
-        **settings: Any,
-    ) -> Ensemble: ...
 
 
 def _no_caution(scene: Scene) -> str | None:
@@ -54,13 +46,13 @@ def _no_caution(scene: Scene) -> str | None:
     return None
 
 
-def _no_refusal(scene: Scene, settings: Any, record: frozenset[str]) -> None:
+def _no_refusal(scene: Scene, settings: SettingsRecord, record: frozenset[str]) -> None:
     """Refuse nothing."""
 
 
 def _cost_of_exact_run(
     scene: Scene,
-    settings: Any,
+    settings: SettingsRecord,
     record: Collection[str],
     observables: Collection[str],
     average: str,
@@ -93,15 +85,15 @@ class Definition(NamedTuple):
     # the class of this record: types, with descriptions for pydantic, and defaults
     settings: type[NamedTuple] = NoSettings
     # (scenes, settings): the model, in a few words
-    model: Callable[[Sequence[Scene], Any], str] = lambda scenes, settings: ""
+    model: Callable[[Sequence[Scene], SettingsRecord], str] = lambda scenes, settings: ""
     # one line on the limits of its results in the scene, or None
     caution: Callable[[Scene], str | None] = _no_caution
     # (scene, settings, record, observables, average): the cost of one run
-    forecast: Callable[[Scene, Any, Collection[str], Collection[str], str], Cost] = (
+    forecast: Callable[[Scene, SettingsRecord, Collection[str], Collection[str], str], Cost] = (
         _cost_of_exact_run
     )
     # (scene, settings, record): raises RequestError for a scene or record that the engine refuses
-    refuse_unfit: Callable[[Scene, Any, frozenset[str]], None] = _no_refusal
+    refuse_unfit: Callable[[Scene, SettingsRecord, frozenset[str]], None] = _no_refusal
     moves_all_disks: bool = True  # otherwise it moves the tracer alone, and counts no collisions
     keeps_checkpoints: bool = False
 

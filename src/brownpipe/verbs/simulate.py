@@ -16,7 +16,7 @@ from brownpipe.engines import (
     read_record,
     settings_section,
 )
-from brownpipe.engines.definition import REFERENCE_NAME, Checkpoints
+from brownpipe.engines.definition import REFERENCE_NAME, BatchCheckpoints, Checkpoints
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
@@ -199,7 +199,7 @@ def engine_of(arguments: Namespace) -> Engine:
     return engine
 
 
-def _checkpoints(arguments: Namespace, path: str, request: Request) -> Checkpoints | None:
+def _checkpoints(arguments: Namespace, path: str, request: Request) -> BatchCheckpoints | None:
     """Return checkpoints of the runs, which are stored in the file `path` and resumed from it if it
     exists.
 

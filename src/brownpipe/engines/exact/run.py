@@ -88,7 +88,7 @@ class Progress(NamedTuple):
     changes: np.ndarray  # (N,) how often the velocity of each disk has changed since then
 
 
-NO_CHECKPOINTS = Checkpoints(lambda: False, lambda _: None)
+NO_CHECKPOINTS: Checkpoints[object] = Checkpoints(lambda: False, lambda _: None)
 
 
 def prepare_scene(
@@ -115,7 +115,7 @@ def state_at_start(prepared: PreparedScene, state: State, equilibrating: bool = 
 
 
 def run_to_end(
-    prepared: PreparedScene, start: RunState, saving: Checkpoints = NO_CHECKPOINTS
+    prepared: PreparedScene, start: RunState, saving: Checkpoints[RunState] = NO_CHECKPOINTS
 ) -> Run:
     """Continue a run to its end and return its result; the tracer's track is in the recorder's
     arrays.
@@ -148,7 +148,7 @@ def _to_last_sample(
     w: ws.Workspace,
     start: RunState,
     logs: list[Events],
-    saving: Checkpoints,
+    saving: Checkpoints[RunState],
 ) -> bool:
     """Advance to the last sample and append to the logs; return False if a cell or a neighbour list
     overflowed.

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from brownpipe.engines.definition import BatchCheckpoints
 from brownpipe.engines.ensemble import Batch, Ensemble, make_runs, new_batch, select, write_columns
 from brownpipe.engines.exact.run import (
     NO_CHECKPOINTS,
@@ -32,7 +33,7 @@ def simulate(
     scene: Scene,
     seeds: Sequence[int],
     record: Collection[str] = frozenset({"tracer"}),
-    checkpoints: Checkpoints = NO_CHECKPOINTS,
+    checkpoints: BatchCheckpoints = NO_CHECKPOINTS,
     *,
     observables: Collection[str] = (),
     average: str = "runs",
@@ -58,7 +59,7 @@ def simulate(
         def store_run(state: RunState) -> None:
             checkpoints.store(pack(batch.ensemble, column, state))
 
-        saving = checkpoints._replace(store=store_run)
+        saving = Checkpoints(checkpoints.due, store_run)
         start = unfinished if column == finished else None
         if start is None or start.equilibrating:
             drawn = draw_state(scene, int(batch.ensemble.seeds[column]))
@@ -88,7 +89,7 @@ def equilibrate(
     prepared: PreparedScene | None,
     state: State,
     stored: RunState | None = None,
-    saving: Checkpoints = NO_CHECKPOINTS,
+    saving: Checkpoints[RunState] = NO_CHECKPOINTS,
 ) -> State:
     """Run a drawn state for the scene's time to equilibrate, or continue a stored run; return the
     state at t = 0.
