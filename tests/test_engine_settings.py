@@ -76,7 +76,7 @@ def test_engines_that_differ_in_a_setting_have_labels_and_records_of_their_own(p
     options = {engine.options for engine in engines}
     assert len(labels) == len(options) == 2
     for engine in engines:
-        assert engine_of_record({"name": engine.name, **dict(engine.settings)}) == engine
+        assert engine_of_record(engine.name, dict(engine.settings)) == engine
 
 
 @pytest.mark.parametrize(("name", "setting"), SETTINGS)

@@ -196,20 +196,18 @@ def settings_section(name: str) -> type[Section]:
 
 
 def engine_of_record(
-    mapping: Mapping[str, Any], where: str = "", own: OwnEngine | None = None
+    name: str, settings: Mapping[str, object], own: OwnEngine | None = None
 ) -> Engine:
-    """Return the engine that a file or dataset records as a mapping of name and settings; `where`
-    is for messages.
+    """Return the engine that a file records by name and settings.
 
     A user's own engine, which the file describes by `own`, need not be there. Raises RequestError.
     """
     if own is not None:
-        settings = sorted((key, value) for key, value in mapping.items() if key != "name")
-        return Engine(mapping["name"], tuple(settings), own)
-    name = validated(Literal[tuple(DEFINITIONS)], mapping.get("name"), where, "name")
-    record = validated(settings_section(name), mapping, where)
-    settings = [(key, value) for key, value in record if key != "name"]
-    return Engine(name, tuple(settings))
+        return Engine(name, tuple(sorted(settings.items())), own)
+    validated(Literal[tuple(DEFINITIONS)], name, key="name")
+    record = validated(settings_section(name), {"name": name, **settings})
+    values = tuple((key, value) for key, value in record if key != "name")
+    return Engine(name, values)
 
 
 def engine_of_request(

@@ -10,7 +10,7 @@ What `brownpipe export` writes is read back, to the bit where the format has the
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from brownpipe.storage.tables import (
     read_frame,
     select_rows,
 )
+
+if TYPE_CHECKING:
+    from gsd.hoomd import HOOMDTrajectory
 
 SAME_TIME = 1e-9  # in durations: times closer than this are one
 SAME_SIDE = 1e-6  # relative: sides of boxes in single precision
@@ -271,7 +274,7 @@ def _from_gsd(file: Path, box: Box | None, seed: int | None, time: float | None)
     return named(disks, types[particles.typeid])
 
 
-def _gsd_index(file: Path, trajectory: Any, time: float | None) -> int:
+def _gsd_index(file: Path, trajectory: "HOOMDTrajectory", time: float | None) -> int:
     """Return the index of the last frame of a GSD, or of that of a time, which our exports log."""
     if time is None:
         return len(trajectory) - 1

@@ -7,6 +7,7 @@ Both have the same groups, names and attributes, of which `brownpipe.storage` ha
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import h5py
@@ -40,6 +41,8 @@ CHUNK_BYTES = 2**18
 SMALL = 4096  # bytes of a variable that is not compressed: it would grow
 # as netCDF4 marks such a scale
 NO_COORDINATES = "This is a netCDF dimension but not a netCDF variable."
+Attributes = Mapping[str, Any]  # of the root of a file: texts and numbers
+NO_ATTRIBUTES: Attributes = MappingProxyType({})
 
 
 class Trajectories(NamedTuple):
@@ -50,7 +53,7 @@ class Trajectories(NamedTuple):
     ensemble: Ensemble
     source: str = ""  # digest of the source code that made the runs
     # attributes that were read: versions, and more; empty for runs just made
-    header: Mapping[str, Any] = {}
+    header: Attributes = NO_ATTRIBUTES
 
     @property
     def record(self) -> frozenset[str]:
@@ -143,16 +146,23 @@ def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: s
 
 
 def write_trajectories(
-    path: str | Path, scene: Scene, engine: Engine, ensemble: Ensemble, *made: Any, digest: str = ""
+    path: str | Path,
+    scene: Scene,
+    engine: Engine,
+    ensemble: Ensemble,
+    source: str = "",
+    header: Attributes = NO_ATTRIBUTES,
+    *,
+    digest: str = "",
 ) -> None:
     """Write a batch of runs to a trajectory file.
 
-    made: source and header of `Trajectories`, by default of this installation.
+    source, header: as in `Trajectories`, by default of this installation.
     digest: of all that determines the runs (`store.runs_digest`), for those that studies share.
 
     Raises StorageError if the file cannot be written.
     """
-    attributes = Trajectories(scene, engine, ensemble, *made).attributes
+    attributes = Trajectories(scene, engine, ensemble, source, header).attributes
     with writing(path) as file:
         file.attrs.update(attributes | {TRAJECTORIES: digest})
         for place, variables in variables_by_group(scene, ensemble).items():
@@ -183,7 +193,7 @@ def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: OwnAr
         dataset.dims[axis].attach_scale(group[dim] if dim in group else group.file[dim])
 
 
-def _filters(dims: tuple[str, ...], values: np.ndarray) -> dict[str, Any]:
+def _filters(dims: tuple[str, ...], values: np.ndarray) -> dict[str, object]:
     """Return h5py's options for a compressed variable. A chunk is as much of a run as fits, then
     more runs.
     """
@@ -250,7 +260,7 @@ def _trajectories_from(attributes: Mapping, groups: Groups) -> Trajectories:
     scene = parse_scene(keys, f"{attributes['scene_name']}.yaml")
     settings = json.loads(attributes["settings"])
     own = OwnEngine(*json.loads(attributes["own_engine"])) if "own_engine" in attributes else None
-    engine = engine_of_record({"name": attributes["engine"], **settings}, own=own)
+    engine = engine_of_record(attributes["engine"], settings, own)
     ensemble = ensemble_of(groups, attributes["average"], own_arrays(attributes))
     return Trajectories(scene, engine, ensemble, attributes["source_digest"], attributes)
 
