@@ -151,7 +151,7 @@ def _add_run(batch: Batch, column: int, run: Run) -> None:
     values |= observables.observe(scene, run, batch.observables, ensemble.average)
     for name in filter(is_own, batch.observables):
         values |= measure(name, scene, run, observables.AXES, ensemble.own)
-    columns = {name: [value] for name, value in values.items()}
+    columns = {name: np.asarray(value)[np.newaxis] for name, value in values.items()}
     write_columns(ensemble, slice(column, column + 1), run.tracer, columns)
     if run.whole is not None and "all" in batch.record:
         ensemble.whole[seed] = run.whole

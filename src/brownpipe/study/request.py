@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from brownpipe.engines import Engine, forecast
-from brownpipe.engines.definition import Checkpoints
+from brownpipe.engines.definition import BatchCheckpoints
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.scene import Scene
 from brownpipe.storage.store import runs_digest
@@ -37,7 +37,7 @@ class Request(NamedTuple):
             self.engine, self.scene, self.seeds, self.record, self.observables, self.average
         )
 
-    def make(self, seeds: Sequence[int], checkpoints: Checkpoints | None = None) -> Ensemble:
+    def make(self, seeds: Sequence[int], checkpoints: BatchCheckpoints | None = None) -> Ensemble:
         """Return runs of some of the seeds, made on one core."""
         return self.engine.simulate(
             self.scene, seeds, self.record, self.observables, self.average, checkpoints
