@@ -148,8 +148,8 @@ def run(file: Path, cores: str) -> float:
     """Run a study in this folder and return its CPU time [s]. What is there already is kept."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     target = ["tradeoff_figures"] if file.stem in TRADEOFFS else []
-    options = ["--snakefile", ROOT / "Snakefile", "--cores", cores, "--configfile", file]
-    subprocess.run(["snakemake", *target, *options], check=True)
+    files = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(file)]
+    subprocess.run(["snakemake", *target, *files, "--cores", cores], check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

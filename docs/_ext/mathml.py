@@ -16,6 +16,7 @@ from fontTools.ttLib import TTFont
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.util.logging import getLogger
+from sphinx.writers.html5 import HTML5Translator
 
 # ranges of Unicode: Latin and Greek letters, punctuation, arrows, operators, brackets, italics
 CHARACTERS = (
@@ -84,12 +85,12 @@ def font() -> bytes:
     return written.getvalue()
 
 
-def _visit_inline(translator: object, node: nodes.math) -> None:
+def _visit_inline(translator: HTML5Translator, node: nodes.math) -> None:
     translator.body.append(_written(node, "inline"))
     raise nodes.SkipNode
 
 
-def _visit_block(translator: object, node: nodes.math_block) -> None:
+def _visit_block(translator: HTML5Translator, node: nodes.math_block) -> None:
     translator.body.append(f'<div class="formula">{_written(node, "block")}</div>\n')
     raise nodes.SkipNode
 

@@ -47,6 +47,8 @@ def command_line() -> str:
 def _verb(name: str) -> str:
     """Return the section of a verb."""
     parser = build_parser([name]).of_verb
+    if parser is None or parser.description is None or parser.epilog is None:
+        raise ValueError(f"{name}: must be a verb with a description and an example")
     paragraphs = [" ".join(part.split()) for part in parser.description.split("\n\n")]
     usage = f"```text\n{parser.format_usage().removeprefix('usage: ')}```\n"
     example = f"```sh\n{parser.epilog.removeprefix('example: ')}\n```\n"
@@ -154,7 +156,7 @@ def _variables(variables: Mapping[str, Variable], coordinates: Mapping[str, Vari
             rows.append(
                 (
                     " + ".join(map(code, names)),
-                    *map(plain, (", ".join(one.dims), one.units, one.long_name)),
+                    *map(plain, (", ".join(one.dims), one.units or "1", one.long_name)),
                 )
             )
     named = [
