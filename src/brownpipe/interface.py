@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeGuard, Unpack
+from typing import TYPE_CHECKING, Any, TypeGuard, Unpack
 
 import numpy as np
 from xarray import DataArray, Dataset, DataTree
@@ -45,7 +45,15 @@ from brownpipe.provenance import source_digest
 from brownpipe.scene import Box, parse_scene
 from brownpipe.scene import Scene as SceneRecord
 from brownpipe.scene.configuration import Configuration
-from brownpipe.scene.reading import AtLeastOne, Document, Positive, did_you_mean, plain, validated
+from brownpipe.scene.reading import (
+    AtLeastOne,
+    Document,
+    Positive,
+    choice_of,
+    did_you_mean,
+    plain,
+    validated,
+)
 from brownpipe.scene.seeds import Seeds
 from brownpipe.scene.variation import Vary, combinations, scene_with
 from brownpipe.storage.configurations import read_configuration as configuration_in
@@ -499,7 +507,7 @@ def plot(
     'heavy, N = 31'
     """
     if not isinstance(figure, Figure):
-        validated(Literal[tuple(FIGURES)], figure, key="figure")
+        validated(choice_of(FIGURES), figure, key="figure")
     _refuse_incomplete_analysis(result, FigureError)
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")

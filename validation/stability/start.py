@@ -9,6 +9,7 @@ import numpy as np
 from brownpipe.engines.start.initial_state import draw_state
 from brownpipe.engines.units import State
 from brownpipe.scene import Scene, parse_scene
+from brownpipe.scene.reading import YamlValue
 
 
 class Start(NamedTuple):
@@ -18,15 +19,18 @@ class Start(NamedTuple):
     y: tuple[float, float]
     state: State
 
-    def scene(self, duration: float, **more: object) -> Scene:
+    def scene(self, duration: float, **more: YamlValue) -> Scene:
         """Return the scene that begins here; `more` are further keys of a scene."""
         keys = ("position", "velocity", "radius", "mass")
         rows = zip(*(column.tolist() for column in self.state), strict=True)
         disks = [dict(zip(keys, row, strict=True)) for row in rows]
-        box = {"x": list(self.x), "y": list(self.y)}
-        return parse_scene(
-            {"box": box, "disks": disks, "duration": duration} | more, "stability.yaml"
-        )
+        mapping: dict[str, YamlValue] = {
+            "box": {"x": self.x, "y": self.y},
+            "disks": disks,
+            "duration": duration,
+            **more,
+        }
+        return parse_scene(mapping, "stability.yaml")
 
     def scaled(self, length: int, time: int) -> "Start":
         """Return the same disks in units of length and time smaller by these powers of two: every
@@ -56,11 +60,11 @@ def gas(half: float, species: list[tuple[int, float, float]], seed: int = 1) -> 
     """Return disks at random places in [-half, half]^2 at kT = 1; species: (number, radius,
     mass).
     """
-    named = [
+    named: list[dict[str, YamlValue]] = [
         {"name": f"s{k}", "count": n, "radius": r, "mass": m} for k, (n, r, m) in enumerate(species)
     ]
     box = {"x": [-half, half], "y": [-half, half]}
-    mapping = {
+    mapping: dict[str, YamlValue] = {
         "box": box,
         "disks": {"species": named},
         "velocities": {"temperature": 1.0},
@@ -71,12 +75,12 @@ def gas(half: float, species: list[tuple[int, float, float]], seed: int = 1) -> 
 
 def notes_scene(seed: int) -> Start:
     """Return the initial state of the note's scene with 150 disks (docs/theory.md)."""
-    bath = {"name": "bath", "count": 149, "radius": 0.1, "mass": 0.4}
-    disks = {"tracer": {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}, "species": [bath]}
+    bath: dict[str, YamlValue] = {"name": "bath", "count": 149, "radius": 0.1, "mass": 0.4}
+    tracer: dict[str, YamlValue] = {"radius": 0.3, "mass": 1.0, "position": [0.0, 0.0]}
     box = {"x": [-3.0, 3.0], "y": [-3.0, 3.0]}
-    mapping = {
+    mapping: dict[str, YamlValue] = {
         "box": box,
-        "disks": disks,
+        "disks": {"tracer": tracer, "species": [bath]},
         "velocities": {"standard_deviation": 2.0},
         "duration": 1.0,
     }

@@ -17,6 +17,7 @@ from brownpipe.engines.ensemble import Ensemble, join_ensembles, select
 from brownpipe.errors import AnalysisError
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
+from brownpipe.scene.sections import Mixture
 from brownpipe.scene.variation import PACKING_FRACTION
 from brownpipe.storage.store import StoredFile, read_stored
 from brownpipe.storage.trajectories import Trajectories, open_runs, read_trajectories
@@ -125,12 +126,12 @@ def _refuse_namesakes(scenes: Sequence[Scene]) -> None:
     """Refuse scenes of one name that differ in anything but their particle counts, and boxes scaled
     for these.
     """
-    known: dict[str, dict] = {}
+    known: dict[str, dict[str, object]] = {}
     for scene in scenes:
-        uncounted = scene.as_mapping()
-        if scene.species:
-            for counted in (uncounted, *uncounted["disks"]["species"]):
-                counted.update(particles=0, count=0)
+        uncounted: dict[str, object] = {**scene.as_mapping()}
+        if isinstance(scene.disks, Mixture):
+            counts = {"species": {"__all__": {"count"}}}
+            uncounted.update(particles=0, disks=scene.disks.model_dump(exclude=counts))
         if f"{PACKING_FRACTION}=" in scene.name:
             position = scene.tracer_position or ()
             lengths = [*scene.box.x, *scene.box.y, *position]

@@ -32,7 +32,7 @@ from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
 from brownpipe.observables import own, tracer_observables
-from brownpipe.scene.reading import Section, validated
+from brownpipe.scene.reading import Section, YamlValue, choice_of, validated
 from brownpipe.scene.scene import Scene
 
 DEFINITIONS = {definition.name: definition for definition in (EXACT, TIMESTEP, LANGEVIN)}
@@ -46,7 +46,7 @@ class Engine(NamedTuple):
     """An engine with a value for each of its settings."""
 
     name: str
-    settings: tuple[tuple[str, object], ...] = ()
+    settings: tuple[tuple[str, YamlValue], ...] = ()
     own: OwnEngine | None = None  # of a user's own engine
 
     @property
@@ -149,7 +149,7 @@ class Engine(NamedTuple):
         simulation = self.definition.simulation
         if isinstance(simulation, str):
             simulation = _simulation_in(simulation)
-        options = dict(self.settings)
+        options: dict[str, object] = dict(self.settings)
         if checkpoints is not None:
             options["checkpoints"] = checkpoints
         ensemble = simulation(
@@ -196,7 +196,7 @@ def settings_section(name: str) -> type[Section]:
 
 
 def engine_of_record(
-    name: str, settings: Mapping[str, object], own: OwnEngine | None = None
+    name: str, settings: Mapping[str, YamlValue], own: OwnEngine | None = None
 ) -> Engine:
     """Return the engine that a file records by name and settings.
 
@@ -204,7 +204,7 @@ def engine_of_record(
     """
     if own is not None:
         return Engine(name, tuple(sorted(settings.items())), own)
-    validated(Literal[tuple(DEFINITIONS)], name, key="name")
+    validated(choice_of(DEFINITIONS), name, key="name")
     record = validated(settings_section(name), {"name": name, **settings})
     values = tuple((key, value) for key, value in record if key != "name")
     return Engine(name, values)
@@ -226,7 +226,7 @@ def engine_of_request(
         refuse_name(engine, DEFINITIONS)
         definition = engine
     else:
-        name = validated(Literal[tuple(DEFINITIONS)], engine, key=option("engine"))
+        name = validated(choice_of(DEFINITIONS), engine, key=option("engine"))
         definition = DEFINITIONS[name]
     settings = _chosen_settings(definition, values, option)
     if definition.name in DEFINITIONS:
@@ -240,7 +240,7 @@ def engine_of_request(
 
 def _chosen_settings(
     definition: Definition, values: Mapping[str, object], option: Callable[[str], str]
-) -> tuple[tuple[str, object], ...]:
+) -> tuple[tuple[str, YamlValue], ...]:
     """Return a value for each setting of an engine: that in `values`, or its default."""
     kinds = get_type_hints(definition.settings, include_extras=True)
     defaults = definition.settings._field_defaults

@@ -8,12 +8,12 @@ import base64
 import binascii
 from collections.abc import Mapping
 from numbers import Real
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
-from brownpipe.scene.reading import NAME, did_you_mean, refuse
+from brownpipe.scene.reading import NAME, YamlValue, did_you_mean, refuse
 
 MOST_KINDS = 10  # kinds of unnamed disks that are species of their own
 ALL_DISKS = "disks"  # the species of unnamed disks of more kinds
@@ -121,7 +121,7 @@ def csv_text(configuration: Configuration) -> str:
 # -- as keys of a scene ----------------------------------------------------------------------------
 
 
-def _validated(value: Any) -> Configuration:
+def _validated(value: object) -> Configuration:
     """Return a configuration that was handed in, or whose arrays are in the text of a scene."""
     if isinstance(value, Configuration):
         given = value._asdict()
@@ -134,7 +134,7 @@ def _validated(value: Any) -> Configuration:
     return configuration
 
 
-def _with_types(given: dict[str, Any]) -> Configuration:
+def _with_types(given: Mapping[str, object]) -> Configuration:
     """Return the configuration of values by field, as arrays of their own, read-only."""
     lacking = [name for name in ("position", "radius", "mass") if given.get(name) is None]
     if lacking:
@@ -160,7 +160,7 @@ def _with_types(given: dict[str, Any]) -> Configuration:
     )
 
 
-def _array_of_numbers(name: str, value: Any) -> np.ndarray:
+def _array_of_numbers(name: str, value: object) -> np.ndarray:
     """Return a copy of the value of a field as an array of its type.
 
     Refuses what NumPy would convert without a word: masked values, complex numbers, texts, dates.
@@ -184,7 +184,7 @@ def _array_of_numbers(name: str, value: Any) -> np.ndarray:
     return array
 
 
-def _refuse_masked(name: str, value: Any) -> None:
+def _refuse_masked(name: str, value: object) -> None:
     """Refuse a masked array, or a list of them, of which some values are masked."""
     rows = value if isinstance(value, list | tuple | np.ma.MaskedArray) else ()
     for disk, row in enumerate(rows):
@@ -240,7 +240,7 @@ def _check_names(configuration: Configuration) -> None:
         refuse(f"must be {index.max() + 1} names, not {len(names)}", "names")
 
 
-def _decoded(name: str, value: Any) -> Any:
+def _decoded(name: str, value: object) -> object:
     """Return an array of the text of a scene; other values as they are."""
     if name not in Configuration._fields:
         hint = did_you_mean(str(name), Configuration._fields)
@@ -254,9 +254,9 @@ def _decoded(name: str, value: Any) -> Any:
     return flat.reshape(-1, 2) if name in ("position", "velocity") else flat
 
 
-def encoded(configuration: Configuration) -> dict[str, Any]:
+def encoded(configuration: Configuration) -> dict[str, YamlValue]:
     """Return a configuration as keys of the text of a scene."""
-    keys: dict[str, Any] = {}
+    keys: dict[str, YamlValue] = {}
     for name, kind in TYPES.items():
         array = getattr(configuration, name)
         if array is not None and (name != "species_index" or configuration.names):
@@ -269,6 +269,6 @@ def encoded(configuration: Configuration) -> dict[str, Any]:
 ConfigurationKey = Annotated[
     Configuration,
     PlainValidator(_validated),
-    PlainSerializer(encoded),
+    PlainSerializer(encoded, return_type=dict),
     WithJsonSchema({"type": "object"}),
 ]

@@ -5,12 +5,12 @@ It names the file, its line, the key, the allowed values and the value found.
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, TypeVar
 
 import numpy as np
 import yaml
@@ -19,14 +19,18 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     Field,
+    GetCoreSchemaHandler,
     GetPydanticSchema,
     TypeAdapter,
     model_validator,
 )
-from pydantic_core import PydanticCustomError, ValidationError, core_schema
+from pydantic_core import ErrorDetails, PydanticCustomError, ValidationError, core_schema
 
 from brownpipe.errors import RequestError
 from brownpipe.text import shell_path
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeForm
 
 SYNONYMS = {
     "runs": ("seeds",),
@@ -46,15 +50,23 @@ CONSTANTS = {"null": None, "~": None, "": None, "true": True, "false": False}
 LOADER = yaml.CBaseLoader if yaml.__with_libyaml__ else yaml.BaseLoader
 
 
-class Document(dict[str, Any]):
+# What YAML and JSON can hold, from a file or a program. Arrays are in configurations alone, which
+# are tuples of them.
+Scalar = None | bool | int | float | str
+YamlValue = Scalar | np.ndarray | Sequence["YamlValue"] | Mapping[str, "YamlValue"]
+Place = tuple[str | int, ...]  # keys and indices on the way to a value
+
+
+class Document(dict[str, YamlValue]):
     """A mapping with the lines that it was read from."""
 
-    # Line (from 1) of each value's key or list item, by its path of keys and indices; 0: not in the
-    # file.
-    lines: Mapping[tuple[str | int, ...], int] = {}
+    # line (from 1) of each value's key or list item; 0: not in the file
+    lines: Mapping[Place, int] = {}
 
 
-def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: str = "") -> Document:
+def with_values(
+    mapping: Mapping[str, YamlValue], values: Mapping[str, YamlValue], where: str = ""
+) -> Document:
     """Return a mapping with other values of some keys, which may be paths like disks.tracer.mass;
     None: not given.
 
@@ -63,15 +75,19 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     """
     document = Document(deepcopy(dict(mapping)))
     new = {(path.split(".")[0],): 0 for path in values}
-    lines = getattr(mapping, "lines", {})
+    lines = mapping.lines if isinstance(mapping, Document) else {}
     kept = {place: line for place, line in lines.items() if place[:1] not in new}
     document.lines = kept | new
     for path, value in values.items():
         *parents, last = path.split(".")
-        is_whole = isinstance(value, float) and value.is_integer()
+        if last == "count" and isinstance(value, float) and value.is_integer():
+            value = int(value)
         try:
-            part_of(document, parents)[last] = int(value) if last == "count" and is_whole else value
-        except (LookupError, TypeError):
+            section = part_of(document, parents)
+            if not isinstance(section, dict):
+                raise LookupError(last)
+            section[last] = value
+        except LookupError:
             allowed = (
                 "must be a key like disks.tracer.mass, or disks.species.NAME.mass with the name "
                 "of a species"
@@ -80,18 +96,28 @@ def with_values(mapping: Mapping[str, Any], values: Mapping[str, Any], where: st
     return document
 
 
-def part_of(whole: Any, words: Iterable[str]) -> Any:
+def part_of(whole: YamlValue, words: Iterable[str]) -> YamlValue:
     """Return the part at a path of keys and names of list items, `disks.species.bath`; missing
     mappings are created, empty.
 
-    Raises LookupError or TypeError for other paths.
+    Raises LookupError for other paths.
     """
     for word in words:
         if isinstance(whole, dict):
             whole = whole.setdefault(word, {})
+        elif isinstance(whole, list | tuple):
+            whole = _item_named(word, whole)
         else:
-            whole = {item["name"]: item for item in whole}[word]
+            raise LookupError(word)
     return whole
+
+
+def _item_named(name: str, items: Sequence[YamlValue]) -> dict[str, YamlValue]:
+    """Return the mapping with this name in a list. Raises LookupError if there is none."""
+    for item in items:
+        if isinstance(item, dict) and item.get("name") == name:
+            return item
+    raise LookupError(name)
 
 
 def read_yaml(path: str | Path) -> Document:
@@ -100,16 +126,17 @@ def read_yaml(path: str | Path) -> Document:
 
     Raises RequestError if the file cannot be read or is not such YAML.
     """
-    lines: dict[tuple[str | int, ...], int] = {}
+    lines: dict[Place, int] = {}
     text = ""
     try:
         text = Path(path).read_text("utf-8-sig")
         node = yaml.compose(text, LOADER)
         if node is None:
             raise ValueError("empty; must be a mapping of keys to values")
-        if not isinstance(node, yaml.MappingNode):
+        mapping = _value(node, (), lines)
+        if not isinstance(mapping, dict):
             raise ValueError("must be a mapping of keys to values")
-        document = Document(_value(node, (), lines))
+        document = Document(mapping)
     except OSError as error:
         raise RequestError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -136,14 +163,14 @@ def _yaml_problem(error: yaml.YAMLError, text: str) -> str:
     return f"line {mark.line + 1}: not valid YAML: {problem}"
 
 
-def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
+def _value(node: yaml.Node, path: Place, lines: dict[Place, int]) -> YamlValue:
     """Return the value of a node, and add the lines of it and of all in it to `lines`."""
     lines.setdefault(path, node.start_mark.line + 1)
     if isinstance(node, yaml.ScalarNode):
         return node.value if node.style else scalar(node.value)
     if isinstance(node, yaml.SequenceNode):
         return [_value(item, (*path, k), lines) for k, item in enumerate(node.value)]
-    mapping: dict[str, object] = {}
+    mapping: dict[str, YamlValue] = {}
     for key_node, item in node.value:
         key = key_node.value
         line = key_node.start_mark.line + 1
@@ -154,14 +181,14 @@ def _value(node: yaml.Node, path: tuple[str | int, ...], lines: dict) -> Any:
     return mapping
 
 
-def scalar(text: str) -> object:
+def scalar(text: str) -> Scalar:
     """Return the value of a plain scalar: None, bool, int, float, otherwise str. (010 is 10.)"""
     if not NUMBER.fullmatch(text):
         return CONSTANTS.get(text.lower(), text)
     return int(text) if text.lstrip("+-").isdigit() else float(text)
 
 
-def value_in(text: str) -> Any:
+def value_in(text: str) -> YamlValue:
     """Return the value of a key in YAML, a list or mapping in brackets; what is not such YAML is a
     text.
     """
@@ -186,15 +213,21 @@ def _text_node(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
 Dumper.add_representer(str, _text_node)
 
 
-def yaml_text(mapping: dict) -> str:
+def yaml_text(mapping: Mapping[str, YamlValue]) -> str:
     """Return the text of a YAML file with these keys in their order, as `read_yaml` reads it;
     innermost lists and mappings are in brackets.
     """
-    looks: dict[str, Any] = {"width": 120, "default_flow_style": None, "allow_unicode": True}
-    return yaml.dump(mapping, Dumper=Dumper, sort_keys=False, **looks)
+    return yaml.dump(
+        mapping,
+        Dumper=Dumper,
+        sort_keys=False,
+        width=120,
+        default_flow_style=None,
+        allow_unicode=True,
+    )
 
 
-def write_yaml(path: Path, mapping: dict) -> None:
+def write_yaml(path: Path, mapping: Mapping[str, YamlValue]) -> None:
     """Write a YAML file with these keys, unless there is one that has them already.
 
     Raises RequestError for a file with other contents, which is left as it is, and if the file
@@ -240,7 +273,7 @@ Name = Annotated[str, Field(pattern=f"^{NAME.pattern}$")]
 T = TypeVar("T")
 
 
-def _nullable(kind: Any, handler: Any) -> core_schema.CoreSchema:
+def _nullable(kind: object, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
     return core_schema.nullable_schema(handler(kind))
 
 
@@ -300,22 +333,28 @@ def key(meaning: str, default: Any = ..., **more: Any) -> Any:
     return Field(default, description=meaning, **more)
 
 
-def alone(name: str, schema: Any) -> BeforeValidator:
+def alone(name: str, schema: object) -> BeforeValidator:
     """Let the value of one key stand for a mapping with this key alone, as `equilibrate: 5` for
     `equilibrate: {time: 5}`; `schema` is the type of both.
     """
 
-    def as_mapping(value: Any) -> Any:
+    def as_mapping(value: object) -> Mapping[str, object]:
         return value if isinstance(value, Mapping) else {name: value}
 
     return BeforeValidator(as_mapping, json_schema_input_type=schema)
 
 
-def As(kind: Any) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
-    """Let values be read as this type, which is made at run time: `Annotated[tuple[Any, ...],
-    As(Values)]` is a tuple for mypy, and `Values` for pydantic.
+def As(kind: object) -> GetPydanticSchema:  # noqa: N802  # stands in annotations, like a type
+    """Let values be read as this type, which is made at run time: `Annotated[tuple[str, ...],
+    As(Names)]` is a tuple for mypy, and `Names` for pydantic.
     """
     return GetPydanticSchema(lambda _, handler: handler.generate_schema(kind))
+
+
+def choice_of(names: Iterable[str]) -> "TypeForm[str]":
+    """Return the type of a text that is one of these."""
+    choice: Any = Literal[tuple(names)]
+    return choice
 
 
 def plain(value: Any) -> Any:
@@ -338,7 +377,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def without_none(mapping: Mapping[str, Any]) -> dict[str, Any]:
+def without_none(mapping: Mapping[str, T | None]) -> dict[str, T]:
     """Return the keys of a mapping that have a value."""
     return {key: value for key, value in mapping.items() if value is not None}
 
@@ -369,7 +408,9 @@ def refuse(problem: str, *path: str | int) -> NoReturn:
     raise PydanticCustomError("refused", "{problem}", {"problem": problem, "path": path})
 
 
-def validated(kind: Any, value: object, file: str = "", key: str = "", context: Any = None) -> Any:
+def validated(
+    kind: "TypeForm[T]", value: object, file: str = "", key: str = "", context: object = None
+) -> T:
     """Return a value as `kind`, a type that pydantic knows. Raises RequestError, naming the file
     and the key.
 
@@ -380,20 +421,18 @@ def validated(kind: Any, value: object, file: str = "", key: str = "", context: 
         return _adapter(kind).validate_python(value, context=context)
     except ValidationError as error:
         path, problem = _place_and_problem(error, value)
-    line = _line_of(path, getattr(value, "lines", {}))
+    line = _line_of(path, value.lines if isinstance(value, Document) else {})
     if file and line is not None:
         file += f": line {line}" if line else " (replaced)"
     place = _path_in_words((key, *path))
     raise RequestError(": ".join(filter(None, (file, place, problem)))) from None
 
 
-@lru_cache(maxsize=256)
-def _adapter(kind: Any) -> TypeAdapter:
-    """Return pydantic's validator of a type; that of `SceneName` takes 0.1 ms to make."""
-    return TypeAdapter(kind)
+# pydantic's validator of a type; that of `SceneName` takes 0.1 ms to make
+_adapter: Callable[[object], TypeAdapter] = lru_cache(maxsize=256)(TypeAdapter)
 
 
-def _line_of(path: list[str | int], lines: Mapping) -> int | None:
+def _line_of(path: Sequence[str | int], lines: Mapping[Place, int]) -> int | None:
     """Return the line of the value at a path or, for a missing one, of the innermost mapping around
     it.
     """
@@ -437,13 +476,13 @@ def _place_and_problem(refusal: ValidationError, value: object) -> tuple[list[st
     return path, problem
 
 
-def _problem(error: Any) -> str:
+def _problem(error: ErrorDetails) -> str:
     """Return what is wrong in the words of PROBLEMS, otherwise in pydantic's."""
     words = PROBLEMS.get(error["type"], "{msg}")
     return words.format(msg=error["msg"], **error.get("ctx", {}))
 
 
-def _path(error: Any, value: Any) -> list[str | int]:
+def _path(error: ErrorDetails, value: Any) -> list[str | int]:
     """Return where in a value an error is: its place without the names of types that pydantic puts
     in between.
     """

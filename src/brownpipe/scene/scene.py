@@ -12,17 +12,18 @@ import math
 from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
+from pydantic.main import IncEx
 
 from brownpipe.errors import RequestError
 from brownpipe.scene import reading
 from brownpipe.scene.configuration import TRACER, Configuration, csv_text, encoded
 from brownpipe.scene.disks import changed_disks, first_outside, listed_disks
 from brownpipe.scene.overlaps import Overlaps, overlaps
-from brownpipe.scene.reading import Count, Positive, Resolved, Section, key, refuse
+from brownpipe.scene.reading import Count, Positive, Resolved, Section, YamlValue, key, refuse
 from brownpipe.scene.sections import (
     REST,
     Before,
@@ -73,7 +74,7 @@ class Scene(Section):
     equilibrate: Before = key(
         "simulated time before t = 0 [time], or a mapping with it", 0.0, validate_default=True
     )
-    _given: dict[str, Any] = PrivateAttr()
+    _given: dict[str, YamlValue] = PrivateAttr()
     _name: str = PrivateAttr()
     _configuration: Configuration | None = PrivateAttr(None)
     _overlaps: Overlaps | None = PrivateAttr(None)
@@ -315,7 +316,7 @@ class Scene(Section):
         return self._name
 
     @property
-    def given(self) -> dict[str, Any]:
+    def given(self) -> dict[str, YamlValue]:
         """The keys that were given, without what follows from them."""
         return self._given
 
@@ -482,38 +483,43 @@ class Scene(Section):
             reading.write_text(table, csv_text(self.disks.configuration))
         reading.write_yaml(file, keys)
 
-    def as_mapping(self) -> dict:
+    def as_mapping(self) -> dict[str, YamlValue]:
         """Return the scene as a mapping like that of a scene file, with every default written
         out.
         """
-        keys = self.model_dump(exclude={"samples" if self.samples is None else "sample_interval"})
-        if self.velocities is not None and self.velocities.distribution == "normal":
-            del keys["velocities"]["distribution"]
-        if isinstance(self.disks, Mixture):
-            if self.disks.tracer is not None and self.disks.tracer.velocity is None:
-                del keys["disks"]["tracer"]["velocity"]
-            return keys
-        del keys["particles"]
-        if self.velocities is None:
-            del keys["velocities"]
-        if self.equilibrate.time == 0:
-            del keys["equilibrate"]
+        keys: dict[str, YamlValue] = self.model_dump(exclude=self._excluded_keys())
         if isinstance(self.disks, tuple):
-            keys["disks"] = [reading.without_none(disk) for disk in keys["disks"]]
-        else:
+            keys["disks"] = _list_as_mappings(self.disks)
+        elif isinstance(self.disks, GivenDisks):
             keys["disks"] = self._given_disks_as_mapping(self.disks)
         return keys
 
-    def _given_disks_as_mapping(self, disks: GivenDisks) -> dict[str, Any]:
+    def _excluded_keys(self) -> dict[str, IncEx | bool]:
+        """Return the keys that are no part of the mapping of this scene, as pydantic takes them."""
+        keys: dict[str, IncEx | bool] = {}
+        keys["samples" if self.samples is None else "sample_interval"] = True
+        if self.velocities is None:
+            keys["velocities"] = True
+        elif self.velocities.distribution == "normal":
+            keys["velocities"] = {"distribution"}
+        if not isinstance(self.disks, Mixture):
+            keys["particles"] = True
+            if self.equilibrate.time == 0:
+                keys["equilibrate"] = True
+        elif self.disks.tracer is not None and self.disks.tracer.velocity is None:
+            keys["disks"] = {"tracer": {"velocity"}}
+        return keys
+
+    def _given_disks_as_mapping(self, disks: GivenDisks) -> dict[str, YamlValue]:
         """Return disks of a file as they are in the text of the scene: with what was in the file,
         radii and masses of species beside them, and without its name.
         """
         given = self._configuration
         assert given is not None
-        keys: dict[str, Any] = {"configuration": encoded(given)}
+        keys: dict[str, YamlValue] = {"configuration": encoded(given)}
         if disks.push_apart:
             keys["push_apart"] = disks.push_apart
-        species: dict[str, dict[str, Any]] = {}
+        species: dict[str, dict[str, YamlValue]] = {}
         for k, name in enumerate(given.names):
             of_species = given.species_index == k
             radii = np.unique(given.radius[of_species])
@@ -524,9 +530,10 @@ class Scene(Section):
             if len(masses) == 1:
                 species[name]["mass"] = float(masses[0])
         if self.has_tracer:
-            keys["tracer"] = species.pop(TRACER)
+            tracer = species.pop(TRACER)
             if self.tracer_velocity is not None:
-                keys["tracer"]["velocity"] = self.tracer_velocity
+                tracer["velocity"] = self.tracer_velocity
+            keys["tracer"] = tracer
         keys["species"] = species
         return keys
 
@@ -549,7 +556,10 @@ class Scene(Section):
 
 
 def parse_scene(
-    mapping: Any, where: str, particles: int | None = None, name: str | None = None
+    mapping: Mapping[str, YamlValue],
+    where: str,
+    particles: int | None = None,
+    name: str | None = None,
 ) -> Scene:
     """Return the scene of a mapping as read from a scene file.
 
@@ -572,14 +582,19 @@ def parse_scene(
     return scene
 
 
-def refuse_other_file(values: Mapping[str, Any]) -> None:
+def refuse_other_file(values: Collection[str]) -> None:
     """Refuse another file, seed or time of disks in place of one that was read."""
     for path in ("disks.file", "disks.seed", "disks.time"):
         if path in values:
             raise RequestError(f"{path}: must be in a scene of its own, as the file is read once")
 
 
-def scaled_disks(scene: Scene, factor: float) -> list[dict[str, Any]] | dict[str, Any]:
+def _list_as_mappings(disks: tuple[Disk, ...]) -> list[dict[str, YamlValue]]:
+    """Return a list of disks as it is in the text of the scene."""
+    return [reading.without_none(disk.model_dump()) for disk in disks]
+
+
+def scaled_disks(scene: Scene, factor: float) -> YamlValue:
     """Return the disks of a scene whose positions are given, as in its mapping, with positions
     multiplied by a factor.
     """
@@ -587,20 +602,23 @@ def scaled_disks(scene: Scene, factor: float) -> list[dict[str, Any]] | dict[str
     assert given is not None
     position = factor * given.position
     if isinstance(scene.disks, tuple):
-        disks = scene.as_mapping()["disks"]
+        disks = _list_as_mappings(scene.disks)
         for disk, place in zip(disks, position.tolist(), strict=True):
             disk["position"] = place
         return disks
-    keys = scene.as_mapping()["disks"]
-    return keys | {"configuration": given._replace(position=position)}
+    assert isinstance(scene.disks, GivenDisks)
+    keys = scene._given_disks_as_mapping(scene.disks)
+    return {**keys, "configuration": given._replace(position=position)}
 
 
-def disks_without_own_velocity(scene: Scene) -> list[dict[str, Any]] | dict[str, Any]:
+def disks_without_own_velocity(scene: Scene) -> YamlValue:
     """Return the disks of a scene, as in its mapping, with the velocity of disk 0 to be drawn."""
-    disks = scene.as_mapping()["disks"]
-    first = disks["tracer"] if isinstance(disks, dict) else disks[0]
-    first.pop("velocity", None)
-    return disks
+    if isinstance(scene.disks, tuple):
+        disks = _list_as_mappings(scene.disks)
+        disks[0].pop("velocity", None)
+        return disks
+    velocity_to_be_drawn = {"disks.tracer.velocity": None}
+    return reading.with_values(scene.as_mapping(), velocity_to_be_drawn)["disks"]
 
 
 def _rounded_up(value: float) -> float:

@@ -7,7 +7,7 @@ refused by the scene.
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, StrictBool, Tag, model_validator
@@ -182,7 +182,7 @@ LISTED = "list of disks"
 GIVEN = "disks of a file"
 
 
-def _kind_of_disks(value: Any) -> str:
+def _kind_of_disks(value: object) -> str:
     """Return which of the three forms of `disks` a value has."""
     if isinstance(value, GivenDisks):
         return GIVEN

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, PlainValidator
@@ -16,7 +16,7 @@ RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 TOO_LONG = re.compile(r"[0-9]{19,}")  # digits of a seed
 
 
-def _seeds(value: Any) -> Sequence[int]:
+def _seeds(value: object) -> Sequence[int]:
     """Return the seeds of a study or call: a number is a count (seeds 0, 1, ...), a text or a list
     names them.
 
@@ -41,7 +41,7 @@ def _seeds(value: Any) -> Sequence[int]:
     return tuple(np.unique(seeds).tolist())
 
 
-def _words_of(value: Any) -> list[str]:
+def _words_of(value: object) -> list[str]:
     """Return the seeds and ranges of seeds that a value names, as texts: "0-9" for the count 10."""
     if type(value) is int:
         return [f"0-{min(value, LARGEST + 1) - 1}"]

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeGuard
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -21,6 +21,7 @@ from brownpipe.scene.reading import (
     Number,
     Positive,
     Section,
+    YamlValue,
     key,
     part_of,
     refuse,
@@ -33,6 +34,7 @@ PACKING_FRACTION = "packing_fraction"
 GROUPS = ("disks", "species", "velocities")  # words of a path that its short name leaves out
 # of a value in names and coordinates: 0.3 is 0.3, although the box is calculated from it
 DIGITS = 12
+Values = tuple[YamlValue, ...]  # of a varied key
 
 
 class Span(Section):
@@ -59,18 +61,21 @@ def _spanned(span: Span, path: str) -> tuple[float, ...]:
     return tuple(float(f"{value:.{DIGITS}g}") for value in values)
 
 
-def _all_spanned(vary: dict[str, Any]) -> dict[str, tuple[Any, ...]]:
+def _all_spanned(vary: Mapping[str, Span | Values]) -> dict[str, Values]:
     return {
         path: _spanned(values, path) if isinstance(values, Span) else values
         for path, values in vary.items()
     }
 
 
-Values: Any = Span | Annotated[tuple[Any, ...], Field(min_length=1)]
-Vary = Annotated[dict[str, Annotated[tuple[Any, ...], As(Values)]], AfterValidator(_all_spanned)]
+# pydantic leaves the values as they are: the scene with them is validated
+SpanOrValues: Any = Span | Annotated[tuple[Any, ...], Field(min_length=1)]
+Vary = Annotated[dict[str, Annotated[Values, As(SpanOrValues)]], AfterValidator(_all_spanned)]
 
 
-def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict[str, Any]]:
+def combinations(
+    vary: Mapping[str, Sequence[YamlValue]], together: bool
+) -> list[dict[str, YamlValue]]:
     """Return the values by key of each variant: all combinations or, `together`, first values,
     second ones, ...
 
@@ -95,9 +100,9 @@ def combinations(vary: Mapping[str, Sequence[Any]], together: bool) -> list[dict
 
 
 def scene_with(
-    mapping: Any,
+    mapping: Mapping[str, YamlValue],
     where: str,
-    values: Mapping[str, Any],
+    values: Mapping[str, YamlValue],
     particles: int | None = None,
     name: str | None = None,
 ) -> Scene:
@@ -121,7 +126,9 @@ def scene_with(
     return parse_scene(mapping, where, name=name)
 
 
-def _scaled(mapping: Mapping[str, Any], where: str, packing_fraction: Any) -> Mapping[str, Any]:
+def _scaled(
+    mapping: Mapping[str, YamlValue], where: str, packing_fraction: YamlValue
+) -> Mapping[str, YamlValue]:
     """Return the mapping of a scene with a box, and the given places in it, scaled to this packing
     fraction.
     """
@@ -133,7 +140,7 @@ def _scaled(mapping: Mapping[str, Any], where: str, packing_fraction: Any) -> Ma
     lengths = {"box.x": scene.box.x, "box.y": scene.box.y}
     if scene.configuration is None and scene.tracer_position is not None:
         lengths["disks.tracer.position"] = scene.tracer_position
-    scaled: dict[str, Any] = {}
+    scaled: dict[str, YamlValue] = {}
     for path, (first, last) in lengths.items():
         scaled[path] = [factor * first, factor * last]
     if scene.configuration is not None:
@@ -148,7 +155,7 @@ def short_name(path: str) -> str:
     return "_".join(word for word in path.split(".") if word not in GROUPS)
 
 
-def value_of(scene: Scene, path: str) -> Any:
+def value_of(scene: Scene, path: str) -> float | str:
     """Return the value of a varied key in a scene: a number, or a text."""
     if path == "equilibrate":  # a number stands for {time: number}
         path = "equilibrate.time"
@@ -173,12 +180,12 @@ def unit_of(path: str) -> str:
     return unit[1] if unit else "1"
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Return whether a value is a number, which may be on an axis; true and false are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _word(value: Any) -> str:
+def _word(value: YamlValue) -> str:
     """Return a value as a part of a name of a folder."""
     if isinstance(value, list | tuple):
         return "-".join(map(_word, value))

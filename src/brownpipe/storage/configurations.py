@@ -65,16 +65,19 @@ def with_disks_of_file(mapping: Document, where: str, folder: Path) -> Document:
     where: the scene file, for messages. folder: where the path of the other file begins.
     """
     disks = mapping.get("disks")
-    if not isinstance(disks, Mapping) or not isinstance(disks.get("file"), str):
+    if not isinstance(disks, Mapping):
+        return mapping
+    file = disks.get("file")
+    if not isinstance(file, str):
         return mapping
     if disks.get("configuration") is not None:  # it has been read
         return mapping
     box = validated(Box, mapping.get("box"), where, "box")
     seed = validated(SeedNumber | None, disks.get("seed"), where, "disks.seed")
     time = validated(Number | None, disks.get("time"), where, "disks.time")
-    configuration = read_configuration(folder / disks["file"], box, seed, time)
+    configuration = read_configuration(folder / file, box, seed, time)
     filled = Document(mapping)
-    filled.lines = getattr(mapping, "lines", {})
+    filled.lines = mapping.lines
     filled["disks"] = {**disks, "configuration": configuration}
     return filled
 

@@ -25,7 +25,7 @@ bias^2 + se^2 + spread^2/n, with the standard error se of the bias and the stand
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from brownpipe.inspection.reports import equilibrium
 from brownpipe.observables.own import is_own
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
-from brownpipe.scene.reading import read_yaml, yaml_text
+from brownpipe.scene.reading import Count, YamlValue, read_yaml, validated, yaml_text
 from brownpipe.scene.seeds import MOST_SEEDS, ranges
 from brownpipe.storage.files import naming, verified, write_file, write_sealed
 from brownpipe.storage.store import RUNS, seeds_without_file, stored_runs
@@ -154,7 +154,7 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
     uses = [EngineUse(REFERENCE, case, None) for case in study.cases]
     exact_study = study.with_uses(uses)
     performances, pilots = performance_of(exact_study, study.target, tolerance)
-    needed = {}
+    needed: dict[str, int] = {}
     for performance in performances:
         needed[performance.scene.title] = performance.runs or 0  # there is no bias
     title, most = max(needed.items(), key=lambda item: item[1])
@@ -162,7 +162,8 @@ def write_plan(study: Study, path: str | Path) -> tuple[int, list[Pilot]]:
         raise RequestError(
             f"{title}: a tolerance of {tolerance:g} needs {most} runs; at most {MOST_SEEDS}"
         )
-    plan = {"planned": f"study {digests(study)['plan']}", "needed": needed, "runs": most}
+    planned = f"study {digests(study)['plan']}"
+    plan: dict[str, YamlValue] = {"planned": planned, "needed": needed, "runs": most}
     heading = f"# Runs for a tolerance of {tolerance:g} of {study.target}"
     write_sealed(path, f"{heading}\n\n{yaml_text(plan)}".encode())
     return most, pilots
@@ -188,7 +189,8 @@ def with_planned_seeds(study: Study, path: str | Path | None) -> Study:
         raise RequestError(
             f"{path}: is the plan of another study; delete it and run the study again"
         )
-    return study.model_copy(update={"seeds": range(plan["runs"])})
+    runs = validated(Count, plan.get("runs"), str(path), "runs")
+    return study.model_copy(update={"seeds": range(runs)})
 
 
 # -- engines for a tolerance
@@ -308,7 +310,7 @@ def _percent(share: float) -> str:
 
 
 def write_study(
-    study: Study, keys: Mapping[str, Any], path: str | Path, offer: Offer, comment: str
+    study: Study, keys: Mapping[str, YamlValue], path: str | Path, offer: Offer, comment: str
 ) -> None:
     """Write a study file, completely or not at all: a copy of a study with engine and number of
     runs of an offer.
@@ -317,7 +319,7 @@ def write_study(
     the file.
     """
     inherited = keys.keys() - {*NOT_INHERITED}
-    mapping: dict[str, Any] = {key: value for key, value in keys.items() if key in inherited}
+    mapping: dict[str, YamlValue] = {key: value for key, value in keys.items() if key in inherited}
     folder = Path(path).resolve().parent
     first = study.seeds[0]
     mapping["scenes"] = [os.path.relpath(scene, folder) for scene in study.scenes]

@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Union
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union
 
 import numpy as np
 from pydantic import (
@@ -42,6 +42,8 @@ from brownpipe.scene.reading import (
     Positive,
     Resolved,
     Section,
+    YamlValue,
+    choice_of,
     key,
     refuse,
 )
@@ -55,6 +57,7 @@ REFERENCE = Engine(REFERENCE_NAME)
 MOST_JOBS = 10_000
 PERCENTAGE = re.compile(r"[0-9.]+ ?%")
 PLAIN = re.compile(r"[\w.,-]{1,40}", re.ASCII)  # a value that may be part of the name of a folder
+Item = TypeVar("Item")
 
 
 def refuse_others(values: Iterable[object], allowed: Iterable[object], *path: str | int) -> None:
@@ -74,15 +77,15 @@ def one_or_more(kind: Any, min_length: int = 1) -> Any:
     return Annotated[tuple[kind, ...], length, AfterValidator(_refuse_repeated), listed]
 
 
-def _as_list(value: Any) -> Any:
+def _as_list(value: object) -> Sequence[object]:
     return value if isinstance(value, list | tuple) else [value]
 
 
-def _refuse_repeated(values: tuple[Any, ...]) -> tuple[Any, ...]:
+def _refuse_repeated(values: tuple[Item, ...]) -> tuple[Item, ...]:
     return values if len({*values}) == len(values) else refuse("must be values that differ")
 
 
-def _number_of_percentage(value: Any) -> Any:
+def _number_of_percentage(value: object) -> object:
     """Return the number that a text like "2%" stands for; other values as they are."""
     if isinstance(value, str) and PERCENTAGE.fullmatch(value):
         return float(value[:-1]) / 100
@@ -105,22 +108,27 @@ SHARE = BeforeValidator(_number_of_percentage, json_schema_input_type=float | st
 # a relative error
 Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE]
 Target = Literal["msd", "d", "displacement_distribution"]
-OF_USE: dict[str, Any] = {"scenes": (one_or_more(Text) | None, None), "seeds": (Seeds | None, None)}
 EngineSections = [
-    create_model(name, __base__=settings_section(name), **OF_USE) for name in DEFINITIONS
+    create_model(
+        name,
+        __base__=settings_section(name),
+        scenes=(one_or_more(Text) | None, None),
+        seeds=(Seeds | None, None),
+    )
+    for name in DEFINITIONS
 ]
 EngineSection: Any = Annotated[Union[tuple(EngineSections)], Field(discriminator="name")]  # noqa: UP007  # as many as there are
 EngineKey: Any = Annotated[
-    EngineSection, reading.alone("name", EngineSection | Literal[tuple(DEFINITIONS)])
+    EngineSection, reading.alone("name", EngineSection | choice_of(DEFINITIONS))
 ]
 Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
 Engines = Annotated[tuple[Any, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
 OwnName = Annotated[str, AfterValidator(_own_name), Field(json_schema_extra={"pattern": ".:."})]
-Measure: Any = Literal[tuple(measures.OBSERVABLES)] | OwnName
+Measure: Any = choice_of(measures.OBSERVABLES) | OwnName
 Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, min_length=0))]
-Average = Annotated[str, As(Literal[tuple(measures.AVERAGES)])]
-Figures = Annotated[tuple[str, ...], As(one_or_more(Literal[tuple(FIGURES)]))]
+Average = Annotated[str, As(choice_of(measures.AVERAGES))]
+Figures = Annotated[tuple[str, ...], As(one_or_more(choice_of(FIGURES)))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, min_length=0))]
 Window = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ascending)]
 Windows = Annotated[tuple[Window, ...], Field(min_length=1), AfterValidator(_refuse_repeated)]
@@ -201,7 +209,7 @@ class Study(Section):
     # no keys: what is read with them
     _name: str = PrivateAttr()
     _cases: tuple[Scene, ...] = PrivateAttr()
-    _varied: dict[str, tuple[Path, dict[str, Any]]] = PrivateAttr()
+    _varied: dict[str, tuple[Path, dict[str, YamlValue]]] = PrivateAttr()
     _uses: tuple[EngineUse, ...] = PrivateAttr()
 
     @property
@@ -215,7 +223,7 @@ class Study(Section):
         return self._cases
 
     @property
-    def varied(self) -> dict[str, tuple[Path, dict[str, Any]]]:
+    def varied(self) -> dict[str, tuple[Path, dict[str, YamlValue]]]:
         """Scene file and values of varied keys, by the scene's name."""
         return self._varied
 
@@ -251,7 +259,7 @@ class Study(Section):
         """
         paths: dict[str, Path] = {}
         cases: list[Scene] = []
-        varied: dict[str, tuple[Path, dict[str, Any]]] = {}
+        varied: dict[str, tuple[Path, dict[str, YamlValue]]] = {}
         counts = self.particles or (None,)
         for k, text in enumerate(self.scenes):
             stem = Path(text).stem
@@ -490,7 +498,7 @@ def _repetition(name: str, runs: int) -> str:
     )
 
 
-def read_keys(path: str | Path, overrides: Mapping[str, Any]) -> reading.Document:
+def read_keys(path: str | Path, overrides: Mapping[str, YamlValue]) -> reading.Document:
     """Return the keys given in a study file, as far as `overrides` does not replace them.
 
     Seeds also replace a tolerance, and a tolerance the seeds. Raises RequestError if it is no
@@ -500,14 +508,14 @@ def read_keys(path: str | Path, overrides: Mapping[str, Any]) -> reading.Documen
     if "scenes" not in mapping and "box" in mapping:
         cure = f"run it with brownpipe simulate {shell_path(path)}, or list it in a study"
         raise RequestError(f"{path}: is a scene, not a study; {cure}")
-    replaced: dict[str, Any] = {}
+    replaced: dict[str, YamlValue] = {}
     if overrides.get("seeds") or overrides.get("tolerance"):
         replaced = {"seeds": None, "tolerance": None}
     replaced |= overrides
     return reading.with_values(mapping, replaced)
 
 
-def read_study(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
+def read_study(path: str | Path, overrides: Mapping[str, YamlValue] | None = None) -> Study:
     """Return the study in a YAML file; paths of scenes are relative to the folder of that file.
 
     `overrides` as in `read_keys`. Raises RequestError, one line, for any mistake in the study, or

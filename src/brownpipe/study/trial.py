@@ -1,13 +1,13 @@
 """The user's own observables, tried on one run before a study makes all of them."""
 
 from contextlib import suppress
-from typing import Any
 
 from brownpipe.engines import Engine
 from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.errors import PlacementError
 from brownpipe.observables.own import is_own
 from brownpipe.scene import Scene
+from brownpipe.scene.reading import YamlValue
 from brownpipe.study.study import Study
 
 LONGEST = 2.0  # s of CPU that a run may take by its forecast; otherwise it is shortened
@@ -37,7 +37,7 @@ def shortened(scene: Scene, share: float) -> Scene:
     """
     if share >= 1:
         return scene
-    times: dict[str, Any] = {"duration": share * scene.duration}
+    times: dict[str, YamlValue] = {"duration": share * scene.duration}
     if scene.samples is None:
         times["sample_interval"] = share * scene.sample_interval
     else:
@@ -46,4 +46,4 @@ def shortened(scene: Scene, share: float) -> Scene:
     if scene.equilibrate.time > 0:
         before = scene.equilibrate
         times["equilibrate"] = {"time": share * before.time, "tracer": before.tracer}
-    return scene.replace(**times)
+    return scene.replace(None, **times)

@@ -16,12 +16,12 @@ from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from logging import Logger
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from brownpipe.errors import BrownpipeError, RequestError
 from brownpipe.progress import give_reason
 from brownpipe.provenance import PACKAGE
-from brownpipe.scene.reading import read_yaml, scalar
+from brownpipe.scene.reading import YamlValue, read_yaml, scalar
 from brownpipe.storage.store import DIGITS
 from brownpipe.study.run_sets import run_sets, seconds_of_jobs
 from brownpipe.study.study import Study, read_study
@@ -56,7 +56,7 @@ def ended_by_mistakes() -> Iterator[None]:
 
 @ended_by_mistakes()
 def read_workflow_study(
-    files: Sequence[str | Path], config: Mapping[str, object]
+    files: Sequence[str | Path], config: Mapping[str, YamlValue]
 ) -> tuple[Study, str]:
     """Return the study of --configfile and --config, and the words that name it in commands of
     brownpipe.
@@ -64,10 +64,11 @@ def read_workflow_study(
     Keys of later files replace those of the first, as Snakemake has it.
     """
     first, *others = (os.path.relpath(file) for file in files)
-    replaced: dict[str, Any] = {}
+    replaced: dict[str, YamlValue] = {}
     for file in others:
         replaced |= read_yaml(file)
-    replaced |= from_command_line(dict(config))
+    for key, value in config.items():
+        replaced[key] = from_command_line(value)
     study = read_study(first, replaced)
     words = [shell_path(first)]
     if replaced:
@@ -77,9 +78,8 @@ def read_workflow_study(
     return study, " ".join(words)
 
 
-def from_command_line(value: Any) -> Any:
-    """Return a value of `snakemake --config KEY=VALUE`, or all of them, with the types that they
-    have in a study file.
+def from_command_line(value: YamlValue) -> YamlValue:
+    """Return a value of `snakemake --config KEY=VALUE` with the type that it has in a study file.
 
     Snakemake reads numbers inside lists and mappings, null, true and false as text.
     """

@@ -6,24 +6,27 @@ A reader raises ArgumentTypeError, which argparse shows with the name of the opt
 import json
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from brownpipe.errors import RequestError
 from brownpipe.scene.reading import Count, scalar, validated, value_in
 from brownpipe.scene.seeds import Seed
 from brownpipe.verbs import AddOption
 
+if TYPE_CHECKING:
+    from typing_extensions import TypeForm
+
 Value = TypeVar("Value")
 
 
-def typed(kind: object, form: str = "") -> Callable[[str], object]:
+def typed(kind: "TypeForm[Value]", form: str = "") -> Callable[[str], Value]:
     """Return the reader of a value of this type, which is read and refused as in a scene or study
     file.
 
     form: of a list of two values, such as T0:T1.
     """
 
-    def read(text: str) -> object:
+    def read(text: str) -> Value:
         value: object = scalar(text)
         if form:
             words = text.split(":")

@@ -3,13 +3,13 @@
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from brownpipe import analysis, needs, progress
 from brownpipe import tradeoff as comparison
 from brownpipe.analysis.dataset import refuse_windows
 from brownpipe.errors import RequestError, RunError
-from brownpipe.scene.reading import AtLeastOne, Positive
+from brownpipe.scene.reading import AtLeastOne, Positive, choice_of
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.storage.files import seal_of, write_file
 from brownpipe.storage.store import StoredFile
@@ -120,7 +120,7 @@ def _figures_options(add: AddOption) -> None:
     names = f"names joined by commas, some of {', '.join(needs.FIGURES)} (default: all)"
     add(
         "--figures",
-        type=several(typed(Literal[tuple(needs.FIGURES)])),
+        type=several(typed(choice_of(needs.FIGURES))),
         metavar="NAMES",
         help=names,
     )
