@@ -52,9 +52,9 @@ def test_default_study_is_the_note(tmp_path, monkeypatch):
     assert [(case.name, case.particles) for case in study.cases] == expected
     assert [file.path.name for file in files_of(study)] == 8 * ["0-2399.h5"]
     assert len(run_sets(study)) == 8
-    assert study.engines == (Engine("exact"),)
+    assert {use.engine for use in study.uses} == {Engine("exact")}
     assert (study.rings.dr, study.rings.count) == (0.04, 24)
-    assert all(path.is_file() for path in study.scenes)
+    assert all(path.is_file() for path in study.scene_files)
 
 
 def test_files_are_every_case_by_every_batch_in_folders_of_what_determines_the_runs(
@@ -197,7 +197,7 @@ def test_scenes_are_found_from_the_folder_of_the_study(tmp_path, monkeypatch):
     (tmp_path / "study.yaml").write_text("scenes: scenes/one.yaml\nseeds: 3\n")
     monkeypatch.chdir("/")
     study = read_study(tmp_path / "study.yaml")
-    assert study.scenes == (tmp_path / "scenes" / "one.yaml",)
+    assert study.scene_files == [tmp_path / "scenes" / "one.yaml"]
     (told,) = commands(study).values()
     assert told.startswith(str(tmp_path / "scenes" / "one.yaml").lstrip("/"))  # seen from here
     without_needs = tuple(name for name, needs in FIGURES.items() if not needs)

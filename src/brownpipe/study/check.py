@@ -131,7 +131,7 @@ def _study_report(study: Study) -> list[str]:
     refuse_mistakes(study)
     sets = run_sets(study)
     lines = aligned(_run_columns(sets))
-    for engine in study.engines:
+    for engine in dict.fromkeys(runs.engine for runs in sets):
         cases = [runs.case for runs in sets if runs.engine == engine]
         lines.append(f"engine    {engine.label}: {engine.model(cases)}")
     lines += _cautions(_cautions_of_study(study, sets))

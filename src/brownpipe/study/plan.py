@@ -322,7 +322,7 @@ def write_study(
     mapping: dict[str, YamlValue] = {key: value for key, value in keys.items() if key in inherited}
     folder = Path(path).resolve().parent
     first = study.seeds[0]
-    mapping["scenes"] = [os.path.relpath(scene, folder) for scene in study.scenes]
+    mapping["scenes"] = [os.path.relpath(scene, folder) for scene in study.scene_files]
     mapping["observables"] = [
         os.path.relpath(name, folder) if is_own(name) else name for name in study.observables
     ]

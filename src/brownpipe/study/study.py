@@ -121,9 +121,9 @@ EngineSection: Any = Annotated[Union[tuple(EngineSections)], Field(discriminator
 EngineKey: Any = Annotated[
     EngineSection, reading.alone("name", EngineSection | choice_of(DEFINITIONS))
 ]
-Texts = Annotated[tuple[Any, ...], As(one_or_more(Text))]
+Texts = Annotated[tuple[str, ...], As(one_or_more(Text))]
 Counts = Annotated[tuple[int, ...], As(one_or_more(Count))]
-Engines = Annotated[tuple[Any, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
+Engines = Annotated[tuple[Section, ...], As(one_or_more(EngineKey)), Field(validate_default=True)]
 OwnName = Annotated[str, AfterValidator(_own_name), Field(json_schema_extra={"pattern": ".:."})]
 Measure: Any = choice_of(measures.OBSERVABLES) | OwnName
 Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, min_length=0))]
@@ -223,6 +223,12 @@ class Study(Section):
         return self._cases
 
     @property
+    def scene_files(self) -> list[Path]:
+        """The paths of the scene files."""
+        files = [path for path, values in self.varied.values()]
+        return [*dict.fromkeys(files)]
+
+    @property
     def varied(self) -> dict[str, tuple[Path, dict[str, YamlValue]]]:
         """Scene file and values of varied keys, by the scene's name."""
         return self._varied
@@ -257,17 +263,17 @@ class Study(Section):
         """Read every scene with all values of varied keys and every particle count, or with its
         own.
         """
-        paths: dict[str, Path] = {}
+        stems: set[str] = set()
         cases: list[Scene] = []
         varied: dict[str, tuple[Path, dict[str, YamlValue]]] = {}
         counts = self.particles or (None,)
         for k, text in enumerate(self.scenes):
             stem = Path(text).stem
-            if stem in paths:
+            if stem in stems:
                 message = f"must be a scene with a name (file stem) of its own, not {text!r}"
                 refuse(message, "scenes", k)
+            stems.add(stem)
             path = folder / text
-            paths[stem] = path
             try:
                 mapping = read_scene_file(path)
                 for values in combinations(self.vary, self.vary_together):
@@ -279,7 +285,6 @@ class Study(Section):
                 refuse(str(error).removeprefix("vary: "), *place)
         self._cases = tuple(cases)
         self._varied = varied
-        self._resolve(scenes=tuple(paths.values()))
 
     def _read_engines(self) -> None:
         """Read the engines, each fit for its scenes; none with the same settings runs a case
@@ -306,9 +311,7 @@ class Study(Section):
         by_case: list[EngineUse] = []
         for case in self.cases:
             by_case += [use for use in uses if use.case is case]
-        engines = dict.fromkeys(use.engine for use in uses)
         self._uses = tuple(by_case)
-        self._resolve(engines=tuple(engines))
 
     def _check_seeds(self) -> None:
         """A study has seeds, or a tolerance that says how many.
@@ -361,7 +364,7 @@ class Study(Section):
 
     def _contents_of_runs(self) -> RunContents:
         """Return what the runs have of what figures and settings may need."""
-        moves_all = any(engine.moves_all_disks for engine in self.engines)
+        moves_all = any(use.engine.moves_all_disks for use in self.uses)
         measured = self.observables if moves_all else measures.tracer_observables(self.observables)
         counts_collisions = any(
             use.case.particles and use.engine.moves_all_disks for use in self.uses
