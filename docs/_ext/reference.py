@@ -11,6 +11,7 @@ from brownpipe.cli import build_parser
 from brownpipe.engines import engine_of_request
 from brownpipe.observables import OBSERVABLES
 from brownpipe.scene import parse_scene
+from brownpipe.scene.reading import YamlValue
 from brownpipe.storage.layout import VARIABLES, described, dims_of, variables_by_group
 from brownpipe.storage.trajectories import Trajectories
 from brownpipe.tradeoff import dataset as tradeoff
@@ -18,7 +19,8 @@ from brownpipe.verbs import VERBS
 from markdown_text import code, plain, table
 
 ENDINGS = ("_standard_error", "_low", "_high")  # of names of variables
-EXAMPLE = {  # a scene whose runs have every array of observables but that of runs between walls
+# a scene whose runs have every array of observables but that of runs between walls
+EXAMPLE: dict[str, YamlValue] = {
     "box": {"x": [0, 4], "y": [0, 4], "boundary": "periodic"},
     "disks": {
         "tracer": {"radius": 0.2, "mass": 2},
