@@ -6,7 +6,10 @@ Versions of packages are recorded, but another version does not make a result ou
 
 import hashlib
 import json
+import sys
+from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
@@ -74,6 +77,21 @@ def source_digest(step: str, engine: str | None = None, folder: Path = PACKAGE) 
         total.update(f"{name} {len(text)}\n".encode())
         total.update(text)
     return total.hexdigest()
+
+
+def module_of(function: str | Callable) -> tuple[str, str]:
+    """Return the module of a user's function, or a module by its name, which is imported, and the
+    SHA-256 of its file; "" if it has no file, as in a notebook.
+    """
+    if isinstance(function, str):
+        name = function
+        import_module(name)
+    else:
+        name = function.__module__
+    file = getattr(sys.modules.get(name), "__file__", None)
+    if file is None:
+        return name, ""
+    return name, hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 def versions(step: str = "simulate") -> dict[str, str]:

@@ -6,13 +6,10 @@ imported when it runs. A user's own `Definition` may be passed in Python: files 
 it as an `OwnEngine`, and are read without it.
 """
 
-import hashlib
 import os
-import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_type_hints
 
 from pydantic import create_model
@@ -32,6 +29,7 @@ from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
 from brownpipe.observables import own, tracer_observables
+from brownpipe.provenance import module_of
 from brownpipe.scene.reading import Section, YamlValue, choice_of, validated
 from brownpipe.scene.scene import Scene
 
@@ -231,9 +229,7 @@ def engine_of_request(
     settings = _chosen_settings(definition, values, option)
     if definition.name in DEFINITIONS:
         return Engine(definition.name, settings)
-    module, source = _module_of(definition)
-    own = OwnEngine(module, source, definition.moves_all_disks)
-    chosen = Engine(definition.name, tuple(sorted(settings)), own)
+    chosen = Engine(definition.name, tuple(sorted(settings)), _own_engine(definition))
     _own_definitions[chosen] = definition
     return chosen
 
@@ -262,14 +258,9 @@ def _chosen_settings(
 
 
 @cache  # the file as it is when the engine is passed first
-def _module_of(definition: Definition) -> tuple[str, str]:
-    """Return the module of a user's simulation, and the SHA-256 of its file; a random number if it
-    has none, as in a notebook.
+def _own_engine(definition: Definition) -> OwnEngine:
+    """Return what files record of a user's engine; its source is a random number if it has no file,
+    as in a notebook.
     """
-    simulation = definition.simulation
-    name = simulation if isinstance(simulation, str) else simulation.__module__
-    module = import_module(name) if isinstance(simulation, str) else sys.modules.get(name)
-    file = getattr(module, "__file__", None)
-    if file is None:
-        return name, os.urandom(32).hex()
-    return name, hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    module, source = module_of(definition.simulation)
+    return OwnEngine(module, source or os.urandom(32).hex(), definition.moves_all_disks)
