@@ -1,5 +1,6 @@
 """Estimators of a user's own: the example of the guide, and the mistakes that users make."""
 
+import hashlib
 import re
 from pathlib import Path
 
@@ -71,6 +72,34 @@ def test_a_dataset_is_saved_opened_and_shown_without_the_estimator(far, runs, tm
     opened = bp.open(tmp_path / "far.nc")
     assert opened.identical(result)
     assert len(bp.table(opened)) == 1
+
+
+def test_a_scan_has_the_variables_for_each_value_of_its_keys(far):
+    masses = bp.scan(
+        make_scene(), {"disks.tracer.mass": [4, 40]}, seeds=8, estimators=[far], quiet=True
+    )
+    assert masses.far_share.dims == ("scene", "tracer_mass", "particles", "engine", "time")
+    heavy = make_scene().replace(**{"disks.tracer.mass": 40})
+    runs = bp.simulate(heavy, seeds=8, quiet=True)
+    alone = bp.analyse(runs, estimators=[far], quiet=True)
+    expected = alone.far_share.values.ravel()
+    assert masses.far_share.sel(tracer_mass=40).values.ravel() == pytest.approx(expected, abs=0)
+
+
+def test_a_scan_refuses_an_estimator_before_it_makes_runs(monkeypatch):
+    monkeypatch.setattr("brownpipe.interface.simulate", None)
+    with pytest.raises(bp.AnalysisError, match="seeds: msd: is a name in datasets"):
+        bp.scan(make_scene(), {"disks.tracer.mass": [4, 40]}, estimators=[mean_of_seeds("msd")])
+
+
+def test_a_dataset_names_the_file_that_an_estimator_is_from(runs, tmp_path, monkeypatch):
+    (tmp_path / "far_tracers.py").write_text(EXAMPLE)
+    monkeypatch.syspath_prepend(tmp_path)
+    from far_tracers import far
+
+    result = bp.analyse(runs, estimators=[far], quiet=True)
+    digest = hashlib.sha256(EXAMPLE.encode()).hexdigest()
+    assert result.attrs["estimators"] == f"far [far_tracers {digest[:12]}]"
 
 
 def test_a_case_without_what_the_estimator_needs_has_nan(far, runs):

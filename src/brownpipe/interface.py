@@ -24,7 +24,7 @@ from xarray import DataArray, Dataset, DataTree
 
 from brownpipe import progress
 from brownpipe.analysis import aggregate
-from brownpipe.analysis.dataset import ALWAYS, refuse_windows
+from brownpipe.analysis.dataset import ALWAYS, refuse_unfit_estimators, refuse_windows
 from brownpipe.analysis.estimator import Columns as Columns
 from brownpipe.analysis.estimator import Estimator
 from brownpipe.analysis.resampling import resample
@@ -282,10 +282,7 @@ def analyse(
     >>> result.msd.attrs["units"]
     'length^2'
     """
-    own_estimators = [*estimators]
-    for estimator in own_estimators:
-        if not isinstance(estimator, Estimator):
-            raise RequestError(f"estimators: must be of brownpipe.Estimator, not {estimator!r:.60}")
+    own_estimators = _checked_estimators(estimators)
     sources: list[Any] = [runs]  # anything else than runs is refused by `from_tree`
     if isinstance(runs, Iterable) and not isinstance(runs, str | Mapping | SceneRecord):
         sources = [*runs]
@@ -301,6 +298,19 @@ def analyse(
         return aggregate(inputs, windows, width, count, times, estimators=own_estimators)
 
 
+def _checked_estimators(estimators: Iterable[Estimator]) -> list[Estimator]:
+    """Return a user's estimators. Raises RequestError for anything else, AnalysisError for those
+    whose names are taken or whose dimensions are not known.
+    """
+    checked = []
+    for estimator in estimators:
+        if not isinstance(estimator, Estimator):
+            raise RequestError(f"estimators: must be of brownpipe.Estimator, not {estimator!r:.60}")
+        checked.append(estimator)
+    refuse_unfit_estimators(checked)
+    return checked
+
+
 def scan(
     scene: SceneRecord | str | Path,
     vary: Mapping[str, Sequence | Mapping],
@@ -309,6 +319,7 @@ def scan(
     *,
     together: bool = False,
     fit_windows: Sequence[Sequence[float]] | None = None,
+    estimators: Sequence[Estimator] = (),
     quiet: bool = False,
     **options: Any,
 ) -> Dataset:
@@ -320,7 +331,7 @@ def scan(
     seeds: of the runs for each combination, as in `simulate`.
     particles: total number of disks, for the path of a scene file.
     together: the first values of all keys, then the second ones, ..., instead of all combinations.
-    fit_windows: as in `analyse`.
+    fit_windows, estimators: as in `analyse`.
     quiet: no progress on stderr.
     options: further arguments of `simulate`, for the runs of all combinations.
 
@@ -343,6 +354,7 @@ def scan(
         where = str(scene)
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
+    own_estimators = _checked_estimators(estimators)
     cases = [
         scene_with(mapping, where, combination, plain(particles), name)
         for combination in combinations(values, together)
@@ -362,7 +374,9 @@ def scan(
         runs = []
         for case in progress.tracked(cases, "scenes"):
             runs.append(from_tree(simulate(case, seeds, quiet=quiet, **options)))
-        return aggregate(runs, windows, vary=[*values], vary_together=together)
+        return aggregate(
+            runs, windows, vary=[*values], vary_together=together, estimators=own_estimators
+        )
 
 
 def run(

@@ -27,7 +27,7 @@ from brownpipe.analysis.estimator import (
     collect_results,
 )
 from brownpipe.analysis.goodness import holm
-from brownpipe.analysis.own_estimators import refuse_misshapen, refuse_unfit
+from brownpipe.analysis.own_estimators import refuse_misshapen, refuse_unfit, title_with_source
 from brownpipe.analysis.runs import (
     Group,
     Source,
@@ -182,7 +182,7 @@ def aggregate(
     }
     attributes = _attributes(groups, settings)
     if estimators:
-        attributes["estimators"] = ", ".join(estimator.name for estimator in estimators)
+        attributes["estimators"] = ", ".join(map(title_with_source, estimators))
     if keys:
         attributes[VARIED] = " ".join(keys)
     coordinates = schema.coordinates | keys
@@ -193,6 +193,13 @@ def aggregate(
     if windows:
         return diffusive.marked(dataset)
     return diffusive.best_windows(dataset, pairs_of_windows)
+
+
+def refuse_unfit_estimators(estimators: Sequence[Estimator]) -> None:
+    """Raise AnalysisError for an estimator whose names are taken or whose dimensions are not
+    known, before there are runs.
+    """
+    _schema_of((), estimators)
 
 
 def _schema_of(groups: Sequence[Group], estimators: Sequence[Estimator]) -> Schema:

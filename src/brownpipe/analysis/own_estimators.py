@@ -9,6 +9,15 @@ from numpy.typing import ArrayLike
 from brownpipe.analysis.estimator import Estimator
 from brownpipe.analysis.variables import CASE_DIMS, Variable, with_uncertainties
 from brownpipe.errors import AnalysisError
+from brownpipe.provenance import module_of
+
+
+def title_with_source(estimator: Estimator) -> str:
+    """Return the name of an estimator, with its module and the digest of that in brackets; the name
+    alone if it is of no file, as in a notebook.
+    """
+    module, source = module_of(estimator.columns)
+    return f"{estimator.name} [{module} {source[:12]}]" if source else estimator.name
 
 
 def refuse_unfit(
