@@ -68,7 +68,6 @@ def test_dense_disks_from_a_lattice_are_named_and_marked():
     assert words.startswith("* scene, N = 400: the pressure drifts by +")
     assert words.endswith("% within the runs: not equilibrated; try equilibrate.time: 30")
     assert words in summary(dataset)
-    assert words in reports.table_of_results(dataset)
     assert title_of(case) == "scene, N = 400, not equilibrated"
     columns = dict(column[:2] for column in answer(dataset).columns)
     for name in ("D", "MSD(t = 10)"):

@@ -33,12 +33,20 @@ from brownpipe.figures.figure import Columns, figure_named
 from brownpipe.figures.render import cases_shown, draw_into
 from brownpipe.figures.render import draw as draw_figure
 from brownpipe.figures.summary import FIT, SHAPE, TESTED, answer, summary, summary_table
-from brownpipe.needs import COUNTED_COLLISIONS, DISPLACEMENTS, FIGURES, FOLLOWED_DISK, SPREADING
+from brownpipe.needs import (
+    COMPARISON,
+    COUNTED_COLLISIONS,
+    DISPLACEMENTS,
+    FIGURES,
+    FOLLOWED_DISK,
+    SPREADING,
+)
 from brownpipe.observables.trajectory import Track
 from ensembles import make_runs, make_scene, study, write
 from synthetic import CASE_DIMS, CONTACT, PAIRS, SPECIES, at_times, render, with_measures
 
-NAMES = tuple(FIGURES)
+# of an analysis; test_tradeoff.py has the other
+NAMES = tuple(name for name, needs in FIGURES.items() if COMPARISON not in needs)
 OF_ALL = {"summary.csv", "summary.txt", "provenance.json"}  # written beside the figures
 RECORDS = {name: figure_named(name) for name in NAMES}
 WITH_TRAJECTORIES = {FOLLOWED_DISK, COUNTED_COLLISIONS, DISPLACEMENTS, SPREADING}
@@ -178,7 +186,7 @@ def test_every_figure_there_is_has_a_name_that_studies_may_use():
     folder = provenance.PACKAGE / "figures"
     modules = {file.stem: file.read_text() for file in folder.glob("*.py")}
     drawing = {name for name, text in modules.items() if "\nFIGURE = Figure(" in text}
-    assert drawing == set(NAMES)
+    assert drawing == set(FIGURES)
     assert {path.stem for path in folder.glob("*.rst")} >= drawing
     documents = (
         provenance.PACKAGE / "interface.py",

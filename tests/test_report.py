@@ -10,6 +10,7 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from itertools import pairwise
+from pathlib import Path
 from time import sleep
 
 import numpy as np
@@ -231,7 +232,7 @@ def test_names_of_others_are_escaped(results, tmp_path):
         "made_by": {"x_version": hostile},
         "dataset": {"sha256": hostile, "made_from": origins},
     }
-    made = page.page_of_study(dataset, [shown], record)
+    made = page.page_of_results(dataset, [shown], record)
     text = made.decode()
     elements = check(text)
     assert len(elements.named("img")) == 1 and "onerror" not in elements.named("img")[0][0]
@@ -243,7 +244,7 @@ def test_names_of_others_are_escaped(results, tmp_path):
 def test_a_long_table_is_cut(results):
     rows = 100_000
     table = DataFrame({"scene": "a", "N": range(rows), "x": np.arange(rows) / 7, "y": np.nan})
-    text = page.page_of_study(
+    text = page.page_of_results(
         read_dataset(results / "s.nc"), [Drawing("msd", {"svg": SVG}, table)], RECORD
     ).decode()
     assert "the first 400 of 100,000 rows" in text and len(text) < 200_000
@@ -254,25 +255,29 @@ def test_a_long_table_is_cut(results):
 @pytest.mark.slow
 def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    exact = [
-        make_runs(make_scene(name, count), range(30)) for name, count in (("full", 20), ("few", 10))
-    ]
-    other = [runs._replace(engine=Engine("langevin", (("friction", "enskog"),))) for runs in exact]
+    scenes = [make_scene("full", 20), make_scene("few", 10)]
+    exact = [make_runs(scene, range(30)) for scene in scenes]
+    langevin = Engine("langevin", (("friction", "enskog"),))
+    others = [runs._replace(engine=langevin) for runs in exact]
+    files = [write(tmp_path, runs) for runs in (*exact, *others)]
     cost = {"exact": 1e-3, "langevin": 3e-4}
-    files = [write(tmp_path, runs) for runs in (*exact, *other)]
-    write_dataset(
-        "t.nc", tradeoff.measure(files, seconds_per_run=lambda engine, _: cost[engine.name])
-    )
-    assert main(["figures", "t.nc", "--output", "figures", "--page", "figures/report.html"]) == DONE
-    elements = check((tmp_path / "figures/report.html").read_text(encoding="utf-8"))
-    assert [text for _, text in elements.named("h2")] == [
-        "Answer: error and CPU time of every engine",
-        "Figures",
-        "Make it again",
-    ]
-    assert (
-        len({text for _, text in elements.named("table")[:2]}) == 2
-    )  # each scene has its own numbers
+    dataset = tradeoff.measure(files, seconds_per_run=lambda engine, _: cost[engine.name])
+    write_dataset("t.nc", dataset)
+    command = ["figures", "t.nc", "--output", "figures", "--page", "figures/report.html"]
+    assert main([*command, "--note", "What accuracy costs"]) == DONE
+    made = {path.name for path in Path("figures").iterdir()}
+    pictures = {"tradeoff.png", "tradeoff.svg"}
+    tables = {"tradeoff.csv", "summary.csv", "summary.txt"}
+    assert made == pictures | tables | {"provenance.json", "report.html"}
+    elements = check(Path("figures/report.html").read_text(encoding="utf-8"))
+    assert [text for _, text in elements.named("h1")] == [dataset.title]
+    headings = [text for _, text in elements.named("h2")]
+    assert headings[0].startswith("Answer: ms/run, cost, MSD bias, front, ")
+    assert headings[1:] == ["Figures", "Make it again"]
+    (answer_rows, numbers) = [text for _, text in elements.named("table")]
+    for rows in (answer_rows, numbers):
+        assert all(name in rows for name in ("full", "few", "exact", "langevin-enskog"))
+    assert any("What accuracy costs" in text for _, text in elements.named("p"))
     assert not re.search(r"\\[nx]", elements.named("main")[0][1].partition("Scenes, seeds")[0])
 
 

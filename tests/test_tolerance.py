@@ -69,18 +69,16 @@ def finished(tmp_path_factory):
 def test_every_engine_has_a_cost_in_its_scenes(finished):
     folder, printed = finished
     made = folder / "results/study/tradeoff"
-    assert (made / "tradeoff.txt").read_text() in printed
-    pictures = {f"tradeoff_full_N12.{kind}" for kind in ("png", "svg")}
-    texts = {"study.nc", "tradeoff.csv", "tradeoff.txt", "provenance.json", "report.html"}
-    assert {path.name for path in made.iterdir() if "_from_" not in path.name} == pictures | texts
-    assert (
-        len({path.stem[-12:] for path in made.glob("*_from_*")}) == 2
-    )  # digests of the runs, and of the drawing, too
-    rows = list(csv.DictReader((made / "tradeoff.csv").read_text().splitlines()))
+    assert (made / "summary.txt").read_text() in printed
+    figure = {f"tradeoff.{kind}" for kind in ("png", "svg", "csv")}
+    others = {"study.nc", "summary.csv", "summary.txt", "provenance.json", "report.html"}
+    records = {path.name for path in made.glob("*_from_*")}
+    assert {path.name for path in made.iterdir()} - records == figure | others
+    assert len(records) == 2, "digests of the runs, and of the drawing, too"
+    rows = list(csv.DictReader((made / "summary.csv").read_text().splitlines()))
     engines = ("exact", "timestep-0.03", "langevin-boltzmann", "exact in half_N6")
-    assert {(row["scene"], row["setting"]) for row in rows} == {
-        ("full_N12", engine) for engine in engines
-    }
+    cases = {(row["scene"], row["particles"], row["engine"]) for row in rows}
+    assert cases == {("full", "12", engine) for engine in engines}
     assert all(float(row["seconds"]) > 0 for row in rows)
 
 
@@ -97,15 +95,14 @@ def test_seeds_are_as_many_as_the_tolerance_needs(finished):
         finished[1],
         re.MULTILINE,
     )
-    measured = read_dataset(made / "tradeoff" / "study.nc").sel(scene="full_N12")
-    assert [int(n) for n in measured.runs.sel(setting=["exact", "langevin-boltzmann"])] == [
-        plan["runs"],
-        300,
-    ]
-    assert (measured.window_start.item(), measured.window_end.item()) == (0.2, 0.9)
+    measured = read_dataset(made / "tradeoff" / "study.nc").sel(scene="full", particles=12)
+    exact = measured.sel(engine="exact")
+    assert exact.runs == plan["runs"]
+    assert measured.runs.sel(engine="langevin-boltzmann") == 300
+    assert (exact.window_start.item(), exact.window_end.item()) == (0.2, 0.9)
     # r^2 of one run scatters by s, and 20 % were asked for; the pilot's s and this one are known to
     # some 20 % together
-    achieved = float(measured.msd_spread.sel(setting="exact")) / np.sqrt(plan["runs"])
+    achieved = float(exact.msd_spread) / np.sqrt(plan["runs"])
     assert achieved == pytest.approx(0.2, rel=0.6)
 
 

@@ -17,8 +17,12 @@ from brownpipe import cli, inspection, tradeoff
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import select
+from brownpipe.errors import FigureError
 from brownpipe.figures import style
 from brownpipe.figures import tradeoff as drawing
+from brownpipe.figures.cases import cases_of
+from brownpipe.figures.render import cases_shown
+from brownpipe.figures.summary import answer, summary_table
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.tradeoff import bias, dataset, front, timing
 from brownpipe.tradeoff.compare import join_blocks, runs_of
@@ -207,23 +211,37 @@ def test_largest_deviation_near_contact():
 # -- the front -------------------------------------------------------------------------------------
 
 
+def best_at(intervals, time):
+    """The only setting that is on the front at this CPU time."""
+    (best,) = [interval.label for interval in intervals if interval.start <= time < interval.end]
+    return best
+
+
 def test_front_is_the_smallest_error_at_every_time():
     rng = np.random.default_rng(5)
     settings = [MeasuredSetting("exact", 0.0, 1.0, 0.01)]
-    settings += [
-        MeasuredSetting(f"{k}", b**2, 1 + k / 9, c)
-        for k, (b, c) in enumerate(rng.lognormal(-5, 2, (12, 2)))
-    ]
+    for k, (size, cost) in enumerate(rng.lognormal(-5, 2, (12, 2))):
+        settings.append(MeasuredSetting(f"{k}", size**2, 1 + k / 9, cost))
     intervals = front.pareto_front(settings)
-    by_label = {one.label: one for one in settings}
-    assert intervals[-1].end == np.inf and all(a.end == b.start for a, b in pairwise(intervals))
+    assert intervals[-1].end == np.inf
+    for before, after in pairwise(intervals):
+        assert before.end == after.start
     for time in np.geomspace(intervals[0].start * 1.001, 1e6, 999):
-        (best,) = [one.label for one in intervals if one.start <= time < one.end]
-        errors = [front.total_error(one, time) for one in settings]
-        assert front.total_error(by_label[best], time) == pytest.approx(np.nanmin(errors))
+        errors = {setting.label: front.total_error(setting, time) for setting in settings}
+        least = np.nanmin([*errors.values()])
+        assert errors[best_at(intervals, time)] == pytest.approx(least)
+
+
+def test_a_total_error_is_that_of_bias_and_scatter():
     fast = MeasuredSetting("fast", 0.02**2, 1.0, 1e-4)
     assert front.total_error(fast, 1e-4 * 400) == pytest.approx(math.hypot(0.02, 1 / 20))
-    assert np.isnan(front.total_error(fast, 9e-4))
+    assert np.isnan(front.total_error(fast, 9e-4)), "of fewer than ten runs it is not stated"
+
+
+def test_a_setting_that_is_on_the_front_twice_is_there_from_its_first_time_to_its_last(monkeypatch):
+    intervals = [Interval("a", 1.0, 2.0), Interval("b", 2.0, 3.0), Interval("a", 3.0, np.inf)]
+    monkeypatch.setattr(front, "pareto_front", lambda _: intervals)
+    assert front.front_spans([]) == {"a": (1.0, np.inf), "b": (2.0, 3.0)}
 
 
 def test_runs_for_a_tolerance():
@@ -238,8 +256,13 @@ def test_runs_for_a_tolerance():
 # -- from trajectory files to a dataset ------------------------------------------------------------
 
 STEP = {"time_step": 0.01, "collisions": "at_contact"}
-FAST, STAND_IN, SETTING = "timestep-0.01", "exact in small_N10", ("scene", "setting")
+FAST = "timestep-0.01"
+STAND_IN = "exact in small_N10"
+ENGINES = ["exact", FAST, STAND_IN]
+CASE_DIMS = ("scene", "particles", "engine")
 COSTS = {"exact": 1e-3, FAST: 2e-4}
+COST_RATIOS = ["cost_ratio", "cost_ratio_low", "cost_ratio_high"]
+FRONT_TIMES = ["pays_from", "pays_to", "may_pay_from", "may_pay_to"]
 
 
 def cost(engine, scene):
@@ -249,14 +272,12 @@ def cost(engine, scene):
 def stretched(trajectories, by):
     """The same runs by an engine whose displacements are larger by a factor."""
     ensemble = trajectories.ensemble
-    position = ensemble.tracer.position * by
-    position[1, 1:] = (
-        ensemble.tracer.position[1, 1:] + 2e-4
-    )  # of all runs but one: within 0.001 R, R = 0.3
-    engine, track = (
-        Engine("timestep", tuple(STEP.items())),
-        ensemble.tracer._replace(position=position),
-    )
+    exact_position = ensemble.tracer.position
+    position = exact_position * by
+    # of all runs but one the second sample is within 0.001 R, R = 0.3
+    position[1, 1:] = exact_position[1, 1:] + 2e-4
+    track = ensemble.tracer._replace(position=position)
+    engine = Engine("timestep", tuple(STEP.items()))
     return trajectories._replace(engine=engine, ensemble=ensemble._replace(tracer=track))
 
 
@@ -265,19 +286,21 @@ def files(tmp_path_factory):
     """400 exact runs, the first 200 of them again with 5 % larger steps, and other exact runs to be
     taken instead.
     """
-    folder, scene, small = (
-        tmp_path_factory.mktemp("files"),
-        make_scene("full"),
-        make_scene("small", particles=10),
-    )
-    exact = [make_runs(scene, range(300), failed=(7,)), make_runs(scene, range(300, 400))]
-    fast = stretched(make_runs(scene, range(200), failed=(11,)), 1.05)
-    runs = [*exact, fast, make_runs(small, range(100, 400))]
-    return [
-        write(folder / str(k), one)
-        for k, one in enumerate(runs)
-        if (folder / str(k)).mkdir() is None
+    folder = tmp_path_factory.mktemp("files")
+    scene = make_scene("full")
+    small = make_scene("small", particles=10)
+    all_runs = [
+        make_runs(scene, range(300), failed=(7,)),
+        make_runs(scene, range(300, 400)),
+        stretched(make_runs(scene, range(200), failed=(11,)), 1.05),
+        make_runs(small, range(100, 400)),
     ]
+    paths = []
+    for k, runs in enumerate(all_runs):
+        folder_of_runs = folder / str(k)
+        folder_of_runs.mkdir()
+        paths.append(write(folder_of_runs, runs))
+    return paths
 
 
 @pytest.fixture(scope="module")
@@ -285,75 +308,102 @@ def measured(files):
     return tradeoff.measure(files, {"full": ["small"]}, seconds_per_run=cost)
 
 
+def case_of(dataset, engine):
+    """The case of one engine in the only scene that is compared."""
+    return dataset.sel(scene="full", particles=20, engine=engine)
+
+
+def test_all_variables_are_on_the_dimensions_of_an_analysis(measured):
+    assert [variable.dims for variable in measured.data_vars.values()] == [CASE_DIMS] * 34
+    labels = {dim: measured[dim].values.tolist() for dim in CASE_DIMS}
+    assert labels == {"scene": ["full"], "particles": [20], "engine": ENGINES}
+    assert tradeoff.is_tradeoff(measured)
+    assert not tradeoff.is_tradeoff(measured.drop_vars("cost_ratio"))
+
+
 def test_bias_of_paired_runs_is_found_to_the_last_digits(measured):
-    one = measured.sel(scene="full_N20", setting=FAST)
-    assert (one.runs, one.failed_runs, one.paired_runs) == (
-        199,
-        1,
-        198,
-    )  # seed 7 failed in the exact engine
+    fast = case_of(measured, FAST)
+    numbers = [fast[name].item() for name in ("runs", "failed_runs", "paired_runs")]
+    assert numbers == [199, 1, 198], "seed 7 failed in the exact engine, seed 11 in this one"
     # the same runs, stretched: regression leaves nothing but what 198 of them say about 399
-    assert one.msd_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.msd_bias_standard_error))
-    assert one.msd_bias_standard_error < 0.2 * float(one.msd_spread) / math.sqrt(199)
-    assert one.d_bias == pytest.approx(1.05**2 - 1, abs=4 * float(one.d_bias_standard_error))
-    assert one.departure_time == pytest.approx(0.1)  # the second sample, of all but one
+    for name in ("msd_bias", "d_bias"):
+        error = fast[f"{name}_standard_error"].item()
+        assert fast[name].item() == pytest.approx(1.05**2 - 1, abs=4 * error)
+    assert fast.msd_bias_standard_error < 0.2 * float(fast.msd_spread) / math.sqrt(199)
+
+
+def test_departure_scatter_and_overlap_are_those_of_the_runs(measured):
+    fast = case_of(measured, FAST)
+    assert fast.departure_time == pytest.approx(0.1), "the second sample, of all runs but one"
     runs = make_runs(make_scene("full"), range(400)).ensemble
-    square, overlap = (runs.tracer.position[-1] ** 2).sum(axis=1), runs.observables["worst_overlap"]
-    spread = (
-        1.05**2 * np.delete(square[:200], 11).std(ddof=1) / np.delete(square, 7).mean()
-    )  # over the exact mean
-    assert one.msd_spread == pytest.approx(spread, rel=1e-12)
-    assert one.worst_overlap == np.delete(overlap[:200], 11).max()
+    square = (runs.tracer.position[-1] ** 2).sum(axis=1)
+    exact_mean = np.delete(square, 7).mean()
+    fast_scatter = 1.05**2 * np.delete(square[:200], 11).std(ddof=1)
+    assert fast.msd_spread == pytest.approx(fast_scatter / exact_mean, rel=1e-12)
+    overlap = runs.observables["worst_overlap"]
+    assert fast.worst_overlap == np.delete(overlap[:200], 11).max()
 
 
 def test_stand_in_is_compared_unpaired(measured):
-    one = measured.sel(scene="full_N20", setting=STAND_IN)
-    assert (one.runs, one.paired_runs) == (300, 0) and np.isnan(one.departure_time)
-    assert abs(one.msd_bias) < 4 * one.msd_bias_standard_error
-    assert one.msd_bias_standard_error == pytest.approx(math.sqrt(1 / 300 + 1 / 399), rel=0.2)
-    assert one.seconds == pytest.approx(0.5e-3)
+    stand_in = case_of(measured, STAND_IN)
+    assert stand_in.runs == 300
+    assert stand_in.paired_runs == 0
+    assert np.isnan(stand_in.departure_time)
+    assert abs(stand_in.msd_bias) < 4 * stand_in.msd_bias_standard_error
+    expected_error = math.sqrt(1 / 300 + 1 / 399)
+    assert stand_in.msd_bias_standard_error == pytest.approx(expected_error, rel=0.2)
+    assert stand_in.seconds == pytest.approx(0.5e-3)
 
 
 def test_exact_runs_are_off_by_nothing(measured):
-    one = measured.sel(scene="full_N20", setting="exact")
-    assert one.msd_bias == one.displacement_bias == one.d_bias == 0.0
-    assert one.departure_time == np.inf
-    assert one.window_start == pytest.approx(one.window_end / 10)
-    assert one.msd_spread == pytest.approx(
-        1.0, rel=0.2
-    )  # r^2 of a Gaussian displacement; 400 runs say so to 7 %
+    exact = case_of(measured, "exact")
+    assert exact.msd_bias == exact.displacement_bias == exact.d_bias == 0.0
+    assert exact.departure_time == np.inf
+    assert exact.window_start == pytest.approx(exact.window_end / 10)
+    # r^2 of a Gaussian displacement; 400 runs say so to 7 %
+    assert exact.msd_spread == pytest.approx(1.0, rel=0.2)
 
 
-def test_what_pays_is_the_front_of_the_settings(measured):
-    for name, careful in (("pays", True), ("may_pay", False)):
-        settings = front.settings_of(measured, "full_N20", careful=careful)
-        assert [one.label for one in settings] == ["exact", FAST, STAND_IN]
-        intervals = {one.label: one for one in front.pareto_front(settings)}
-        for one in settings:
-            found = measured.sel(scene="full_N20", setting=one.label)
-            interval = intervals.get(one.label, Interval("", np.nan, np.nan))
-            times = [float(found[f"{name}_{end}"]) for end in ("from", "to")]
-            assert times == pytest.approx([interval.start, interval.end], nan_ok=True)
-    # the stand-in is cheaper and its bias not resolved: it may pay in the end, and is not known to
-    small = measured.sel(scene="full_N20", setting=STAND_IN)
-    assert np.isnan(small.pays_to) and small.may_pay_to == np.inf
-    times = [f"{name}_{end}" for name in ("pays", "may_pay") for end in ("from", "to")]
-    ranges = {"cost_ratio_low": measured.cost_ratio / 2, "cost_ratio_high": measured.cost_ratio * 3}
-    again = dataset._with_front(
-        measured.assign(ranges | {name: np.nan * measured[name] for name in times})
-    )
-    for name in times:  # the lower cost ratio counts
-        assert np.allclose(
-            again[name], measured[name] / (2 if name.startswith("may") else 1), equal_nan=True
-        )
+@pytest.mark.parametrize(("name", "careful"), [("pays", True), ("may_pay", False)])
+def test_what_pays_is_the_front_of_the_settings(measured, name, careful):
+    cases = [case_of(measured, engine) for engine in ENGINES]
+    intervals = {}
+    for interval in front.pareto_front([drawing.setting_of(case, careful) for case in cases]):
+        intervals[interval.label] = [interval.start, interval.end]
+    for case in cases:
+        times = [case[f"{name}_from"].item(), case[f"{name}_to"].item()]
+        expected = intervals.get(case.engine.item(), [np.nan, np.nan])
+        assert times == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_cheaper_stand_in_whose_bias_is_not_resolved_may_pay_and_is_not_known_to(measured):
+    stand_in = case_of(measured, STAND_IN)
+    assert np.isnan(stand_in.pays_to)
+    assert stand_in.may_pay_to == np.inf
+
+
+def test_what_may_pay_has_the_lowest_cost_ratio(files, measured, monkeypatch):
+    """Costs from half to three times the median, also of exact runs: all that may pay do so at half
+    the CPU time.
+    """
+
+    def ratio_range(runs, exact, exact_seconds, seconds_per_run):
+        median = cost(runs.engine, runs.scene) / exact_seconds
+        return timing.Ratio(median, median / 2, median * 3)
+
+    monkeypatch.setattr(dataset, "_cost", ratio_range)
+    again = tradeoff.measure(files, {"full": ["small"]}, seconds_per_run=cost)
+    for name in FRONT_TIMES:
+        factor = 2 if name.startswith("may") else 1
+        assert np.allclose(again[name], measured[name] / factor, equal_nan=True)
 
 
 @pytest.mark.slow
 def test_dataset_is_the_same_but_for_cpu_times_and_goes_into_a_file(files, measured, tmp_path):
     again = tradeoff.measure(files[::-1], {"full": ["small"]}, seconds_per_run=lambda *_: 1.0)
-    costs = [f"cost_ratio{part}" for part in ("", "_low", "_high")]
-    timed = ["seconds", *costs, "pays_from", "pays_to", "may_pay_from", "may_pay_to"]
+    timed = ["seconds", *COST_RATIOS, *FRONT_TIMES]
     assert again.reindex_like(measured).drop_vars(timed).equals(measured.drop_vars(timed))
+    assert again.engine.values[0] == "exact"
     write_dataset(tmp_path / "tradeoff.nc", measured)
     assert read_dataset(tmp_path / "tradeoff.nc").identical(measured)
     assert ", that of this installation\n" in inspection.file_report(tmp_path / "tradeoff.nc")
@@ -368,20 +418,17 @@ class Clocked(NamedTuple):
     calls: list
 
     def simulate(self, scene, seeds, record):
-        late = {0: 5.0, 4: 1.0}.get(
-            len(self.calls), 0.0
-        )  # the first compiles, another is disturbed
+        delays = {0: 5.0, 4: 1.0}  # the first call compiles, another is disturbed
+        delay = delays.get(len(self.calls), 0.0)
         self.calls.append(list(seeds))
-        self.clock[0] += 1.0 + late + 3e-3 * len(seeds)
+        self.clock[0] += 1.0 + delay + 3e-3 * len(seeds)
 
 
 def test_a_cost_ratio_is_to_the_exact_engine(monkeypatch):
     seconds = {"exact": iter([2.0] * 3), "fast": iter([1.0, 0.5, 4.0])}
     monkeypatch.setattr(timing, "_ready", lambda engine, _: (lambda: next(seconds[engine]), 3))
-    fast, exact = (
-        SimpleNamespace(engine="fast", scene=None),
-        SimpleNamespace(engine="exact", scene=None),
-    )
+    fast = SimpleNamespace(engine="fast", scene=None)
+    exact = SimpleNamespace(engine="exact", scene=None)
     assert dataset._cost(fast, exact, 1.0, None) == timing.Ratio(0.5, low=0.25, high=2.0)
 
 
@@ -392,13 +439,11 @@ def test_a_cost_leaves_out_compiling_what_a_call_takes_once_and_what_disturbs(mo
     repeats = engine.calls[4::2]
     assert len(repeats) == timing.REPEATS
     once = 1.0  # second, of each call; it is to be small beside a measurement
-    assert {len(seeds) for seeds in repeats} == {
-        1 + math.ceil(max(timing.LEAST, timing.LONGER * once) / 3e-3)
-    }
+    runs = math.ceil(max(timing.LEAST, timing.LONGER * once) / 3e-3)
+    assert {len(seeds) for seeds in repeats} == {1 + runs}
     seeds = [seed for call in engine.calls for seed in call]
-    assert (
-        len(set(seeds)) == len(seeds) and min(seeds) > 10**9
-    )  # new runs each time, none of a study
+    assert len(set(seeds)) == len(seeds), "new runs each time"
+    assert min(seeds) > 10**9, "none of a study"
 
 
 @pytest.mark.slow
@@ -408,27 +453,16 @@ def test_pairs_counted_in_the_runs_are_compared(tmp_path):
     """
     scene = tmp_path / "crowd.yaml"
     scene.write_text(CROWD)
-    words = [
-        "simulate",
-        str(scene),
-        "--seeds",
-        "0-99",
-        "--observables",
-        "pair_distribution",
-        "--output",
-    ]
-    files, steps = (
-        [str(tmp_path / f"{name}.h5") for name in ("exact", "steps")],
-        ["--engine", "timestep"],
-    )
-    assert (
-        cli.main([*words, files[0]])
-        == cli.main([*words, files[1], *steps, "--time-step", "0.03"])
-        == 0
-    )
-    measured = tradeoff.measure(files, window=(0.1, 0.4), seconds_per_run=lambda *_: 1.0)
-    found = measured.sel(scene="crowd_N50", setting="timestep-0.03")
-    assert (found.window_start, found.window_end) == (0.1, 0.4)
+    exact = str(tmp_path / "exact.h5")
+    steps = str(tmp_path / "steps.h5")
+    request = ["simulate", str(scene), "--seeds", "0-99", "--observables", "pair_distribution"]
+    assert cli.main([*request, "--output", exact]) == 0
+    engine = ["--engine", "timestep", "--time-step", "0.03"]
+    assert cli.main([*request, *engine, "--output", steps]) == 0
+    window = (0.1, 0.4)
+    measured = tradeoff.measure([exact, steps], window=window, seconds_per_run=lambda *_: 1.0)
+    found = measured.sel(scene="crowd", particles=50, engine="timestep-0.03")
+    assert (found.window_start, found.window_end) == window
     assert found.contact_bias_high < 0.0 or found.contact_bias_low > 0.0
     assert found.contact_bias_standard_error < 0.1
 
@@ -436,114 +470,164 @@ def test_pairs_counted_in_the_runs_are_compared(tmp_path):
 # -- the figure and the text -----------------------------------------------------------------------
 
 
+def with_engine(fast, label, msd_bias):
+    """The fast engine under another label, with this bias and no uncertainty."""
+    names = ("msd_bias", "msd_bias_low", "msd_bias_high")
+    biases = dict.fromkeys(names, msd_bias + 0 * fast.msd_bias)
+    return fast.assign(biases).assign_coords(engine=[label])
+
+
+def labels_beside(axes):
+    """The labels of lines, with their leaders."""
+    texts = [text for text in axes.texts if isinstance(text, Annotation)]
+    return [text for text in texts if text.arrow_patch is not None]
+
+
 @pytest.mark.parametrize("count", [1, 4, 11])
 def test_every_line_has_its_name_beside_it(measured, count):
     """Of settings of one cost, nearly as good, names cover nothing, and lines lead to them without
     crossing.
     """
-    fast = measured.sel(setting=[FAST])
-    others = [
-        fast.assign(
-            {
-                f"msd_bias{part}": 0.02 + 0.001 * k + 0 * fast.msd_bias
-                for part in ("", "_low", "_high")
-            }
-        ).assign_coords(setting=[f"timestep-{k}e-3-late"])
-        for k in range(count)
-    ]
-    labels = ["exact", *(str(one.setting.item()) for one in others)]
-    dataset = xarray.concat(
-        [measured.sel(setting=["exact"]), *others], "setting", data_vars="minimal"
-    )
+    fast = measured.sel(engine=[FAST])
+    compared = [measured.sel(engine=["exact"])]
+    for k in range(count):
+        compared.append(with_engine(fast, f"timestep-{k}e-3-late", 0.02 + 0.001 * k))
+    joined = xarray.concat(compared, "engine", data_vars="minimal")
     with style.drawing():
-        figure = drawing.draw(dataset, "full_N20")
+        figure = drawing.draw_tradeoff(cases_of(joined))
         FigureCanvasAgg(figure).draw()
     (axes,) = figure.axes
-    named = [
-        one for one in axes.texts if isinstance(one, Annotation) and one.arrow_patch is not None
-    ]
-    assert sorted(one.get_text() for one in named) == sorted(labels)
-    boxes = [Text.get_window_extent(one) for one in (*named, axes.xaxis.label, axes.yaxis.label)]
+    labels = labels_beside(axes)
+    assert sorted(label.get_text() for label in labels) == sorted(joined.engine.values)
+    words = [*labels, axes.xaxis.label, axes.yaxis.label]
+    boxes = [Text.get_window_extent(text) for text in words]
     for k, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in (axes.bbox, *boxes[:k]))
-        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0 and box.y1 <= figure.bbox.y1
-    ends, places = ([getattr(one, name)[1] for one in named] for name in ("xy", "xyann"))
+        assert box.x0 >= 0
+        assert box.x1 <= figure.bbox.x1
+        assert box.y0 >= 0
+        assert box.y1 <= figure.bbox.y1
+    ends = [label.xy[1] for label in labels]
+    places = [label.xyann[1] for label in labels]
     assert np.argsort(ends, kind="stable").tolist() == np.argsort(places, kind="stable").tolist()
 
 
 def test_lines_are_the_errors_bold_on_the_front_and_dotted_below_the_bound(measured):
     """The front with unresolved biases at their bounds; that of the stand-in is the lower one."""
-    wide = measured.assign(
-        msd_bias_low=measured.msd_bias_low.where(measured.setting != STAND_IN, -0.3)
-    )
-    (axes,) = drawing.draw(wide, "full_N20").axes
-    intervals = front.pareto_front(front.settings_of(wide, "full_N20", careful=True))
-    assert [one.label for one in intervals] == [FAST, "exact"]
-    for k, setting in enumerate(front.settings_of(wide, "full_N20")):
-        times, below = axes.lines[3 * k].get_xdata(), 0.3 if setting.label == STAND_IN else 0.0
+    is_stand_in = measured.engine == STAND_IN
+    wide = measured.assign(msd_bias_low=measured.msd_bias_low.where(~is_stand_in, -0.3))
+    cases = cases_of(wide)
+    (axes,) = drawing.draw_tradeoff(cases).axes
+    intervals = front.pareto_front([drawing.setting_of(case, careful=True) for case in cases])
+    assert [interval.label for interval in intervals] == [FAST, "exact"]
+    for k, case in enumerate(cases):
+        setting = drawing.setting_of(case)
+        thin, dotted, bold = axes.lines[3 * k : 3 * k + 3]
+        times = thin.get_xdata()
         error = front.total_error(setting, times)
-        (bold,) = [
-            (times >= one.start) & (times <= one.end)
-            for one in intervals
-            if one.label == setting.label
-        ] or [0]
-        for line, shown in zip(
-            axes.lines[3 * k :], (~(error < below), error < below, bold), strict=False
-        ):
-            assert np.array_equal(line.get_ydata(), np.where(shown, error, np.nan), equal_nan=True)
+        is_below = error < (0.3 if setting.label == STAND_IN else 0.0)
+        is_on_front = np.zeros(len(times), bool)
+        for interval in intervals:
+            if interval.label == setting.label:
+                is_on_front = (times >= interval.start) & (times <= interval.end)
+        for line, is_shown in ((thin, ~is_below), (dotted, is_below), (bold, is_on_front)):
+            expected = np.where(is_shown, error, np.nan)
+            assert np.array_equal(line.get_ydata(), expected, equal_nan=True)
 
 
-def test_text_and_table_have_each_number_in_its_column_its_row_and_its_unit(measured):
-    nan, inf, parts = np.nan, np.inf, ("", "_standard_error", "_low", "_high")
-    biases = {  # of the fast engine and of the stand-in
-        "msd_bias": ((0.0523, 0.0123, 0.03, 0.08), (0.01, 0.02, -0.031, 0.02)),
-        "d_bias": ((-0.0234, 0.0056, -0.04, -0.01), (0.2, 0.1, -0.1, 1.5)),
-        "displacement_bias": ((0.0712, nan, 0.01, 0.2), (0.3, nan, 0.0, 0.0444)),
-        "contact_bias": ((-0.31, 0.012, -0.4, -0.2), (nan, nan, nan, nan)),
-    }
-    values = {
-        name + part: [0, a, b]
-        for name, of in biases.items()
-        for part, a, b in zip(parts, *of, strict=True)
-    }
-    values |= {
-        "runs": [401, 203, 302],
-        "seconds": [2e-3, 1e-4, 5e-4],
-        "worst_overlap": [1e-15, 0.03, nan],
-    }
-    values |= {
-        "departure_time": [inf, 0.15, nan],
-        "pays_from": [0.7, 0.002, nan],
-        "pays_to": [inf, 0.5, nan],
-    }
-    values |= {"may_pay_from": [0.9, 0.01, 0.03], "may_pay_to": [8.0, 0.3, inf]}
-    one = measured.assign(
-        {name: (SETTING, [of]) for name, of in values.items() if name in measured}
-    )
-    assert drawing.columns_of(one, "full_N20") == [
-        ("setting", "exact", FAST, STAND_IN),
+def test_each_scene_and_number_of_disks_has_a_panel(measured, monkeypatch):
+    several = [measured.assign_coords(scene=[name]) for name in ("a", "b", "c")]
+    cases = cases_of(xarray.concat(several, "scene"))
+    with style.drawing():
+        whole = drawing.draw_tradeoff(cases)
+        monkeypatch.setattr(drawing, "MOST_PANELS", 2)
+        reduced = drawing.draw_tradeoff(cases)
+    titles = [axes.get_title("left") for axes in whole.axes]
+    assert titles == [f"{name}, N = 20: cost-accuracy trade-off" for name in "abc"]
+    assert [axes.get_title("left") for axes in reduced.axes] == [titles[0], titles[2]]
+    assert reduced.get_suptitle() == "2 of 3 cases, at equal steps; the table has all"
+
+
+NUMBERS = {  # of the exact engine, the fast one and the stand-in
+    "msd_bias": [0.0, 0.0523, 0.01],
+    "msd_bias_standard_error": [0.0, 0.0123, 0.02],
+    "msd_bias_low": [0.0, 0.03, -0.031],
+    "msd_bias_high": [0.0, 0.08, 0.02],
+    "d_bias": [0.0, -0.0234, 0.2],
+    "d_bias_standard_error": [0.0, 0.0056, 0.1],
+    "d_bias_low": [0.0, -0.04, -0.1],
+    "d_bias_high": [0.0, -0.01, 1.5],
+    "displacement_bias": [0.0, 0.0712, 0.3],
+    "displacement_bias_low": [0.0, 0.01, 0.0],
+    "displacement_bias_high": [0.0, 0.2, 0.0444],
+    "contact_bias": [0.0, -0.31, np.nan],
+    "contact_bias_standard_error": [0.0, 0.012, np.nan],
+    "contact_bias_low": [0.0, -0.4, np.nan],
+    "contact_bias_high": [0.0, -0.2, np.nan],
+    "runs": [401, 203, 302],
+    "failed_runs": [0, 1, 0],
+    "seconds": [2e-3, 1e-4, 5e-4],
+    "cost_ratio": [1.0, 0.05, 0.25],
+    "worst_overlap": [1e-15, 0.03, np.nan],
+    "departure_time": [np.inf, 0.15, np.nan],
+    "pays_from": [0.7, 0.002, np.nan],
+    "pays_to": [np.inf, 0.5, np.nan],
+    "may_pay_from": [0.9, 0.01, 0.03],
+    "may_pay_to": [8.0, 0.3, np.inf],
+}
+
+
+@pytest.fixture
+def made_up(measured):
+    """The trade-off with NUMBERS in place of those measured."""
+    return measured.assign({name: (CASE_DIMS, [[values]]) for name, values in NUMBERS.items()})
+
+
+def test_the_summary_has_each_number_in_its_column_its_row_and_its_unit(made_up):
+    results = answer(made_up)
+    assert results.columns == [
+        ("scene", "full", "full", "full"),
+        ("N", "20", "20", "20"),
+        ("engine", "exact", FAST, STAND_IN),
         ("runs", "401", "203", "302"),
         ("ms/run", "2", "0.1", "0.5"),
         ("cost", "1", "0.05", "0.25"),
         ("MSD bias", "-", "+5.2 ± 1.2 %", "< 3.1 %"),
+        ("front, s", "0.7 on", "0.002 to 0.5", "perhaps"),
         ("D bias", "-", "-2.34 ± 0.56 %", "< 150 %"),
         ("distance", "-", "7.1 %", "< 4.4 %"),
         ("g(contact)", "-", "-31.0 ± 1.2 %", "-"),
         ("overlap", "1e-15", "0.03", "-"),
         ("departs", "never", "0.15", "-"),
-        ("front, s", "0.7 on", "0.002 to 0.5", "perhaps"),
     ]
-    table, numbers = drawing.table(one), [name for name in one if "setting" in one[name].dims]
-    assert [*table.setting] == ["exact", FAST, STAND_IN] and {*table} == {
-        "scene",
-        "particles",
-        "setting",
-        *numbers,
-    }
-    for name in numbers:
-        assert np.array_equal(
-            table[name], one[name].sel(setting=[*table.setting])[0], equal_nan=True
-        ), name
+    explained = [line.partition(": ")[0] for line in results.legend]
+    for heading, *_ in results.columns[4:]:
+        assert heading in explained
+    (failed,) = results.missing
+    assert failed.startswith("The averages leave out 1 failed run; ")
+
+
+def test_a_column_without_any_number_is_left_out(measured):
+    headings = [column[0] for column in answer(measured).columns]
+    assert "g(contact)" not in headings
+    assert "departs" in headings
+
+
+def test_the_tables_have_every_number_of_the_dataset(made_up):
+    table = summary_table(made_up)
+    assert [*table] == [*CASE_DIMS, *made_up.data_vars]
+    assert table.engine.tolist() == ENGINES
+    for name in made_up.data_vars:
+        assert np.array_equal(table[name], made_up[name].values.ravel(), equal_nan=True), name
+    drawn = drawing.FIGURE.table(cases_of(made_up))
+    for name in ("seconds", "msd_bias", "msd_spread", "pays_from"):
+        assert drawn[name].equals(table[name]), name
+
+
+def test_no_figure_of_an_analysis_is_drawn_of_a_trade_off(measured):
+    assert [*cases_shown(measured)] == ["tradeoff"]
+    with pytest.raises(FigureError, match=r"^health: cannot be drawn from this dataset"):
+        cases_shown(measured, names=["health"])
 
 
 def test_blocks_of_runs_are_joined_in_order_and_one_without_pair_counts_has_none():

@@ -17,6 +17,9 @@ from pathlib import Path
 
 from PIL import Image
 
+from brownpipe.figures.render import draw as draw_figure
+from brownpipe.figures.style import image_bytes
+from brownpipe.storage.datasets import read_dataset
 from brownpipe.study import Study, read_study
 from brownpipe.study.run_sets import describe_workload
 from brownpipe.text import in_time
@@ -29,9 +32,9 @@ TIMES = FIGURES / "times.csv"  # study, seconds
 SHOWN = {  # the figure that answers the question of a study; otherwise the first one of its figures
     "spreading": "displacement_distribution",
     "diffusion": "diffusion",
-    "tradeoff_pairs": "tradeoff_dense_250_N250",
 }
-TRADEOFFS = ("tradeoff", "tradeoff_pairs")
+# studies whose trade-off is shown, each with the scene of which
+TRADEOFFS = {"tradeoff": "harrison2020", "tradeoff_pairs": "dense_250"}
 ORDER = (
     "harrison2020",
     "small",
@@ -102,11 +105,7 @@ def _command(name: str) -> str:
 
 def _figures(name: str, study: Study) -> Sequence[str]:
     """Return the names of the figures that the command makes."""
-    return (
-        [f"tradeoff_{case}" for case in study.tradeoff_cases]
-        if name in TRADEOFFS
-        else study.figures
-    )
+    return ["tradeoff"] if name in TRADEOFFS else study.figures
 
 
 def _shown(name: str, study: Study) -> str:
@@ -138,10 +137,16 @@ def note_time(file: Path, seconds: float) -> None:
 
 
 def draw(file: Path) -> None:
-    """Write the figure of a study from its results in this folder."""
-    folder = "tradeoff" if file.stem in TRADEOFFS else "figures"
-    shown = Path("results", file.stem, folder, f"{_shown(file.stem, read_study(file))}.png")
-    (FIGURES / f"{file.stem}.png").write_bytes(reduced(shown.read_bytes()))
+    """Write the figure of a study from its results in this folder; of a trade-off one scene."""
+    name = file.stem
+    if name in TRADEOFFS:
+        dataset = read_dataset(f"results/{name}/tradeoff/{name}.nc")
+        figure = draw_figure(dataset.sel(scene=[TRADEOFFS[name]]), "tradeoff")
+        png = image_bytes(figure, "png")
+    else:
+        shown = Path("results", name, "figures", f"{_shown(name, read_study(file))}.png")
+        png = shown.read_bytes()
+    (FIGURES / f"{name}.png").write_bytes(reduced(png))
 
 
 def run(file: Path, cores: str) -> float:

@@ -506,7 +506,8 @@ def plot(
     result: what `analyse`, `scan` or `run` returns.
     figure: msd, displacement_distribution, diffusion, velocity_autocorrelation,
     velocity_distribution, pair_distribution, density_profile, orientational_order, energy,
-    own_observables, thermodynamics, scan or health; or one of your own, a `bp.Figure`.
+    own_observables, thermodynamics, scan or health, or of a dataset of `brownpipe tradeoff`
+    tradeoff; or one of your own, a `bp.Figure`.
     particles: show the runs with this many disks; by default each scene's largest number.
     panel: dimensions, such as scene or tracer_mass: cases that differ in them are drawn in panels
     of their own.

@@ -56,6 +56,8 @@ WALLS = Need(
     lambda runs: "density_profile" in runs.observables and runs.has_walls,
 )
 OWN_OBSERVABLE = Need("an observable of your own", lambda runs: runs.has_own_observable)
+# No study has it: the trade-off is a dataset of its own
+COMPARISON = Need("engines compared by brownpipe tradeoff", lambda runs: False)
 
 # By name of the figure, in the order in which figures are shown
 FIGURES: dict[str, tuple[Need, ...]] = {
@@ -71,5 +73,6 @@ FIGURES: dict[str, tuple[Need, ...]] = {
     "own_observables": (OWN_OBSERVABLE,),
     "thermodynamics": (COUNTED_COLLISIONS,),
     "scan": (SCANNED_KEY, SPREADING),
+    "tradeoff": (COMPARISON,),
     "health": (),
 }

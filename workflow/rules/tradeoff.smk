@@ -27,24 +27,19 @@ rule tradeoff_drawings:
         ancient(str(rules.tradeoff.output.made_from)),
         dataset=ancient(str(rules.tradeoff.output.dataset)),
     output:
-        table=report(
-            f"{results}/tradeoff/tradeoff.txt",
+        summary=report(
+            f"{results}/tradeoff/summary.txt",
             caption=f"{captions}/tradeoff.rst",
             category="Trade-off",
         ),
-        numbers=f"{results}/tradeoff/tradeoff.csv",
+        numbers=f"{results}/tradeoff/summary.csv",
         provenance=update(f"{results}/tradeoff/provenance.json"),  # lists the files of the drawing before
-        figures=[
-            report(
-                f"{results}/tradeoff/tradeoff_{name}.svg",
-                caption=f"{captions}/tradeoff.rst",
-                category="Trade-off",
-            )
-            for name in study.tradeoff_cases
-        ],
-        others=expand(
-            "{results}/tradeoff/tradeoff_{name}.png", results=results, name=study.tradeoff_cases
+        figure=report(
+            f"{results}/tradeoff/tradeoff.svg",
+            caption=f"{captions}/tradeoff.rst",
+            category="Trade-off",
         ),
+        others=[f"{results}/tradeoff/tradeoff.{kind}" for kind in ("png", "csv")],
         page=f"{results}/tradeoff/report.html",
         drawn_from=f"{results}/tradeoff/drawn_from_{made_from['tradeoff_figures']}.txt",
     log:
@@ -55,10 +50,10 @@ rule tradeoff_drawings:
         any_digest=any_digest,
         planned=made_from["tradeoff"],
     shell:
-        'rm -f "$(dirname {output.table:q})"/drawn_from_{params.any_digest}.txt'
-        ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.table:q})" --page {output.page:q}'
+        'rm -f "$(dirname {output.summary:q})"/drawn_from_{params.any_digest}.txt'
+        ' && brownpipe figures {input.dataset:q} --output "$(dirname {output.summary:q})" --page {output.page:q}'
         " --planned {params.planned} > {log:q} 2>&1"
-        " && sha256sum {input.dataset:q} {output.table:q} {output.numbers:q} {output.provenance:q} {output.figures:q}"
+        " && sha256sum {input.dataset:q} {output.summary:q} {output.numbers:q} {output.provenance:q} {output.figure:q}"
         " {output.others:q} {output.page:q} > {output.drawn_from:q}"
 
 
@@ -68,7 +63,7 @@ rule tradeoff_figures:
         rules.tradeoff_drawings.output,
         rules.tradeoff.output,
         trajectories,
-        table=rules.tradeoff_drawings.output.table,
+        summary=rules.tradeoff_drawings.output.summary,
         page=rules.tradeoff_drawings.output.page,
         drawn_from=rules.tradeoff_drawings.output.drawn_from,
     localrule: True
@@ -76,4 +71,4 @@ rule tradeoff_figures:
         not_as_made=not_as_made,
     shell:
         "sha256sum --check --quiet {input.drawn_from:q} >&2 || {{ {params.not_as_made}; }}"
-        " && cat {input.table:q} && echo all on one page: {input.page:q}"
+        " && cat {input.summary:q} && echo all on one page: {input.page:q}"

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, SupportsFloat
+from typing import TYPE_CHECKING, SupportsFloat, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import DataArray, Dataset
 
+T = TypeVar("T")
 MOST_CURVES = 6  # cases in one panel, or curves of one case
 LONGEST = 10.0  # duration of the cases in one panel over the shortest
 SPECIES = ("species", "species_pair")  # dimensions of parts of a case
@@ -60,6 +61,17 @@ def has(case: Dataset, *names: str) -> bool:
     return all(
         name in case and bool(np.isfinite(case.variables[name].values).any()) for name in names
     )
+
+
+def at_equal_steps(items: Sequence[T], most: int) -> list[T]:
+    """Return at most so many of the items, at equal steps, the first and the last among them.
+
+    >>> at_equal_steps("abcde", 3)
+    ['a', 'c', 'e']
+    """
+    number = min(most, len(items))
+    places = np.linspace(0, len(items) - 1, number, dtype=int)
+    return [items[place] for place in places]
 
 
 def with_value(cases: Iterable[Dataset], name: str) -> list[Dataset]:

@@ -6,6 +6,7 @@ is NAME.rst beside it, and what a study must have for it in `brownpipe.needs`.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 MOST_ROWS = 2  # of panels with the same cases
+ALL_CASES = sys.maxsize  # most cases of a figure that draws all
 
 
 class DrawCurves(Protocol):

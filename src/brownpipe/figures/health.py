@@ -88,4 +88,6 @@ def table_of_health(cases: list[Dataset]) -> DataFrame:
     return DataFrame(rows)
 
 
-FIGURE = Figure(draw=draw_health, table=table_of_health, every_count=True)
+FIGURE = Figure(
+    draw=draw_health, variables=("run_status",), table=table_of_health, every_count=True
+)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, Unpack
 
-import numpy as np
-
 from brownpipe.errors import FigureError
 from brownpipe.figures.cases import (
+    at_equal_steps,
     cases_of,
     defined,
     has,
@@ -17,7 +16,13 @@ from brownpipe.figures.cases import (
     title_of,
 )
 from brownpipe.figures.figure import DrawCurves, Figure, figure_named
-from brownpipe.figures.style import drawing, image_bytes, put_titles_and_legends, stacked_panels
+from brownpipe.figures.style import (
+    drawing,
+    image_bytes,
+    put_titles_and_legends,
+    say_shown,
+    stacked_panels,
+)
 from brownpipe.needs import FIGURES
 
 if TYPE_CHECKING:
@@ -130,19 +135,13 @@ def _picture(
     figure: Figure, cases: list[Dataset], panel: Sequence[str]
 ) -> matplotlib_figure.Figure:
     """Draw the cases, or so many of them as the figure shows at most, at equal steps."""
-    number = min(figure.most_cases, len(cases))
-    places = np.linspace(0, len(cases) - 1, number, dtype=int)
-    shown = [cases[place] for place in places]
+    shown = at_equal_steps(cases, figure.most_cases)
     if figure.curves is not None:
         picture = _panels_of_curves(figure, figure.curves, shown, panel)
     elif figure.draw is not None:
         picture = figure.draw(shown)
     if len(shown) < len(cases):
-        picture.suptitle(
-            f"{len(shown)} of {len(cases)} cases, at equal steps; the table has all",
-            x=0.01,
-            ha="left",
-        )
+        say_shown(picture, len(shown), len(cases))
     return picture
 
 

@@ -2,7 +2,6 @@
 of disks.
 """
 
-import sys
 from collections.abc import Mapping
 from itertools import chain, cycle
 
@@ -26,7 +25,7 @@ from brownpipe.figures.cases import (
     varied_with,
     with_value,
 )
-from brownpipe.figures.figure import Figure
+from brownpipe.figures.figure import ALL_CASES, Figure
 from brownpipe.figures.looks import Looks
 from brownpipe.figures.style import (
     DASHED,
@@ -41,7 +40,6 @@ from brownpipe.scene.variation import is_number
 
 # ratio of the largest value to the smallest, beyond which an axis is logarithmic
 LOGARITHMIC = 30.0
-ALL_CASES = sys.maxsize
 MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
 END = "msd"
 D = "diffusion_coefficient"

@@ -175,6 +175,12 @@ def _legend_size(labels: Sequence[str]) -> float:
     return KEY_SIZE * min(1, MOST_LEGEND / max(widths, default=MOST_LEGEND))
 
 
+def say_shown(figure: Figure, shown: int, number: int) -> None:
+    """Write above a figure how many of its cases it shows."""
+    text = f"{shown} of {number} cases, at equal steps; the table has all"
+    figure.suptitle(text, x=0.01, ha="left")
+
+
 def styled_cases(
     cases: list[Dataset],
     number: Callable[[Dataset], str] = lambda case: "",

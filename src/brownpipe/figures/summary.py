@@ -23,6 +23,7 @@ from brownpipe.analysis.variables import (
     labels_of_cases,
 )
 from brownpipe.engines.ensemble import stopped_in_words
+from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import (
     SPECIES,
     aligned,
@@ -41,6 +42,7 @@ from brownpipe.figures.cases import (
 from brownpipe.figures.marks import power_in_words, reasons_in_words
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.text import counted, in_lines
+from brownpipe.tradeoff import is_tradeoff
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -104,7 +106,7 @@ DISPLACED = (
 
 
 class Answer(NamedTuple):
-    """The results of a study in words."""
+    """The results of a study, or of its trade-off, in words."""
 
     # Number of the first columns, which name the cases
     labels: int
@@ -160,13 +162,16 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
         for heading, parts in of_quantity[quantity]:
             title = _heading_of_msd(cases) if quantity.variable == "msd" else heading
             columns.append((title, *(_cell(part, quantity) for part in parts)))
+    tradeoff_columns = tradeoff.columns_of(cases)
+    for column, cells in tradeoff_columns:
+        columns.append((column.heading, *cells))
     tests = 0
     if requests & {*OF_RINGS}:
         p = _p_values(cases)
         tests = int(np.count_nonzero(np.isfinite(p)))
         if tests:
             columns += _columns_of_tests(p)
-    legend = [*_legend(dataset, cases, shown, tests)]
+    legend = [*_legend(dataset, cases, shown, tests), *tradeoff.meanings_of(tradeoff_columns)]
     return Answer(labels, columns, legend, [*missing_runs(dataset, cases)], [*drifting(cases)])
 
 
@@ -349,17 +354,11 @@ def _legend(
     if scan_changes_density(dataset, cases):
         yield "phi: packing fraction of all disks, which changes with what is varied."
     followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
-    where = {"time": ", at the end", "window": f" {dataset.window.values[0]}"}
-    at_window_end = {"time": f", at t = {dataset.window_end.values[0]:g}"}
     for quantity in shown:
         variable = dataset[quantity.variable]
         meaning = variable.attrs.get("long_name", quantity.variable).replace(FOLLOWED, followed)
         source = f" ({variable.observable})" if "observable" in variable.attrs else ""
-        is_at_window_end = quantity.variable == "green_kubo" or (
-            quantity.variable in OF_LAG and average_of(dataset) == "origins"
-        )
-        places = where | at_window_end if is_at_window_end else where
-        place = "".join(places.get(str(dim), "") for dim in variable.dims)
+        place = _place_of(dataset, quantity.variable)
         yield from textwrap.wrap(f"{quantity.heading}: {meaning}{place}{source}.", LINE)
     for name, own in dataset.data_vars.items():
         if "observable" in own.attrs and own.dims == dataset.runs.dims:
@@ -381,6 +380,22 @@ def _legend(
     yield from _tests_of_equilibrium(cases)
     if tests:
         yield from _tests_of_diffusion(cases, tests)
+
+
+def _place_of(dataset: Dataset, name: str) -> str:
+    """Return the time and the fit window at which a quantity is shown, to be appended to its
+    meaning.
+    """
+    dims = dataset[name].dims
+    is_at_window_end = name == "green_kubo" or (name in OF_LAG and average_of(dataset) == "origins")
+    place = ""
+    if "time" in dims and is_at_window_end:
+        place += f", at t = {dataset.window_end.values[0]:g}"
+    elif "time" in dims:
+        place += ", at the end"
+    if "window" in dims:
+        place += f" {dataset.window.values[0]}"
+    return place
 
 
 def _tests_of_diffusion(cases: list[Dataset], tests: int) -> Iterator[str]:
@@ -466,6 +481,20 @@ def drifting(cases: list[Dataset]) -> Iterator[str]:
 def missing_runs(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
     """Lines that name the seeds whose runs failed or are missing, why runs could not go on, and the
     risk of a bias.
+    """
+    if "run_status" in dataset:
+        yield from _missing_seeds(dataset, cases)
+    failed = sum(int(case.failed_runs) for case in cases)
+    if failed:
+        runs = counted(failed, "failed run")
+        yield (
+            f"The averages leave out {runs}; they are biased if runs that fail differ from the "
+            "others."
+        )
+
+
+def _missing_seeds(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
+    """Lines that name the seeds whose runs failed or are missing, and why runs could not go on.
 
     Missing are seeds from the first to the last of the same engine: engines may have seeds of their
     own.
@@ -484,13 +513,6 @@ def missing_runs(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
                 words = f"{seeds.size} of {number} seeds ({brief_seed_text(seeds)})"
                 reasons = _reasons_in_words(case) if status == FAILED else ""
                 yield f"{title_of(case)}: {fate}: {words}{reasons}"
-    failed = sum(int(case.failed_runs) for case in cases)
-    if failed:
-        runs = counted(failed, "failed run")
-        yield (
-            f"The averages leave out {runs}; they are biased if runs that fail differ from the "
-            "others."
-        )
 
 
 def _reasons_in_words(case: Dataset) -> str:
@@ -504,11 +526,13 @@ def _reasons_in_words(case: Dataset) -> str:
 
 def summary_table(dataset: Dataset) -> DataFrame:
     """Return every number that an answer may have, and those of the other fit windows: one row per
-    case and window.
+    case and window, of a trade-off per case.
     """
     from pandas import DataFrame
 
     cases = cases_of(dataset)
+    if is_tradeoff(dataset):
+        return DataFrame([label_of(case, *map(str, case.data_vars)) for case in cases])
     shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
     measured: list[tuple[Quantity, str, list[Dataset | None]]] = []
     for quantity in shown:

@@ -1,43 +1,46 @@
-"""Figures `tradeoff_SCENE_N150`: expected error of the MSD against CPU time, one line per engine;
-the same as text.
+"""Figure `tradeoff`: expected error of the MSD against CPU time, a panel for each scene and number
+of disks, a line for each engine; and the columns of the summary of a trade-off.
 
 An engine with its settings is named by its label, as in studies and result folders
-(`timestep-0.001-collisions=late`).
+(`timestep-0.01-collisions=late`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from brownpipe.engines.definition import REFERENCE_NAME
-from brownpipe.figures.cases import aligned, plus_minus
-from brownpipe.figures.render import Drawing, drawing_of
-from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, drawing, grid, log_axis
-from brownpipe.progress import tracked
-from brownpipe.text import in_lines
+from brownpipe.figures.cases import at_equal_steps, labels_in_words, plus_minus
+from brownpipe.figures.figure import ALL_CASES, Columns, Figure
+from brownpipe.figures.looks import Looks
+from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, grid, log_axis, say_shown
+from brownpipe.tradeoff import is_tradeoff
 from brownpipe.tradeoff.front import (
     FEWEST_RUNS,
     Interval,
     MeasuredSetting,
+    measured_setting,
     pareto_front,
-    settings_of,
     total_error,
 )
 
 if TYPE_CHECKING:
+    from matplotlib import figure as matplotlib_figure
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
     from xarray import Dataset
 
+LINE = 100  # characters of a line of words
+MOST_PANELS = 36  # of more scenes so many are drawn
 LEAST_ERROR = 2e-3  # error down to which the exact engine is drawn at least
 WIDTH = 8.6  # of the figure [inch]
-HEIGHT = 5.4  # least height of the figure [inch]
-FRAME = 1.3  # height of the figure outside the panel [inch]
+HEIGHT = 5.4  # least height of a panel with its frame [inch]
+FRAME = 1.3  # height of the title and the axis of a panel [inch]
 LABEL_DISTANCE = 13.5  # least distance of two labels [point]
 LABELS: dict[str, Any] = {
     "xycoords": "axes fraction",
@@ -51,46 +54,67 @@ KEY = (
     "Bold: Pareto front, with unresolved biases at their 95 % upper bound. Dotted: error below "
     "that bound."
 )
+ABOVE: dict[str, Any] = {
+    "xycoords": "axes fraction",
+    "textcoords": "offset points",
+    "va": "bottom",
+}
 POINTS = 2000  # of a curve
 
 
-def draw(dataset: Dataset, scene: str) -> Figure:
+def draw_tradeoff(cases: list[Dataset]) -> matplotlib_figure.Figure:
+    """Draw a panel for the engines of each scene and number of disks."""
+    comparisons: dict[str, list[Dataset]] = {}
+    for case in cases:
+        title = labels_in_words(case, ("scene", "particles"))
+        comparisons.setdefault(title, []).append(case)
+    most_lines = max(map(len, comparisons.values()))
+    height = max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * most_lines)
+    titles = at_equal_steps([*comparisons], MOST_PANELS)
+    figure, axes = grid(len(titles), 1, WIDTH, height)
+    distance = LABEL_DISTANCE / 72 / (height - FRAME)  # of two labels, in heights of a panel
+    for panel, title in zip(axes[:, 0], titles, strict=True):
+        draw_errors(panel, comparisons[title], distance)
+        panel.set_title(f"{title}: cost-accuracy trade-off", pad=11 + LABEL_DISTANCE)
+        panel.annotate(KEY, (0, 1), (0, 6), color=GREY, fontsize=8.8, **ABOVE)
+    if len(titles) < len(comparisons):
+        say_shown(figure, len(titles), len(comparisons))
+    return figure
+
+
+def draw_errors(axes: Axes, cases: list[Dataset], label_distance: float) -> None:
     """Draw the expected error of the MSD at the end of a run against CPU time, with the Pareto
-    front in bold.
+    front in bold; of all engines of a scene, the exact one first.
     """
-    settings = settings_of(dataset, scene)
-    front = pareto_front(settings_of(dataset, scene, careful=True))
+    settings = [setting_of(case) for case in cases]
+    front = pareto_front([setting_of(case, careful=True) for case in cases])
     times = _cpu_times(settings, front)
-    height = max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * len(settings))
-    figure, ((axes,),) = grid(1, 1, WIDTH, height)
     coloured = dict.fromkeys([REFERENCE_NAME, *(interval.label for interval in front)])
     colours = dict(zip(coloured, cycle(colour for colour, _, _ in SERIES), strict=False))
-    for setting in settings:
-        bias = dataset.sel(scene=scene, setting=setting.label)
+    last_errors = {}
+    for case, setting in zip(cases, settings, strict=True):
         error = total_error(setting, times)
-        unresolved = error < _unresolved_bound(bias, "msd_bias")
-        on_front = _are_on_front(times, setting.label, front)
-        thin: dict[str, Any] = {
-            "color": colours.get(setting.label, GREY),
-            "linewidth": 1.0,
-            "label": setting.label,
-        }
-        bold = thin | {"linewidth": 4.0, "solid_capstyle": "round"}
-        axes.plot(times, np.where(~unresolved, error, np.nan), **thin, alpha=0.8)
-        axes.plot(times, np.where(unresolved, error, np.nan), **thin, linestyle=DOTTED)
-        axes.plot(times, np.where(on_front, error, np.nan), **bold)
-    last = {setting.label: float(total_error(setting, times[-1])) for setting in settings}
-    inside = {label: error for label, error in last.items() if error <= 1.0}
+        is_unresolved = error < _unresolved_bound(case, "msd_bias")
+        is_on_front = _are_on_front(times, setting.label, front)
+        colour = colours.get(setting.label, GREY)
+        thin: Looks = {"color": colour, "linewidth": 1.0, "alpha": 0.8, "label": setting.label}
+        dotted: Looks = {"color": colour, "linewidth": 1.0, "linestyle": DOTTED}
+        bold: Looks = {"color": colour, "linewidth": 4.0}
+        axes.plot(times, np.where(~is_unresolved, error, np.nan), **thin)
+        axes.plot(times, np.where(is_unresolved, error, np.nan), **dotted)
+        axes.plot(times, np.where(is_on_front, error, np.nan), **bold, solid_capstyle="round")
+        if error[-1] <= 1.0:
+            last_errors[setting.label] = float(error[-1])
     log_axis(axes, "x", times[0], times[-1])
-    log_axis(axes, "y", min(inside.values(), default=0.1) / 1.5, 1.0)
+    log_axis(axes, "y", min(last_errors.values(), default=0.1) / 1.5, 1.0)
     axes.set_xlabel("CPU time on this machine (s)")
     axes.set_ylabel("expected relative error of $\\langle r^2 \\rangle$ at the end of a run")
-    axes.set_title(f"{scene}: cost-accuracy trade-off", pad=11 + LABEL_DISTANCE)
-    place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
-    axes.annotate(KEY, (0, 1), (0, 6), color=GREY, fontsize=8.8, **place)
-    panel_height = figure.get_figheight() - FRAME
-    _direct_labels(axes, inside, colours, LABEL_DISTANCE / 72 / panel_height)
-    return figure
+    _label_ends(axes, last_errors, colours, label_distance)
+
+
+def setting_of(case: Dataset, careful: bool = False) -> MeasuredSetting:
+    """Return the engine of a case with bias, spread and cost, as `measured_setting` has them."""
+    return measured_setting(case.engine.item(), case, careful)
 
 
 def _cpu_times(settings: Sequence[MeasuredSetting], front: Sequence[Interval]) -> np.ndarray:
@@ -113,15 +137,15 @@ def _are_on_front(times: np.ndarray, label: str, front: Sequence[Interval]) -> n
     return are_on_front
 
 
-def _unresolved_bound(setting: Dataset, name: str) -> float:
-    """The 95 % upper bound of the size of a bias if that is not resolved from 0; 0 if it is."""
-    low = float(setting[f"{name}_low"])
-    high = float(setting[f"{name}_high"])
+def _unresolved_bound(case: Dataset, name: str) -> float:
+    """Return the 95 % upper bound of the size of a bias that is not resolved from 0, else 0."""
+    low = case[f"{name}_low"].item()
+    high = case[f"{name}_high"].item()
     return max(-low, high) if low <= 0.0 <= high else 0.0
 
 
-def _direct_labels(
-    axes: Axes, errors: dict[str, float], colours: dict[str, str], least: float
+def _label_ends(
+    axes: Axes, errors: Mapping[str, float], colours: Mapping[str, str], least: float
 ) -> None:
     """Write the label of every curve beside its end, at the last of its `errors`; keep labels
     `least` apart.
@@ -157,115 +181,124 @@ def apart(
     return moved[np.argsort(order)]
 
 
-# --- the trade-off in numbers
+# --- the columns of the summary
 
 
-def table(dataset: Dataset) -> DataFrame:
-    """Return one row per scene and setting with all numbers of the dataset: cost, biases, health,
-    the Pareto front.
+class Column(NamedTuple):
+    """A column of the summary of a trade-off."""
+
+    heading: str
+    meaning: str
+    cell: Callable[[Dataset], str]  # `-` without a number
+
+
+def _rounded(name: str, digits: int, case: Dataset) -> str:
+    """Return a variable of a case with so many digits; `-` for NaN."""
+    return f"{case[name].item():.{digits}g}".replace("nan", "-")
+
+
+def _milliseconds(case: Dataset) -> str:
+    """Return the CPU time of a run in milliseconds."""
+    return f"{1e3 * case.seconds.item():.3g}"
+
+
+def _departure(case: Dataset) -> str:
+    """Return the time at which the tracer leaves the exact trajectory, or `never`."""
+    return _rounded("departure_time", 3, case).replace("inf", "never")
+
+
+def bias_in_words(name: str, case: Dataset) -> str:
+    """Return `+2.1 ± 1.0 %`, or `< 1.1 %` for a bias that is not resolved; a distance has no sign
+    and no standard error.
     """
-    numbers = [
-        name
-        for name, variable in dataset.items()
-        if variable.dims == ("scene", "setting") and variable.dtype.kind in "fi"
-    ]
-    rows: list[tuple[str, str]] = []
-    for scene in scenes_of(dataset):
-        rows += [(scene, setting.label) for setting in settings_of(dataset, scene)]
-    frame = dataset[["particles", *numbers]].to_dataframe(["scene", "setting"])
-    frame = frame.loc[rows].reset_index()
-    return frame[["scene", "particles", "setting", *numbers]]
-
-
-def summary(dataset: Dataset) -> str:
-    """Return the trade-off as text: a table for every scene."""
-    lines = []
-    for scene in scenes_of(dataset):
-        lines += [scene, *(f"  {line}" for line in aligned(columns_of(dataset, scene))), ""]
-    return in_lines(lines) + "\n" + REMARK
-
-
-REMARK = (
-    "cost: CPU time of a run relative to an exact one, timed in turn on this machine.\n"
-    "bias: relative to exact, ± one standard error; `< 2 %`: not resolved, below 2 % with 95 % "
-    "confidence.\n"
-    "distance: total variation distance of the displacement distributions at the end.\n"
-    "departs: median time at which the tracer leaves the exact trajectory.\n"
-    "front: CPU times at which no other setting has a smaller expected error of the MSD (Pareto "
-    "front);\n"
-    "unresolved biases are at their 95 % upper bound; `perhaps`: if these are small, or its cost "
-    "low.\n"
-)
-
-
-def columns_of(dataset: Dataset, scene: str) -> list[tuple[str, ...]]:
-    """Return the table of a scene in words, by columns; those without any number are left out."""
-    settings = [
-        dataset.sel(scene=scene, setting=setting.label) for setting in settings_of(dataset, scene)
-    ]
-    rows = [_row(setting, float(settings[0].seconds)) for setting in settings]
-    columns = [(name, *(row[name] for row in rows)) for name in rows[0]]
-    return [column for column in columns if {*column[1:]} != {"-"}]
-
-
-def _row(setting: Dataset, exact_seconds: float) -> dict[str, str]:
-    """One line of the table, cell by cell."""
-    seconds = float(setting.seconds)
-    overlap = f"{float(setting.worst_overlap):.1g}".replace("nan", "-")
-    departure = f"{float(setting.departure_time):.3g}".replace("nan", "-")
-    row = {
-        "setting": setting.setting.item(),
-        "runs": f"{int(setting.runs)}",
-        "ms/run": f"{1e3 * seconds:.3g}",
-        "cost": f"{seconds / exact_seconds:.3g}",
-    }
-    row["MSD bias"] = _bias(setting, "msd_bias")
-    row["D bias"] = _bias(setting, "d_bias")
-    row["distance"] = _bias(setting, "displacement_bias")
-    row["g(contact)"] = _bias(setting, "contact_bias")
-    row["overlap"] = overlap
-    row["departs"] = departure.replace("inf", "never")
-    row["front, s"] = _interval(setting)
-    return row
-
-
-def _bias(setting: Dataset, name: str) -> str:
-    """`+2.1 ± 1.0 %`, or `< 1.1 %` for a bias that is not resolved; a distance has no sign and no
-    standard error.
-    """
-    value = float(setting[name])
-    if np.isnan(value) or setting.setting == REFERENCE_NAME:
+    value = case[name].item()
+    if np.isnan(value) or case.engine == REFERENCE_NAME:
         return "-"
-    if bound := _unresolved_bound(setting, name):
+    if bound := _unresolved_bound(case, name):
         return f"< {float(f'{100 * bound:.2g}'):g} %"  # 150 %, not 1.5e+02 %
-    if f"{name}_standard_error" not in setting:
+    if f"{name}_standard_error" not in case:
         return f"{float(f'{100 * value:.2g}'):g} %"
-    error = float(setting[f"{name}_standard_error"])
-    return f"{'+' if value > 0 else ''}{plus_minus(100 * value, 100 * error)} %"
+    error = case[f"{name}_standard_error"].item()
+    sign = "+" if value > 0 else ""
+    return f"{sign}{plus_minus(100 * value, 100 * error)} %"
 
 
-def _interval(setting: Dataset) -> str:
-    """The CPU times at which a setting is on the Pareto front; `-` if it never is."""
-    start = float(setting.pays_from)
-    end = float(setting.pays_to)
+def front_in_words(case: Dataset) -> str:
+    """Return the CPU times at which an engine is on the Pareto front; `-` if it never is."""
+    start = case.pays_from.item()
+    end = case.pays_to.item()
     if np.isnan(start):
-        return "-" if np.isnan(setting.may_pay_from) else "perhaps"
+        return "-" if np.isnan(case.may_pay_from.item()) else "perhaps"
     return f"{start:.2g} on" if end == np.inf else f"{start:.2g} to {end:.2g}"
 
 
-def scenes_of(dataset: Dataset) -> list[str]:
-    """Return the scenes that have runs of more than one setting."""
-    settings_with_runs = (dataset.runs > 0).sum("setting")
-    return dataset.scene.values[settings_with_runs.values > 1].tolist()
+COLUMNS = (
+    Column("ms/run", "CPU time of a run on this machine", _milliseconds),
+    Column(
+        "cost",
+        "CPU time of a run relative to an exact one, timed in turn on this machine",
+        partial(_rounded, "cost_ratio", 3),
+    ),
+    Column(
+        "MSD bias",
+        "of the MSD at the end, relative to exact runs; `< 2 %`: not resolved, below 2 % with 95 % "
+        "confidence",
+        partial(bias_in_words, "msd_bias"),
+    ),
+    Column(
+        "front, s",
+        "CPU times at which no other engine has a smaller expected error of the MSD (Pareto "
+        "front); unresolved biases are at their 95 % upper bound; `perhaps`: if these are small, "
+        "or its cost low",
+        front_in_words,
+    ),
+    Column("D bias", "of D in the fit window, likewise", partial(bias_in_words, "d_bias")),
+    Column(
+        "distance",
+        "total variation distance of the displacement distributions at the end",
+        partial(bias_in_words, "displacement_bias"),
+    ),
+    Column(
+        "g(contact)",
+        "most significant relative deviation of g(r) near contact",
+        partial(bias_in_words, "contact_bias"),
+    ),
+    Column(
+        "overlap",
+        "deepest overlap in a run, in contact distances",
+        partial(_rounded, "worst_overlap", 1),
+    ),
+    Column("departs", "median time at which the tracer leaves the exact trajectory", _departure),
+)
 
 
-def drawn(dataset: Dataset, metadata: Mapping[str, str]) -> list[Drawing]:
-    """Draw the trade-off of every scene with these metadata; the table of each drawing has that
-    scene alone.
+def columns_of(cases: Sequence[Dataset]) -> list[tuple[Column, list[str]]]:
+    """Return the columns of a trade-off with their cells, but for columns without any number; none
+    for cases of an analysis.
     """
-    tables = [*table(dataset).groupby("scene", sort=False)]
-    with drawing():
-        return [
-            drawing_of(f"tradeoff_{scene}", draw(dataset, scene), rows, metadata)
-            for scene, rows in tracked(tables, "figures")
-        ]
+    if not all(map(is_tradeoff, cases)):
+        return []
+    columns = []
+    for column in COLUMNS:
+        cells = [column.cell(case) for case in cases]
+        if {*cells} != {"-"}:
+            columns.append((column, cells))
+    return columns
+
+
+def meanings_of(columns: Iterable[tuple[Column, list[str]]]) -> Iterator[str]:
+    """Yield lines that explain columns."""
+    for column, _ in columns:
+        yield from textwrap.wrap(f"{column.heading}: {column.meaning}.", LINE)
+
+
+FIGURE = Figure(
+    draw=draw_tradeoff,
+    variables=("cost_ratio",),
+    every_count=True,
+    most_cases=ALL_CASES,
+    table=Columns(
+        (),
+        ("seconds", "msd_bias", "msd_spread", "pays_from", "pays_to", "may_pay_from", "may_pay_to"),
+    ),
+)

@@ -22,7 +22,6 @@ from brownpipe.analysis.goodness import holm
 from brownpipe.analysis.variables import CASE_DIMS, FAILED, MISSING
 from brownpipe.engines.ensemble import HEALTH, Ensemble, failures, select
 from brownpipe.errors import RequestError, WrongFileError
-from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import aligned, labels_in_words
 from brownpipe.figures.origin import RECORD, installation_in_words, read_record
 from brownpipe.figures.summary import summary
@@ -70,7 +69,7 @@ def file_report(path: str | Path, seed: int | None = None) -> str:
         lines += _origin_in_words(
             "tradeoff" if is_tradeoff(contents) else "aggregate", contents.attrs
         )
-        table = table_of_results(contents)
+        table = summary(contents).splitlines()
     lines.append("intact       yes: every byte as it was written")
     megabytes = Path(path).stat().st_size / 1e6
     return in_lines([f"{path}  {megabytes:.2f} MB", *lines, "", *table])
@@ -271,14 +270,6 @@ def lines_on_results(dataset: Dataset) -> list[str]:
     if worst:
         lines.append(f"health       {'; '.join(worst)}")
     return lines
-
-
-def table_of_results(dataset: Dataset) -> list[str]:
-    """Return the results of a dataset of `brownpipe aggregate` or `brownpipe tradeoff` as their
-    summaries show them.
-    """
-    text = tradeoff.summary(dataset) if is_tradeoff(dataset) else summary(dataset)
-    return text.splitlines()
 
 
 def describe_product(path: str | Path) -> list[str]:

@@ -174,10 +174,10 @@ def _values_in_words(values: Sequence[float | str]) -> str:
 
 
 def _runs_in_words(dataset: Dataset, cases: int) -> str:
-    """Return a sentence with the numbers of runs, seeds and engines; "" for a trade-off, whose
-    table has them.
+    """Return a sentence with the numbers of runs, seeds and engines; "" for a trade-off, which has
+    no values of single runs.
     """
-    if not {"engine", "seed"} <= {*dataset.dims}:
+    if "seed" not in dataset.dims:
         return ""
     simulated = (dataset.runs + dataset.failed_runs).values
     numbers = sorted({*simulated.ravel().tolist()} - {0})

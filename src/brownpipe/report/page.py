@@ -13,7 +13,6 @@ from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 from xarray import Dataset
 
-from brownpipe.figures import tradeoff
 from brownpipe.figures.origin import Record
 from brownpipe.figures.render import Drawing
 from brownpipe.figures.summary import Answer, answer
@@ -46,50 +45,25 @@ def filled(template: str, **contents: object) -> bytes:
     return ENVIRONMENT.get_template(template).render(contents).strip().encode() + b"\n"
 
 
-def page_of_study(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
-    """Return the page of a study: the answer and its figures, the health of its runs last."""
+def page_of_results(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
+    """Return the page of a dataset: the answer and its figures."""
     results = answer(dataset, record.get("figures", ()))
     scenes = ", ".join(map(str, dataset.scene.values))
     counts = ", ".join(map(str, dataset.particles.values))
     runs = counted(int(dataset.runs.sum()), "run")
-    title = record.get("title", "Brownian motion of hard disks")
     lead = f"{scenes}; N = {counts}; {runs}"
     rows = [*zip(*results.columns, strict=True)]
     warnings = results.drifting + results.missing
     captioned = [(drawing, *caption_of(drawing.name)) for drawing in drawings]
     return filled(
         "page.html",
-        title=title,
+        title=record.get("title", dataset.attrs["title"]),
         asked=asked_in_words(results),
         setup=setup_in_words(dataset),
         lead=lead,
-        answers={"": rows},
+        answer=rows,
         warnings=warnings,
         legend=results.legend,
-        figures=captioned,
-        record=record,
-    )
-
-
-def page_of_tradeoff(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
-    """Return the page of a cost-accuracy trade-off: for each scene the answer and its figure."""
-    title, paragraphs = caption_of("tradeoff")
-    scenes = tradeoff.scenes_of(dataset)
-    tables = {}
-    for scene in scenes:
-        columns = tradeoff.columns_of(dataset, scene)
-        tables[scene] = [*zip(*columns, strict=True)]
-    captioned = [
-        (drawing, scene, paragraphs) for drawing, scene in zip(drawings, scenes, strict=True)
-    ]
-    return filled(
-        "page.html",
-        title=title,
-        asked="error and CPU time of every engine",
-        setup=setup_in_words(dataset),
-        lead=", ".join(scenes),
-        answers=tables,
-        legend=tradeoff.REMARK.splitlines(),
         figures=captioned,
         record=record,
     )

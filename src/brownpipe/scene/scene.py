@@ -427,7 +427,7 @@ class Scene(Section):
 
     @property
     def label(self) -> str:
-        """Name and number of disks: the scene's label in a trade-off."""
+        """Name and number of disks, as a trade-off names a scene that stands in for another."""
         return f"{self.name}_N{self.particles}"
 
     @cached_property

@@ -440,22 +440,20 @@ class Study(Section):
         return {self.record}, self.observables, self.average
 
     @property
-    def tradeoff_cases(self) -> list[str]:
-        """The cases with exact runs and others to compare with them, by their names in the
-        trade-off.
-        """
+    def compared_cases(self) -> list[Scene]:
+        """The cases with exact runs and others to compare with them."""
         exact = [use.case for use in self.uses if use.engine == REFERENCE]
         approximate = [use.case for use in self.uses if use.engine != REFERENCE]
         replaced = [use.case for use in self.uses if use.case.name in self.instead_of]
         compared = [*approximate, *replaced]
-        return [case.label for case in exact if case in compared]
+        return [case for case in exact if case in compared]
 
     def refuse_tradeoff(self) -> None:
         """Raise RequestError for a study whose runs cannot be compared with exact ones."""
         exact = [use.case for use in self.uses if use.engine == REFERENCE]
         fewest = min(len(use.seeds or self.seeds) for use in self.uses)
         lacks_exact = len(exact) < len(self.cases)
-        if self.record == "none" or fewest < 2 or lacks_exact or not self.tradeoff_cases:
+        if self.record == "none" or fewest < 2 or lacks_exact or not self.compared_cases:
             raise RequestError(
                 f"the study {self.name}: has no trade-off; must have record: tracer, two seeds or "
                 "more, the engine exact in every case, and another one"

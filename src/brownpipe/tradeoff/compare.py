@@ -3,7 +3,7 @@ uncertainties.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Pairs
 
 TARGET_COLUMNS = {"msd": 0, "d": 1}  # columns of `_per_run`
+Numbers = dict[str, float]  # the variables of one setting, by name
+Comparison = dict[str, float | Estimate]  # some of them, with their uncertainties
 APART = 1e-3  # of the tracer's radius: two trajectories further apart than this have departed
 
 
@@ -138,9 +140,9 @@ def compare(
     window: tuple[float, float],
     seconds: float,
     paired: bool = True,
-) -> dict[str, Any]:
-    """Return every variable of one setting: name -> value. `seconds` is the CPU time of a run;
-    `window` that of D.
+) -> Numbers:
+    """Return every variable of one setting by name. `seconds` is the CPU time of a run; `window`
+    that of D.
 
     `paired`: runs of equal seeds start from the same state. Raises AnalysisError for fewer than two
     runs, and if the tracer of the exact runs does not move.
@@ -149,7 +151,7 @@ def compare(
     pairs = bias.same_seeds(runs.seeds, exact.seeds) if paired else None
     if pairs is not None and len(pairs[0]) < 2:
         pairs = None
-    values: dict[str, Any] = {
+    values: Comparison = {
         "runs": len(runs.seeds),
         "failed_runs": runs.failed,
         "seconds": seconds,
@@ -160,7 +162,8 @@ def compare(
     values |= _biases(runs, exact, pairs, window)
     values |= _distribution(runs, exact, pairs)
     values |= _contact(runs, exact, pairs)
-    return with_intervals(values)
+    arrays = with_intervals(values)
+    return {name: np.asarray(value, float).item() for name, value in arrays.items()}
 
 
 def refuse_unfit(exact: EngineRuns, *others: EngineRuns) -> None:
@@ -179,12 +182,12 @@ def refuse_unfit(exact: EngineRuns, *others: EngineRuns) -> None:
 
 def _biases(
     runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]
-) -> dict[str, Any]:
+) -> Comparison:
     """MSD at the end and D in the window, in one resampling."""
     samples = _per_run(runs, window)
     references = _per_run(exact, window)
     biases = bias.relative_bias(samples, references, pairs)
-    values: dict[str, Any] = {}
+    values: Comparison = {}
     for name, column in TARGET_COLUMNS.items():
         deviation = samples[:, column].std(ddof=1)
         values[f"{name}_bias"] = biases.at(column)
@@ -205,7 +208,7 @@ def diffusion_of(runs: EngineRuns, window: tuple[float, float]) -> tuple[float, 
     return float(slopes.mean()) / 4, float(error) / 4
 
 
-def _distribution(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Any]:
+def _distribution(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> Comparison:
     """Distance of the distributions of displacements at the end, and its spread in one run."""
     distance = np.sqrt(runs.squared[:, -1])
     exact_distance = np.sqrt(exact.squared[:, -1])
@@ -215,7 +218,7 @@ def _distribution(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> d
     }
 
 
-def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> dict[str, Estimate]:
+def _contact(runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None) -> Comparison:
     """g(r) near contact; {} without pair counts, or if the two sets of runs have different bins."""
     counts = runs.pair_counts
     reference = exact.pair_counts

@@ -5,17 +5,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brownpipe.analysis.dataset import outer_join
+from brownpipe.analysis import variables
+from brownpipe.analysis.dataset import Values, outer_join
 from brownpipe.analysis.runs import Source, group_by_case
-from brownpipe.analysis.variables import ENDS, Mean, Variable, with_uncertainties
+from brownpipe.analysis.variables import CASE_DIMS, ENDS, Mean, Variable, with_uncertainties
 from brownpipe.engines import Engine
 from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.datasets import origin_attributes
 from brownpipe.tradeoff import timing
-from brownpipe.tradeoff.compare import EngineRuns, compare, read_runs
-from brownpipe.tradeoff.front import pareto_front, settings_of
+from brownpipe.tradeoff.compare import EngineRuns, Numbers, compare, read_runs
+from brownpipe.tradeoff.front import front_spans, measured_setting
 
 if TYPE_CHECKING:
     import xarray
@@ -35,8 +36,6 @@ ATTRIBUTES = {
         "bias is not resolved."
     ),
 }
-SCENE = ("scene",)
-SETTING = ("scene", "setting")
 BEST = "no setting has a smaller total error of the MSD"
 MSD = "MSD at the end"
 D = "D in the window"
@@ -45,59 +44,62 @@ DISTRIBUTION = (
 )
 
 COORDINATES = {
-    "scene": Variable(
-        SCENE, None, "scene and number of disks, NAME_N150, whose exact runs are the reference"
-    ),
-    "setting": Variable(
-        ("setting",),
+    "scene": variables.COORDINATES["scene"],
+    "particles": variables.COORDINATES["particles"],
+    "engine": Variable(
+        ("engine",),
         None,
-        "engine and settings; `exact in X`: exact runs of X in place of the scene",
+        "engine and its settings; `exact in X_N250`: exact runs of X with 250 disks in place of "
+        "the scene",
     ),
 }
 _TABLE = {
-    "particles": Variable(SCENE, "1", "number of disks", (), np.int64, 0),
-    "duration": Variable(SCENE, "time", "duration of a run"),
-    "window_start": Variable(SCENE, "time", "start of the window of time in which D is fitted"),
-    "window_end": Variable(SCENE, "time", "end of the window of time in which D is fitted"),
-    "runs": Variable(SETTING, "1", "number of runs that did not fail", (), np.int64, 0),
+    "duration": Variable(CASE_DIMS, "time", "duration of a run"),
+    "window_start": Variable(CASE_DIMS, "time", "start of the window of time in which D is fitted"),
+    "window_end": Variable(CASE_DIMS, "time", "end of the window of time in which D is fitted"),
+    "runs": Variable(CASE_DIMS, "1", "number of runs that did not fail", (), np.int64, 0),
     "failed_runs": Variable(
-        SETTING, "1", "number of runs that failed and were left out", (), np.int64, 0
+        CASE_DIMS, "1", "number of runs that failed and were left out", (), np.int64, 0
     ),
     "paired_runs": Variable(
-        SETTING, "1", "number of runs that start like an exact run", (), np.int64, 0
+        CASE_DIMS, "1", "number of runs that start like an exact run", (), np.int64, 0
     ),
     "seconds": Variable(
-        SETTING, "s", "CPU time of a run on this machine, start-up and files not counted"
+        CASE_DIMS, "s", "CPU time of a run on this machine, start-up and files not counted"
     ),
     "cost_ratio": Variable(
-        SETTING, "1", "CPU time of a run over that of an exact run, median of pairs taken in turn"
+        CASE_DIMS, "1", "CPU time of a run over that of an exact run, median of pairs taken in turn"
     ),
-    "cost_ratio_low": Variable(SETTING, "1", "smallest of these ratios"),
-    "cost_ratio_high": Variable(SETTING, "1", "largest of these ratios"),
+    "cost_ratio_low": Variable(CASE_DIMS, "1", "smallest of these ratios"),
+    "cost_ratio_high": Variable(CASE_DIMS, "1", "largest of these ratios"),
     "pays_from": Variable(
-        SETTING, "s", f"CPU time from which on {BEST}, unresolved biases at their 95 % upper bounds"
+        CASE_DIMS,
+        "s",
+        f"CPU time from which on {BEST}, unresolved biases at their 95 % upper bounds",
     ),
     "pays_to": Variable(
-        SETTING, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"
+        CASE_DIMS, "s", f"CPU time up to which {BEST}, unresolved biases at their 95 % upper bounds"
     ),
     "may_pay_from": Variable(
-        SETTING, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"
+        CASE_DIMS, "s", f"CPU time from which on {BEST}, estimated biases and lowest cost ratio"
     ),
     "may_pay_to": Variable(
-        SETTING, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"
+        CASE_DIMS, "s", f"CPU time up to which {BEST}, estimated biases and lowest cost ratio"
     ),
-    "msd_bias": Mean(SETTING, "1", f"relative bias of the {MSD}"),
-    "msd_spread": Variable(SETTING, "1", f"relative standard deviation of the {MSD} in one run"),
-    "d_bias": Mean(SETTING, "1", f"relative bias of {D}"),
-    "d_spread": Variable(SETTING, "1", f"relative standard deviation of {D} in one run"),
-    "displacement_bias": Variable(SETTING, "1", f"{DISTRIBUTION}, noise subtracted", ENDS),
+    "msd_bias": Mean(CASE_DIMS, "1", f"relative bias of the {MSD}"),
+    "msd_spread": Variable(CASE_DIMS, "1", f"relative standard deviation of the {MSD} in one run"),
+    "d_bias": Mean(CASE_DIMS, "1", f"relative bias of {D}"),
+    "d_spread": Variable(CASE_DIMS, "1", f"relative standard deviation of {D} in one run"),
+    "displacement_bias": Variable(CASE_DIMS, "1", f"{DISTRIBUTION}, noise subtracted", ENDS),
     "displacement_spread": Variable(
-        SETTING, "1", "mean distance due to noise in the distribution of one run"
+        CASE_DIMS, "1", "mean distance due to noise in the distribution of one run"
     ),
-    "contact_bias": Mean(SETTING, "1", "most significant relative deviation of g(r) near contact"),
-    "worst_overlap": Variable(SETTING, "1", "deepest overlap in a run, in contact distances"),
+    "contact_bias": Mean(
+        CASE_DIMS, "1", "most significant relative deviation of g(r) near contact"
+    ),
+    "worst_overlap": Variable(CASE_DIMS, "1", "deepest overlap in a run, in contact distances"),
     "departure_time": Variable(
-        SETTING, "time", "median time until the tracer is 0.001 R off its exact path; or inf"
+        CASE_DIMS, "time", "median time until the tracer is 0.001 R off its exact path; or inf"
     ),
 }
 VARIABLES = with_uncertainties(_TABLE)
@@ -130,34 +132,44 @@ def measure(
         settings = _settings(exact, all_runs, instead_of.get(exact.scene.name, ()))
         if len(settings) > 1:
             comparisons.append((exact, settings))
-    parts = []
+    pieces: list[Values] = []
     for exact, settings in tracked(comparisons, "cases"):
-        parts += _compared(exact, settings, window, seconds_per_run)
+        numbers = _with_front(_compared(exact, settings, window, seconds_per_run))
+        for label, values in numbers.items():
+            labels_of_case: Values = {
+                "scene": [exact.scene.name],
+                "particles": [exact.scene.particles],
+                "engine": [label],
+            }
+            pieces.append(labels_of_case | values)
     replaced = {scene: [*stand_ins] for scene, stand_ins in instead_of.items()}
     options = {"instead_of": replaced, "fit_window": window}
     sources = ((group.pattern.contents, group.seeds) for group in groups)
     attributes = ATTRIBUTES | origin_attributes("tradeoff", sources, options)
-    return _with_front(outer_join(parts, VARIABLES, COORDINATES, attributes))
+    return outer_join(pieces, VARIABLES, COORDINATES, attributes)
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
-    """Return whether a dataset is one of `measure`, of any version; otherwise it is one of
+    """Return whether a dataset, or a case of one, is of `measure`; otherwise it is of
     `analysis.aggregate`.
     """
-    return "setting" in dataset.dims
+    return "cost_ratio" in dataset
 
 
 def _settings(
     exact: EngineRuns, all_runs: Sequence[EngineRuns], stand_ins: Sequence[str]
 ) -> dict[str, EngineRuns]:
-    """By setting: all engines in the scene, also the exact one, and exact runs of scenes that may
-    stand in for it.
+    """Return by label the exact runs, first, those of all other engines in the scene, and exact
+    runs of scenes that may stand in for it.
     """
-    label = exact.scene.label
-    settings = {runs.engine.label: runs for runs in all_runs if runs.scene.label == label}
+    settings = {exact.engine.label: exact}
+    for runs in all_runs:
+        if runs.scene.label == exact.scene.label:
+            settings[runs.engine.label] = runs
     for name in stand_ins:
-        cheaper = [runs for runs in all_runs if runs.scene.name == name and runs.is_reference]
-        settings |= {f"{REFERENCE_NAME} in {runs.scene.label}": runs for runs in cheaper}
+        for runs in all_runs:
+            if runs.scene.name == name and runs.is_reference:
+                settings[f"{REFERENCE_NAME} in {runs.scene.label}"] = runs
     return settings
 
 
@@ -166,18 +178,12 @@ def _compared(
     settings: Mapping[str, EngineRuns],
     window: tuple[float, float] | None,
     seconds_per_run: Callable[[Engine, Scene], float] | None,
-) -> list[dict]:
-    """The variables of each setting of one scene: name -> value."""
+) -> dict[str, Numbers]:
+    """Return the variables of each setting of one scene by its label, but for the Pareto front."""
     start, end = window or (exact.times[-1] / 10, exact.times[-1])
-    scene_variables = {
-        "scene": [exact.scene.label],
-        "particles": exact.scene.particles,
-        "duration": exact.times[-1],
-        "window_start": start,
-        "window_end": end,
-    }
+    times = {"duration": exact.times[-1], "window_start": start, "window_end": end}
     exact_seconds = (seconds_per_run or timing.seconds_per_run)(exact.engine, exact.scene)
-    parts = []
+    numbers = {}
     for label, runs in tracked(settings.items(), "settings"):
         cost = _cost(runs, exact, exact_seconds, seconds_per_run)
         seconds = exact_seconds * cost.ratio
@@ -188,8 +194,8 @@ def _compared(
             "cost_ratio_low": cost.low,
             "cost_ratio_high": cost.high,
         }
-        parts.append({**scene_variables, "setting": [label], **biases, **costs})
-    return parts
+        numbers[label] = times | biases | costs
+    return numbers
 
 
 def _cost(
@@ -204,22 +210,26 @@ def _cost(
     return timing.ratio_to((exact.engine, exact.scene), runs.engine, runs.scene)
 
 
-def _with_front(dataset: "xarray.Dataset") -> "xarray.Dataset":
-    """Return the dataset with the CPU times [s] between which each setting is on the Pareto front
-    of the MSD.
+def _with_front(numbers: Mapping[str, Numbers]) -> dict[str, Numbers]:
+    """Return the variables of the settings of one scene with the CPU times [s] between which each
+    is on the Pareto front of the MSD.
 
     `pays`: unresolved biases at their 95 % upper bound, the cost at its median. `may_pay`: biases
     at their estimates, the cost at the lower end of its range.
     """
-    cheapest = dataset.assign(seconds=dataset.seconds * dataset.cost_ratio_low / dataset.cost_ratio)
-    for scene in dataset.scene.values:
-        fronts = {
-            "pays": settings_of(dataset, scene, careful=True),
-            "may_pay": settings_of(cheapest, scene),
-        }
-        for name, settings in fronts.items():
-            for label, start, end in pareto_front(settings):
-                began = dataset[f"{name}_from"].loc[scene, label]
-                dataset[f"{name}_from"].loc[scene, label] = np.fmin(began, start)
-                dataset[f"{name}_to"].loc[scene, label] = end
-    return dataset
+    careful = []
+    hopeful = []
+    for label, values in numbers.items():
+        least_seconds = values["seconds"] * values["cost_ratio_low"] / values["cost_ratio"]
+        careful.append(measured_setting(label, values, careful=True))
+        hopeful.append(measured_setting(label, values | {"seconds": least_seconds}))
+    fronts = {"pays": front_spans(careful), "may_pay": front_spans(hopeful)}
+    numbers_with_front = {}
+    for label, values in numbers.items():
+        times = {}
+        for name, spans in fronts.items():
+            start, end = spans.get(label, (np.nan, np.nan))
+            times[f"{name}_from"] = start
+            times[f"{name}_to"] = end
+        numbers_with_front[label] = values | times
+    return numbers_with_front

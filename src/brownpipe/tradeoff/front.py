@@ -4,19 +4,18 @@ A setting with a bias b, whose runs spread by s and cost c seconds each, has aft
 root mean square error sqrt(b^2 + s^2 c/T). All errors are relative to the exact value.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, SupportsFloat
 
 import numpy as np
 
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.analysis.variables import names_of
-from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.tradeoff import bias
 
 if TYPE_CHECKING:
-    import xarray
+    from xarray import Dataset
 
 FEWEST_RUNS = 10  # with fewer runs of a setting its total error is not stated
 
@@ -96,25 +95,31 @@ def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
     return front
 
 
-def settings_of(
-    dataset: "xarray.Dataset", scene: str, careful: bool = False
-) -> list[MeasuredSetting]:
-    """Return the settings of a scene of the dataset, the exact one first, with bias and spread of
-    the MSD at the end.
+def measured_setting(
+    label: str, values: "Mapping[str, SupportsFloat] | Dataset", careful: bool = False
+) -> MeasuredSetting:
+    """Return an engine with its settings, with bias and spread of the MSD at the end, and its cost.
 
+    values: the variables of the trade-off in one case.
     careful: take an unresolved bias at its 95 % upper bound, so that no setting appears better than
     the data show; otherwise take all biases at their estimates, with their variances subtracted.
     """
-    rows = dataset.sel(scene=scene)
-    rows = rows.isel(setting=rows.runs.values > 0)
-    estimate = Estimate(*(rows[name].values for name in names_of("msd_bias")))
-    bias_square = bias.careful_square(estimate) if careful else bias.square(estimate)
-    settings = []
-    for k, label in enumerate(rows.setting.values):
-        spread = float(rows.msd_spread.values[k])
-        seconds = float(rows.seconds.values[k])
-        settings.append(MeasuredSetting(str(label), float(bias_square[k]), spread, seconds))
-    return sorted(settings, key=lambda setting: setting.label != REFERENCE_NAME)
+    msd_bias = Estimate(*(np.array(float(values[name])) for name in names_of("msd_bias")))
+    bias_square = bias.careful_square(msd_bias) if careful else bias.square(msd_bias)
+    spread = float(values["msd_spread"])
+    seconds = float(values["seconds"])
+    return MeasuredSetting(label, float(bias_square), spread, seconds)
+
+
+def front_spans(settings: Sequence[MeasuredSetting]) -> dict[str, tuple[float, float]]:
+    """Return the first and the last CPU time [s] at which each setting of the Pareto front is on
+    it, by label.
+    """
+    spans: dict[str, tuple[float, float]] = {}
+    for label, start, end in pareto_front(settings):
+        first_start, _ = spans.get(label, (start, end))
+        spans[label] = (first_start, end)
+    return spans
 
 
 def _crossing(first: MeasuredSetting, second: MeasuredSetting) -> float:

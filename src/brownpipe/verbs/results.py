@@ -109,7 +109,11 @@ def _refuse_together(arguments: Namespace) -> None:
 
 
 def _figures_options(add: AddOption) -> None:
-    add("dataset", metavar="DATASET.nc", help="dataset of `brownpipe aggregate`")
+    add(
+        "dataset",
+        metavar="DATASET.nc",
+        help="dataset of `brownpipe aggregate` or `brownpipe tradeoff`",
+    )
     add(
         "--output",
         required=True,
