@@ -234,9 +234,7 @@ def _blank_as(track: Track, runs: int) -> Track:
     def blank(values: np.ndarray) -> np.ndarray:
         return blank_array((len(values), runs, 2), values.dtype)
 
-    velocity = None if track.velocity is None else blank(track.velocity)
-    image = None if track.image is None else blank(track.image)
-    return Track(blank(track.position), velocity, image)
+    return track.transformed(blank)
 
 
 # -- failed runs in words --------------------------------------------------------------------------

@@ -173,13 +173,9 @@ def _from_xyz(file: Path, box: Box | None, seed: int | None, time: float | None)
     _refuse_seed(file, seed)
     frame = _frame_of_time(file, frames_of(file), time)
     table = read_frame(file, frame)
-    position = _first_vectors(table, "pos")
-    radius = _first_column(table, "radius", "radii")
-    mass = _first_column(table, "mass", "masses")
-    for name, values in (("pos", position), ("radius", radius), ("mass", mass)):
-        if values is None:
-            raise RequestError(f"{file}: line {frame.line}: Properties: must have {name}")
-    assert position is not None and radius is not None and mass is not None
+    position = _required(file, frame, "pos", _first_vectors(table, "pos"))
+    radius = _required(file, frame, "radius", _first_column(table, "radius", "radii"))
+    mass = _required(file, frame, "mass", _first_column(table, "mass", "masses"))
     _refuse_depth(file, _first_column(table, "pos-2"))
     _check_lattice(file, frame, box)
     velocity = _first_vectors(table, *XYZ_VELOCITIES)
@@ -190,6 +186,13 @@ def _from_xyz(file: Path, box: Box | None, seed: int | None, time: float | None)
     _refuse_motion_along_z(file, _first_column(table, *along_z))
     disks = Configuration(position, velocity, radius, mass)
     return _with_species(disks, table, "type", "species")
+
+
+def _required(file: Path, frame: Frame, name: str, values: np.ndarray | None) -> np.ndarray:
+    """Return the values of a property. Raises RequestError if the frame does not have it."""
+    if values is None:
+        raise RequestError(f"{file}: line {frame.line}: Properties: must have {name}")
+    return values
 
 
 def _frame_of_time(file: Path, frames: list[Frame], time: float | None) -> Frame:
@@ -303,10 +306,9 @@ def _from_runs(file: Path, box: Box | None, seed: int | None, time: float | None
     times = runs.ensemble.times
     sample = len(times) - 1 if time is None else _index_of(file, "time", times, time)
     species = species_table(scene)
-    assert track.velocity is not None  # whole runs have velocities
     return Configuration(
         position=track.position[sample],
-        velocity=track.velocity[sample],
+        velocity=track.known_velocity[sample],
         radius=scene.radius,
         mass=scene.mass,
         names=species.name,

@@ -107,7 +107,7 @@ def equilibrate(
     result = run_to_end(prepared, start, saving)
     if result.observables["failed"]:
         raise RunError("the time to equilibrate failed its health check")
-    end = state_at_end(state, result.whole)
+    end = state_at_end(state, result.every_disk)
     if prepared.pinned:
         end.position[0] = state.position[0]
         end.velocity[0] = state.velocity[0]
@@ -116,14 +116,9 @@ def equilibrate(
     return end
 
 
-def state_at_end(state: State, track: Track | None) -> State:
-    """Return the state at the last sample of the tracks of the same disks.
-
-    Raises ValueError if tracks or velocities were not recorded.
-    """
-    if track is None or track.velocity is None:
-        raise ValueError("positions and velocities of all disks must be recorded")
-    return state._replace(position=track.position[-1], velocity=track.velocity[-1])
+def state_at_end(state: State, track: Track) -> State:
+    """Return the state at the last sample of the tracks of the same disks."""
+    return state._replace(position=track.position[-1], velocity=track.known_velocity[-1])
 
 
 # -- checkpoints -----------------------------------------------------------------------------------
