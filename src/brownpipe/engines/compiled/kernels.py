@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from pickle import UnpicklingError
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
@@ -44,6 +44,7 @@ if compiler.IS_TESTED:
     OPTIONS["_nrt"] = False
     OPTIONS["pipeline_class"] = compiler.Compiler
     compiler.simplify_inlined()
+Function = TypeVar("Function", bound=Callable[..., object])  # whose callers are checked
 NEWEST = 4  # folders of machine code that are kept, each of another version of the source
 
 
@@ -54,7 +55,7 @@ def kernel(function: Callable) -> Callable:
     return register_jitable(**OPTIONS)(function)
 
 
-def entry_point(function: Callable) -> Callable:
+def entry_point(function: Function) -> Function:
     """Compile a function with all kernels that it calls at its first call from Python, once per
     machine.
     """
