@@ -70,7 +70,7 @@ def test_walkers_between_two_walls_have_the_msd_of_the_series(start):
         later, earlier = (
             theory.reflecting_interval_msd(at, 2.0, start) for at in (spread + step, spread - step)
         )
-        growth = theory.reflecting_interval_growth(spread, 2.0, start)
+        growth = theory.reflecting_interval_slope(spread, 2.0, start)
         assert growth == pytest.approx((later - earlier) / (2 * step), rel=1e-5, abs=5e-3)
 
 

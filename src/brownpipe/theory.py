@@ -151,12 +151,15 @@ def reflecting_square_diffusion(msd: float, t: float, half_width: float) -> floa
 # --- diffusion between two walls, along the axis at right angles to them
 
 
-def reflecting_interval_msd(spread: float, length: float, start: float | None = None) -> float:
+def reflecting_interval_msd(
+    half_variance: float, length: float, start: float | None = None
+) -> float:
     """Return the MSD [length^2] along one axis of diffusion between two walls `length` apart.
 
-    spread: D t [length^2]. start: distance of the start from the first wall [length]; None for the
-    mean over all starts, as many everywhere. At first it is 2 D t. It approaches L^2/6 for the mean
-    over starts, L^2/12 from the middle and L^2/3 from a wall:
+    half_variance: D t [length^2], half the variance without walls. start: distance of the start
+    from the first wall [length]; None for the mean over all starts, as many everywhere. At first
+    the MSD is 2 D t. It approaches L^2/6 for the mean over starts, L^2/12 from the middle and L^2/3
+    from a wall:
 
         <x> = L/2 - sum_odd 4 L/(k pi)^2 cos(k pi x0/L) e_k
         <x^2> = L^2/3 + sum_k (-1)^k 4 L^2/(k pi)^2 cos(k pi x0/L) e_k
@@ -164,9 +167,9 @@ def reflecting_interval_msd(spread: float, length: float, start: float | None = 
 
     with e_k = exp(-k^2 pi^2 D t/L^2). docs/theory.md, section 2.
     """
-    k, decay = _wall_modes(spread, length)
+    k, decay = _wall_modes(half_variance, length)
     if decay[-1] > _FORGOTTEN_MODE:
-        return 2.0 * spread
+        return 2.0 * half_variance
     wave = k * np.pi
     odd = k % 2 == 1
     if start is None:
@@ -179,7 +182,9 @@ def reflecting_interval_msd(spread: float, length: float, start: float | None = 
     return float(mean_square - 2 * start * mean + start**2)
 
 
-def reflecting_interval_growth(spread: float, length: float, start: float | None = None) -> float:
+def reflecting_interval_slope(
+    half_variance: float, length: float, start: float | None = None
+) -> float:
     """Return the derivative of `reflecting_interval_msd` by D t: 2 in free space, 0 in the end.
 
     With the same arguments. Half of it is the factor by which the walls reduce the slope of the
@@ -188,7 +193,7 @@ def reflecting_interval_growth(spread: float, length: float, start: float | None
         -4 sum_k (-1)^k cos(k pi x0/L) e_k - (8 x0/L) sum_odd cos(k pi x0/L) e_k,
         its mean over all starts 16/pi^2 sum_odd e_k/k^2
     """
-    k, decay = _wall_modes(spread, length)
+    k, decay = _wall_modes(half_variance, length)
     if decay[-1] > _FORGOTTEN_MODE:
         return 2.0
     odd = k % 2 == 1
@@ -199,14 +204,14 @@ def reflecting_interval_growth(spread: float, length: float, start: float | None
     return float(4 * alternating.sum() - 8 * start / length * mode[odd].sum())
 
 
-def _wall_modes(spread: float, length: float) -> tuple[np.ndarray, np.ndarray]:
+def _wall_modes(half_variance: float, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the numbers k of the modes between two walls, and their decay exp(-k^2 pi^2 D t/L^2).
 
     At the earliest times that they describe, D t = 4e-6 L^2, walls reduce the slope of the MSD by
     0.5 % in the mean over all starts.
     """
     k = np.arange(1, 1001)
-    return k, np.exp(-(np.pi**2) * k**2 * spread / length**2)
+    return k, np.exp(-(np.pi**2) * k**2 * half_variance / length**2)
 
 
 # --- from ballistic flight to diffusion

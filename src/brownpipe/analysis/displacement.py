@@ -127,8 +127,8 @@ def known_start(scene: Scene, average: str) -> tuple[float, float] | None:
     A tracer begins at its position of the scene unless it moves before t = 0. With averages over
     time origins or disks displacements begin anywhere.
     """
-    moved = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
-    return None if moved or average != "runs" else scene.tracer_position
+    is_free = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
+    return None if is_free or average != "runs" else scene.tracer_position
 
 
 def msd_limit(scene: Scene, average: str) -> float:
@@ -139,7 +139,8 @@ def msd_limit(scene: Scene, average: str) -> float:
     if scene.box.periodic or not scene.particles:
         return np.nan
     _, size = scene.box.accessible(scene.radius[0])
-    return _between_walls(scene, average, 10 * size.max() ** 2)[0]
+    msd, _ = _msd_between_walls(scene, average, 10 * size.max() ** 2)
+    return msd
 
 
 def wall_reduction(scene: Scene, average: str, msd: float) -> float:
@@ -156,27 +157,28 @@ def wall_reduction(scene: Scene, average: str, msd: float) -> float:
     if not (msd > 0 and limit > 0):
         return np.nan
     _, size = scene.box.accessible(scene.radius[0])
-    longest = 2 * size.max() ** 2  # D t, at which the box is filled to 1e-8
-    if msd >= _between_walls(scene, average, longest)[0]:
+    largest = 2 * size.max() ** 2  # D t, at which the box is filled to 1e-8
+
+    def excess(half_variance: float) -> float:
+        msd_then, _ = _msd_between_walls(scene, average, half_variance)
+        return msd_then - msd
+
+    if excess(largest) <= 0:
         return 1.0
-
-    def excess(spread: float) -> float:
-        return _between_walls(scene, average, spread)[0] - msd
-
-    spread = brentq(excess, 0.0, longest, rtol=1e-9)
-    _, growth = _between_walls(scene, average, spread)
-    return 1 - growth / 4
+    half_variance = brentq(excess, 0.0, largest, rtol=1e-9)
+    _, slope = _msd_between_walls(scene, average, half_variance)
+    return 1 - slope / 4
 
 
-def _between_walls(scene: Scene, average: str, spread: float) -> tuple[float, float]:
-    """Return MSD [length^2] and its derivative by D t, where D t is `spread` [length^2]."""
+def _msd_between_walls(scene: Scene, average: str, half_variance: float) -> tuple[float, float]:
+    """Return MSD [length^2] and its derivative by D t, where D t is `half_variance` [length^2]."""
     corner, size = scene.box.accessible(scene.radius[0])
     start = known_start(scene, average)
     starts = [None, None] if start is None else [*(np.array(start) - corner)]
     axes = [*zip(size, starts, strict=True)]
-    msd = sum(theory.reflecting_interval_msd(spread, *axis) for axis in axes)
-    growth = sum(theory.reflecting_interval_growth(spread, *axis) for axis in axes)
-    return msd, growth
+    msd = sum(theory.reflecting_interval_msd(half_variance, *axis) for axis in axes)
+    slope = sum(theory.reflecting_interval_slope(half_variance, *axis) for axis in axes)
+    return msd, slope
 
 
 def window_drift_diffusion(case: Case, window: Window) -> float:

@@ -50,7 +50,7 @@ def fastest_rate(scene: Scene) -> float:
     return max(enskog_rate(scene), enskog(scene).get("enskog_collision_rate", 0.0))
 
 
-def early(times: np.ndarray, rate: float) -> list[int]:
+def samples_of_initial_slope(times: np.ndarray, rate: float) -> list[int]:
     """Return the indices [0, i, j] of the samples for the slope of the autocorrelation at 0.
 
     j is the last sample at which the decay at the rate `rate` (`fastest_rate`) is at most EARLY,
@@ -64,7 +64,7 @@ def early(times: np.ndarray, rate: float) -> list[int]:
     return [0, min(max(middle, 1), last - 1), last]
 
 
-def twice_as_late(times: np.ndarray, samples: list[int], rate: float) -> list[int]:
+def samples_twice_as_late(times: np.ndarray, samples: list[int], rate: float) -> list[int]:
     """Return the indices [0, i', j'] of the samples at twice the times of `samples` [0, i, j].
 
     [0, i] if these are later than LATEST.
@@ -101,7 +101,7 @@ def initial_slope(case: Case, averages: Averages) -> Estimate:
         return Estimate(*np.full(4, np.nan))
     times = case.times
     fastest = fastest_rate(case.scene)
-    later = twice_as_late(times, early(times, fastest), fastest)
+    later = samples_twice_as_late(times, samples_of_initial_slope(times, fastest), fastest)
     weights = slope_weights(times[later], enskog_rate(case.scene))
     slope = averages.estimate("vacf_initial_slope")
     systematic = abs(slope.mean - (weights * mean[later]).sum())
@@ -150,7 +150,7 @@ def velocity_columns(case: Case, runs: Ensemble) -> Columns:
         means["velocity_autocorrelation"] = autocorrelation
         if len(case.times) > 2:
             fastest = fastest_rate(case.scene)
-            samples = early(case.times, fastest)
+            samples = samples_of_initial_slope(case.times, fastest)
             if fastest * case.times[samples[2]] <= LATEST:
                 weights = slope_weights(case.times[samples], enskog_rate(case.scene))
                 means["vacf_initial_slope"] = (autocorrelation[:, samples] * weights).sum(axis=1)

@@ -165,11 +165,15 @@ def report_nothing() -> None:
     convert(np.zeros((0, 1, 2)), np.zeros((0, 1, 2)), np.zeros(2), 1.0, 1.0)
 
 
-def images_fit(scene: Scene, frame: Frame, crossings: float, path: float) -> bool:
+def can_count_images(
+    scene: Scene, frame: Frame, most_crossings: float, longest_path: float
+) -> bool:
     """Whether an int32 can count the periodic images that a disk crosses.
 
-    Their number is bounded by the `crossings` of all disks, and by the longest `path` of a disk
-    [engine's units].
+    Their number is bounded by `most_crossings`, those of all disks, and by the longest path of a
+    disk [engine's units].
     """
     side = min(scene.box.width, scene.box.height) / frame.length
-    return not scene.box.periodic or crossings < MOST_IMAGES or path < MOST_IMAGES * side
+    return (
+        not scene.box.periodic or most_crossings < MOST_IMAGES or longest_path < MOST_IMAGES * side
+    )

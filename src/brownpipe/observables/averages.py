@@ -76,10 +76,10 @@ class Samples:
     def displacement(self) -> tuple[np.ndarray, np.ndarray]:
         """x and y, (B, W, M) each [length]."""
         position, _, image = self.track
-        moved = displacement(
+        displacements = displacement(
             position, image, self.size, self._inside(self.origin), self._inside(self.index)
         )
-        return moved[..., 0] * self.present, moved[..., 1] * self.present
+        return displacements[..., 0] * self.present, displacements[..., 1] * self.present
 
     @cached_property
     def square(self) -> np.ndarray:

@@ -74,16 +74,14 @@ def _quartic_factors(earlier: Samples, later: Samples) -> Factors:
     yield -4 * a_y, b2 * b_y
 
 
-def dot(moved: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Return scalar products (T, M) of displacements (T, M, 2) and velocities (T, M, 2) or (1, M,
-    2).
-    """
-    return np.einsum("tmc,tmc->tm", moved, velocity)
+def dot(vectors: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Return scalar products (T, M) of vectors (T, M, 2) and velocities (T, M, 2) or (1, M, 2)."""
+    return np.einsum("tmc,tmc->tm", vectors, velocity)
 
 
-def squared(moved: np.ndarray) -> np.ndarray:
+def squared(displacements: np.ndarray) -> np.ndarray:
     """Return squared lengths (T, M) of displacements (T, M, 2)."""
-    squares = moved**2
+    squares = displacements**2
     # .sum(axis=-1) takes 20 times as long along an axis of two.
     return squares[..., 0] + squares[..., 1]
 

@@ -66,11 +66,11 @@ def displacement(
     walls. Differences of positions and of images are taken before they are added, so that a disk
     far from its first image loses no digits.
     """
-    moved = position[later] - position[earlier]
+    difference = position[later] - position[earlier]
     if image is None:
-        return moved
+        return difference
     crossings = image[later] - image[earlier]
-    return moved + crossings * np.asarray(size, float)
+    return difference + crossings * np.asarray(size, float)
 
 
 class Events(NamedTuple):

@@ -104,9 +104,9 @@ def _own_name(name: str) -> str:
 
 
 Text = Annotated[str, Field(min_length=1)]
-SHARE = BeforeValidator(_number_of_percentage, json_schema_input_type=float | str)
+NUMBER_OR_PERCENTAGE = BeforeValidator(_number_of_percentage, json_schema_input_type=float | str)
 # a relative error
-Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), SHARE]
+Tolerance = Annotated[float, Field(strict=True, ge=MOST_SEEDS**-0.5, lt=1), NUMBER_OR_PERCENTAGE]
 Target = Literal["msd", "d", "displacement_distribution"]
 EngineSections = [
     create_model(

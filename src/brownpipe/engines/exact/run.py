@@ -23,8 +23,8 @@ from brownpipe.engines.exact.layout import begin_run, new_workspace, with_fittin
 from brownpipe.engines.recording import (
     HEALTH_BOUND,
     blank_samples,
+    can_count_images,
     conservation,
-    images_fit,
     report_in_scene_units,
     report_nothing,
     tracks_of,
@@ -400,7 +400,7 @@ def report_of(
     keeps_momentum = prepared.pinned or conserved.momentum_residual <= HEALTH_BOUND
     longest_path = conserved.fastest * time_since_start(w)
     sound = finite and overlap <= HEALTH_BOUND and keeps_momentum
-    sound = sound and images_fit(scene, frame, count[ws.CROSSINGS], longest_path)
+    sound = sound and can_count_images(scene, frame, count[ws.CROSSINGS], longest_path)
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
     values = report_in_scene_units(scene, frame, conserved, collisions, impulses, overlap, sound)
     return values | _quarters(frame, prepared.recorder)

@@ -132,7 +132,7 @@ def try_place(p: Places, i: int, u: float, v: float) -> None:
 
 
 @kernel
-def judge(p: Places, i: int, k: int, half: float) -> int:
+def coverage_by_disk(p: Places, i: int, k: int, half: float) -> int:
     """Return what disk k says of the square of half diagonal `half` around the centre of disk i.
 
     COVERED: at every centre in it disk i overlaps disk k. UNDECIDED: at that in its middle. FREE:
@@ -150,7 +150,7 @@ def judge(p: Places, i: int, k: int, half: float) -> int:
 
 
 @kernel
-def judge_all(p: Places, i: int, half: float) -> int:
+def coverage(p: Places, i: int, half: float) -> int:
     """Return what all disks placed before say of the square of half diagonal `half` around disk
     i's centre.
     """
@@ -158,7 +158,7 @@ def judge_all(p: Places, i: int, half: float) -> int:
     for k in p.big:
         if k >= i:
             break
-        of_disk = judge(p, i, k, half)
+        of_disk = coverage_by_disk(p, i, k, half)
         if of_disk == COVERED:
             return COVERED
         if of_disk == UNDECIDED:
@@ -168,7 +168,7 @@ def judge_all(p: Places, i: int, half: float) -> int:
         for row in range(bottom, top + 1):
             k = first_in_cell(p, column, row)
             while k >= 0:
-                of_disk = judge(p, i, k, half)
+                of_disk = coverage_by_disk(p, i, k, half)
                 if of_disk == COVERED:
                     return COVERED
                 if of_disk == UNDECIDED:
@@ -181,7 +181,7 @@ def judge_all(p: Places, i: int, half: float) -> int:
 def has_room(p: Places, i: int, column: int, row: int) -> bool:
     """Return False if no centre of disk i is possible in a field of the raster.
 
-    A square that is undecided is divided in four, which are judged one after the other; the
+    A square that is undecided is divided in four, each examined in turn; the
     smallest ones are taken to have room.
     """
     columns, rows = p.is_open.shape
@@ -192,7 +192,7 @@ def has_room(p: Places, i: int, column: int, row: int) -> bool:
     x, y, level, parts = 0, 0, 0, 1
     while True:
         try_place(p, i, (column + (x + 0.5) / parts) / columns, (row + (y + 0.5) / parts) / rows)
-        verdict = judge_all(p, i, half / parts)
+        verdict = coverage(p, i, half / parts)
         if verdict == FREE or (verdict == UNDECIDED and level == SMALLEST_SQUARE):
             return True
         if verdict == UNDECIDED:
@@ -274,7 +274,7 @@ def share_of_path(radius: np.ndarray, held: int, i: int, k: int) -> float:
 
 
 @kernel
-def moved(value: float, step: float, radius: float, size: float, periodic: bool) -> float:
+def next_coordinate(value: float, step: float, radius: float, size: float, periodic: bool) -> float:
     """Return a coordinate after a step, inside the box: wrapped, or at least its radius from the
     walls.
     """
@@ -303,12 +303,16 @@ def separate(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
             x, distance = sigma, sigma
         away = (wanted - math.sqrt(square)) / distance
         of_i = share_of_path(radius, held, i, k)
-        position[i, 0] = moved(position[i, 0], -of_i * away * x, radius[i], size[0], p.periodic)
-        position[i, 1] = moved(position[i, 1], -of_i * away * y, radius[i], size[1], p.periodic)
-        position[k, 0] = moved(
+        position[i, 0] = next_coordinate(
+            position[i, 0], -of_i * away * x, radius[i], size[0], p.periodic
+        )
+        position[i, 1] = next_coordinate(
+            position[i, 1], -of_i * away * y, radius[i], size[1], p.periodic
+        )
+        position[k, 0] = next_coordinate(
             position[k, 0], (1.0 - of_i) * away * x, radius[k], size[0], p.periodic
         )
-        position[k, 1] = moved(
+        position[k, 1] = next_coordinate(
             position[k, 1], (1.0 - of_i) * away * y, radius[k], size[1], p.periodic
         )
     return square < sigma * sigma

@@ -21,8 +21,8 @@ from brownpipe.engines.ensemble import Ensemble, make_runs, new_batch
 from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
 from brownpipe.engines.recording import (
     blank_samples,
+    can_count_images,
     conservation,
-    images_fit,
     report_in_scene_units,
     report_nothing,
     tracks_of,
@@ -271,7 +271,7 @@ def report_of(
     elapsed = float(w.counters[ws.STEP] * w.step)
     conserved = conservation(w.mass, first, last, impulses[1:])
     sound = finite and math.isfinite(conserved.momentum_residual) and _none_escaped(w)
-    sound = sound and images_fit(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
+    sound = sound and can_count_images(scene, frame, elapsed / w.step, conserved.fastest * elapsed)
     collisions = [count[ws.PAIRS], count[ws.WALLS], count[ws.TRACER_PAIRS]]
     overlap = 1.0 - math.sqrt(w.tally[ws.NEAREST])
     values = report_in_scene_units(scene, frame, conserved, collisions, impulses, overlap, sound)
