@@ -120,8 +120,10 @@ def _gsd(
             f"--to gsd: needs the package gsd ({error}): pip install gsd; or xyz or csv"
         ) from error
 
-    ((position, velocity, image),) = tracks.values()
-    assert velocity is not None  # whole runs have velocities
+    (track,) = tracks.values()
+    position = track.position
+    velocity = track.known_velocity
+    image = track.image
     box = scene.box
     species = species_table(scene)
     edges = np.array([box.width, box.height])
@@ -169,8 +171,10 @@ def _xyz(
     `momenta` for ASE, which otherwise takes 1 and 0. The species is a `type`, as ASE takes
     `species` for chemical elements.
     """
-    ((position, velocity, image),) = tracks.values()
-    assert velocity is not None  # whole runs have velocities
+    (track,) = tracks.values()
+    position = track.position
+    velocity = track.known_velocity
+    image = track.image
     radius = scene.radius
     mass = scene.mass[:, None]
     head = _xyz_head(scene)
