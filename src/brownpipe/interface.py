@@ -14,7 +14,7 @@ scene and a study of it.
 import json
 import sys
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard, Unpack
@@ -39,7 +39,7 @@ from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import SHAPE, summary_table
 from brownpipe.needs import FIGURES
-from brownpipe.observables.own import observable_name
+from brownpipe.observables.own import OwnFunction, observable_name
 from brownpipe.processes import calculated
 from brownpipe.provenance import source_digest
 from brownpipe.scene import Box, parse_scene
@@ -82,14 +82,14 @@ for _definition in DEFINITIONS.values():
 
 def Scene(  # noqa: N802  # makes what its name says, like a class
     *,
-    box: Mapping,
-    disks: Mapping | Sequence,
+    box: Mapping[str, object],
+    disks: Mapping[str, object] | Sequence[Mapping[str, object]],
     duration: float,
     particles: int | None = None,
-    velocities: Mapping | None = None,
+    velocities: Mapping[str, object] | None = None,
     sample_interval: float | None = None,
-    samples: Mapping | None = None,
-    equilibrate: float | Mapping | None = None,
+    samples: Mapping[str, object] | None = None,
+    equilibrate: float | Mapping[str, object] | None = None,
     name: str = "scene",
 ) -> SceneRecord:
     """Return a scene from the keys of a scene file, as `read_scene` does from the file.
@@ -145,7 +145,7 @@ def read_scene(path: str | Path, particles: int | None = None) -> SceneRecord:
 def read_configuration(
     path: str | Path,
     *,
-    box: Mapping | None = None,
+    box: Mapping[str, object] | None = None,
     seed: int | None = None,
     time: float | None = None,
 ) -> Configuration:
@@ -182,7 +182,7 @@ def simulate(
     particles: int | None = None,
     engine: str | Definition = REFERENCE_NAME,
     record: str | Iterable[str] = "tracer",
-    observables: Collection[str | Callable] = (),
+    observables: Collection[str | OwnFunction] = (),
     average: str = "runs",
     cores: int = 1,
     quiet: bool = False,
@@ -253,7 +253,7 @@ def analyse(
     runs: DataTree | str | Path | Sequence[DataTree | str | Path],
     *,
     fit_windows: Sequence[Sequence[float]] | None = None,
-    rings: Mapping | None = None,
+    rings: Mapping[str, object] | None = None,
     displacement_times: Sequence[float] = (),
     estimators: Sequence[Estimator] = (),
     quiet: bool = False,
@@ -313,7 +313,7 @@ def _checked_estimators(estimators: Iterable[Estimator]) -> list[Estimator]:
 
 def scan(
     scene: SceneRecord | str | Path,
-    vary: Mapping[str, Sequence | Mapping],
+    vary: Mapping[str, Sequence[object] | Mapping[str, object]],
     seeds: int | str | Collection[int] = 1,
     particles: int | None = None,
     *,
@@ -607,7 +607,7 @@ def _request(
     particles: int | None = None,
     engine: str | Definition = REFERENCE_NAME,
     record: str | Iterable[str] = "tracer",
-    observables: Collection[str | Callable] = (),
+    observables: Collection[str | OwnFunction] = (),
     average: str = "runs",
     cores: int = 1,
     **settings: object,

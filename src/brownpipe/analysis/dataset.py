@@ -105,7 +105,7 @@ ALL_COORDINATES |= variables.COORDINATES
 for _estimator in ESTIMATORS:
     ALL_COORDINATES |= _estimator.coordinates
 Table = dict[str, Variable]  # by name
-Axis = list | np.ndarray  # labels in order of appearance, or ascending numbers
+Axis = list[object] | np.ndarray  # labels in order of appearance, or ascending numbers
 
 
 class Schema(NamedTuple):
@@ -216,7 +216,7 @@ def _schema_of(groups: Sequence[Group], estimators: Sequence[Estimator]) -> Sche
     return Schema(table, coordinates)
 
 
-def _attributes(groups: Sequence[Group], settings: dict) -> dict[str, str]:
+def _attributes(groups: Sequence[Group], settings: Mapping[str, object]) -> dict[str, str]:
     """Return the attributes of a dataset: its meaning, and what it is made from."""
     outlines = [group.pattern.contents for group in groups]
     averaged_disks = sorted({_followed(contents) for contents in outlines})
@@ -451,7 +451,7 @@ def outer_join(
     pieces: Sequence[Values],
     variables: Table,
     coordinates: Table,
-    attributes: dict,
+    attributes: Mapping[str, str],
     labels: Collection[str] = CASE_DIMS,
 ) -> "Dataset":
     """Return the outer join of `pieces`; where no piece has a value, a variable has its value

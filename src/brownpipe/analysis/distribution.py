@@ -193,7 +193,7 @@ class Model(NamedTuple):
     variance: float
 
 
-def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, list]:
+def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[str, np.ndarray]:
     """Return the tests of all models against the counts at the k-th time, by variable."""
     edges = case.rings[k]
     t = case.times[chosen_times(case)[k]]
@@ -201,7 +201,7 @@ def _tests(case: Case, averages: Averages, k: int, kurtosis_p: float) -> dict[st
     tests = [
         _test(counts, edges, t, kurtosis_p, model) for model in _models(case, averages, k, counts)
     ]
-    return {name: [test[name] for test in tests] for name in tests[0]}
+    return {name: np.array([test[name] for test in tests]) for name in tests[0]}
 
 
 def _models(case: Case, averages: Averages, k: int, counts: np.ndarray) -> list[Model]:
@@ -292,7 +292,7 @@ def _inverse_cube_root(cube: np.ndarray) -> np.ndarray:
 
 def _inverse_cube(
     m2: np.ndarray, m4: np.ndarray, m6: np.ndarray, *variances: np.ndarray
-) -> tuple[np.ndarray, ...]:
+) -> tuple[np.ndarray, np.ndarray]:
     """(m4 / (2 m2^2))^-3, and the square of its standard error times n - 1; NaN at t = 0."""
     m2 = np.where(m2 > 0.0, m2, np.nan)
     m4 = np.where(m4 > 0.0, m4, np.nan)

@@ -41,6 +41,11 @@ _PARTIAL_SUMS = accumulate(1 / math.factorial(k) for k in range(8))  # of the se
 _BOUNDS = [round(2**16 * math.exp(-1) * partial_sum) for partial_sum in _PARTIAL_SUMS]
 
 
+# From the means and then the variances of several sums to the value and n - 1 times its squared
+# error, all (1 + B, C).
+FunctionOfMeans = Callable[..., tuple[np.ndarray, np.ndarray]]
+
+
 class Estimate(NamedTuple):
     """A mean over runs, shape (...) like one run's entry, and its uncertainty."""
 
@@ -50,7 +55,7 @@ class Estimate(NamedTuple):
     low: np.ndarray
     high: np.ndarray
 
-    def at(self, index: int | tuple) -> "Estimate":
+    def at(self, index: int | tuple[int, ...]) -> "Estimate":
         """Return the Estimate of some of the entries."""
         return Estimate(*(values[index] for values in self))
 
@@ -161,12 +166,11 @@ def _on_a_grid(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.rint(columns / unit).astype(np.float32), unit
 
 
-def estimate(*sums: Sums, function: Callable = lambda mean, variance: (mean, variance)) -> Estimate:
+def estimate(
+    *sums: Sums, function: FunctionOfMeans = lambda mean, variance: (mean, variance)
+) -> Estimate:
     """Return the Estimate of a function of means over runs, arrays (C,), by default of one mean;
     bootstrap-t interval.
-
-    function: from the means and then the variances of all `sums`, each (1 + B, C), to the value and
-    n - 1 times its squared error.
 
     r^2 is as skewed as an exponential variable. Each replicate is studentized by its own standard
     error, which makes the interval asymmetric in the right sense: it covers the truth in 95 % of

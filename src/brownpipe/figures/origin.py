@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from brownpipe.storage.datasets import made_by
-from brownpipe.storage.trajectories import Trajectories, runs_record
+from brownpipe.storage.trajectories import RunsRecord, Trajectories, runs_record
 from brownpipe.text import printable
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Record(TypedDict, total=False):
     title: str
     note: str
     movie: dict[str, float | None]  # the seed, and the options of `brownpipe movie`
-    made_from: list[dict[str, Any]]  # of a movie: its run
+    made_from: list[RunsRecord]  # of a movie: its run
     files: list[str]  # of `provenance.json`: in its folder
 
 

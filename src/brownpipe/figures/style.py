@@ -20,7 +20,7 @@ from brownpipe.figures.looks import NO_LOOKS, Looks, replaced
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.typing import LineStyleType
+    from matplotlib.typing import ColorType, LineStyleType
     from xarray import Dataset
 
 SharedAxis = bool | Literal["none", "all", "row", "col"]  # as for `Figure.subplots`
@@ -57,7 +57,7 @@ LINE_HEIGHT = 13.5 / KEY_SIZE  # of a line of a legend, in sizes of its words
 MOST_LEGEND = 3.5  # width of the words of a legend, which are else set smaller [inch]
 
 
-def drawing() -> AbstractContextManager:
+def drawing() -> AbstractContextManager[None]:
     """Return the context in which figures are drawn and saved: matplotlib's defaults and
     `style.mplstyle`.
 
@@ -244,7 +244,7 @@ def residual_panel(axes: Axes) -> None:
     axes.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10], integer=True)
 
 
-def shades(count: int) -> list:
+def shades(count: int) -> list[ColorType]:
     """Return colours from dark to light, whose order shows to the colour-blind and in greyscale,
     too.
     """

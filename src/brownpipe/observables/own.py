@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.observables.observable import Observable, RunArray
+from brownpipe.observables.observable import Axis, Observable, RunArray
 from brownpipe.observables.reserved_names import RESERVED_NAMES
 from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import Scene
@@ -30,6 +30,7 @@ from brownpipe.scene import Scene
 SECONDS_PER_DISK_SAMPLE = 1e-7
 
 
+OwnFunction = Callable[[Scene, Run], Mapping[str, object]]  # arrays by name
 OwnArrays = Mapping[str, RunArray]  # by the name of the array
 NO_OWN_ARRAYS: OwnArrays = MappingProxyType({})
 
@@ -49,7 +50,7 @@ def own_arrays(attributes: Mapping) -> dict[str, RunArray]:
 class Function(NamedTuple):
     """A function that measures, and where it stands."""
 
-    call: Callable
+    call: OwnFunction
     file: str
     source: str  # SHA-256 of the file; of one given in Python a random number
 
@@ -88,7 +89,7 @@ def relative_name(folder: Path, name: str) -> str:
     return os.path.relpath(folder / name) if is_own(name) else name
 
 
-def observable_name(observable: str | Callable) -> str:
+def observable_name(observable: str | OwnFunction) -> str:
     """Return the name of an observable that is given in Python, by name or as a function.
 
     A function gets an `@id`: others may have its name, and its file may have changed. Raises
@@ -167,7 +168,7 @@ def _describe_error(error: Exception, file: str) -> str:
 
 
 def measure(
-    name: str, scene: Scene, run: Run, axes: Mapping, known: dict[str, RunArray]
+    name: str, scene: Scene, run: Run, axes: Mapping[str, Axis], known: dict[str, RunArray]
 ) -> dict[str, np.ndarray]:
     """Return the arrays of a function in a module for a run, and add their descriptions to `known`.
 
@@ -208,7 +209,7 @@ def _read_only(track: Track) -> Track:
     return track.transformed(lambda values: np.broadcast_to(values, values.shape))
 
 
-def _refuse_misfit(name: str, variable: Variable, scene: Scene, axes: Mapping) -> None:
+def _refuse_misfit(name: str, variable: Variable, scene: Scene, axes: Mapping[str, Axis]) -> None:
     """Raise ValueError for an array whose length along a dimension of `axes` is another, and for
     names that runs or datasets have already.
     """

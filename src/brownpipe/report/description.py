@@ -15,6 +15,7 @@ from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.scene.species import SpeciesTable, species_table
 from brownpipe.scene.variation import is_number
+from brownpipe.storage.trajectories import RunsRecord
 from brownpipe.text import counted
 
 if TYPE_CHECKING:
@@ -110,7 +111,9 @@ def setup_in_words(dataset: Dataset) -> list[str]:
     named before.
     """
     made_from = json.loads(dataset.attrs.get("made_from", "[]"))
-    records = [record for record in made_from if "name" in record]  # not in datasets of 0.1.0
+    records: list[RunsRecord] = [
+        record for record in made_from if "name" in record
+    ]  # not in datasets of 0.1.0
     described = dict[str, dict[str, str]]()
     for record in records:
         name = _file_of(record)
@@ -137,12 +140,12 @@ def setup_in_words(dataset: Dataset) -> list[str]:
     return paragraphs
 
 
-def _file_of(record: dict) -> str:
+def _file_of(record: RunsRecord) -> str:
     """Return the name of the scene file of some runs, without the values of varied keys."""
     return record["name"].partition(",")[0]
 
 
-def _varied_in_words(dataset: Dataset, records: Sequence[dict]) -> str:
+def _varied_in_words(dataset: Dataset, records: Sequence[RunsRecord]) -> str:
     """Return the varied keys and the number of disks with their values; "" if nothing varies."""
     keys = dataset.attrs.get(VARIED, "").split()
     together = len({dataset[key].dims for key in keys}) < len(keys)

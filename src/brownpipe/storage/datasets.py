@@ -9,7 +9,7 @@ depends on batches, folders, machines or users.
 import json
 import platform
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -84,7 +84,7 @@ def _dataset_in(file: h5py.File) -> "xarray.Dataset":
 
 
 def origin_attributes(
-    step: str, runs: Iterable[tuple[Trajectories, np.ndarray]], options: dict
+    step: str, runs: Iterable[tuple[Trajectories, np.ndarray]], options: Mapping[str, object]
 ) -> dict[str, str]:
     """Return the attributes of a dataset that say how a step of the pipeline makes it again.
 
@@ -92,7 +92,7 @@ def origin_attributes(
     seeds (S,).
     """
     records = [runs_record(contents, seeds) for contents, seeds in runs]
-    origin = {"options": options, "made_from": records}
+    origin: dict[str, object] = {"options": options, "made_from": records}
     texts = {
         name: json.dumps(value, sort_keys=True, allow_nan=False) for name, value in origin.items()
     }

@@ -14,7 +14,7 @@ program reads it.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 
@@ -98,7 +98,11 @@ def _rows(scene: Scene, *columns: np.ndarray) -> Iterator[list[str]]:
 
 
 def _gsd(
-    path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], record: dict
+    path: Path,
+    scene: Scene,
+    times: np.ndarray,
+    tracks: dict[int, Track],
+    record: Mapping[str, object],
 ) -> None:
     """Write one run as GSD, schema hoomd, by the package gsd.
 
@@ -162,7 +166,11 @@ def _gsd(
 
 
 def _xyz(
-    path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], record: dict
+    path: Path,
+    scene: Scene,
+    times: np.ndarray,
+    tracks: dict[int, Track],
+    record: Mapping[str, object],
 ) -> None:
     """Write one run as extended XYZ, with z = 0 and the box from its `Origin` on.
 
@@ -204,7 +212,9 @@ def _xyz_head(scene: Scene) -> str:
     return f"{lattice} {origin} {boundary} Properties={':'.join(columns)}"
 
 
-def _csv(path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], _: dict) -> None:
+def _csv(
+    path: Path, scene: Scene, times: np.ndarray, tracks: dict[int, Track], _: Mapping[str, object]
+) -> None:
     """Write a table with a heading: a row for each seed, time and disk."""
     first = next(iter(tracks.values()))
     recorded = [name for name in TITLES if getattr(first, name) is not None]

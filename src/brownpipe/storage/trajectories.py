@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
 import h5py
 import numpy as np
@@ -114,7 +114,19 @@ class Trajectories(NamedTuple):
         return attributes | (stored_versions or versions())
 
 
-def runs_record(runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = "") -> dict:
+class RunsRecord(TypedDict):
+    """What makes some runs of one scene and engine again, as JSON."""
+
+    command: str
+    name: str  # of the scene
+    scene_digest: str
+    scene: dict[str, Any]  # the keys of its file
+    source_digest: str
+
+
+def runs_record(
+    runs: Trajectories, seeds: Sequence[int] | np.ndarray, record: str = ""
+) -> RunsRecord:
     """Return the command that makes runs (S,) of one scene and engine again, their scene and the
     source that made them.
 
