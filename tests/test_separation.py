@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import brownpipe as bp
+from brownpipe.engines.start import initial_state
 from brownpipe.engines.start.initial_state import draw_state, separated, separation_in_words
 from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
@@ -83,12 +84,12 @@ def test_a_line_says_how_many_and_how_far():
     assert float(runs.worst_overlap.max()) < 1e-9
 
 
-def test_disks_without_room_are_refused():
+def without_room():
     """A row of disks that fills the box, and one more."""
     x = np.linspace(0.5, 9.5, 11)
     position = np.stack([x, np.full(11, 0.5)], axis=1)
     given = Configuration(position, None, np.full(11, 0.5), np.ones(11))
-    scene = parse_scene(
+    return parse_scene(
         {
             "box": {"x": [0.0, 10.0], "y": [0.0, 1.0]},
             "disks": {"configuration": given, "push_apart": 0.2},
@@ -97,5 +98,42 @@ def test_disks_without_room_are_refused():
         },
         "row.yaml",
     )
-    with pytest.raises(RequestError, match="11 disks still overlap after they were pushed apart"):
-        draw_state(scene, 0)
+
+
+@pytest.mark.parametrize(("pushes", "sweeps"), [(initial_state.MOST_PUSHES, 5000), (100, 10)])
+def test_disks_without_room_are_refused_after_bounded_work(pushes, sweeps, monkeypatch):
+    monkeypatch.setattr(initial_state, "MOST_PUSHES", pushes)
+    separated.cache_clear()
+    problem = f"11 disks still overlap after they were pushed apart {sweeps} times"
+    with pytest.raises(RequestError, match=problem):
+        draw_state(without_room(), 0)
+
+
+@pytest.mark.parametrize(("position", "radius"), [
+    (np.zeros((30_000, 2)), 0.1),  # they were not written
+    (np.random.default_rng(1).uniform(-20, 20, (30_000, 2)), 9.0),  # radii in another unit
+])  # fmt: skip
+@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+def test_crowded_disks_are_refused_before_their_pairs_are_listed(position, radius, boundary):
+    """30,000 disks have up to 450 million pairs."""
+    number = len(position)
+    given = Configuration(position, None, np.full(number, radius), np.ones(number))
+    with pytest.raises(RequestError, match=r"disks: disk \d+ at .* has \d+ disks closer than its"):
+        bp.Scene(
+            box={"x": [-30.0, 30.0], "y": [-30.0, 30.0], "boundary": boundary},
+            disks={"configuration": given, "push_apart": 1.0},
+            velocities={"temperature": 1.0},
+            duration=1.0,
+        )
+
+
+def test_two_disks_in_a_wide_box_are_separated():
+    """A cell for each disk in 1e5 x 1e5 would take 75 GB."""
+    given = Configuration(np.array([[1.0, 1.0], [1.9, 1.0]]), None, np.full(2, 0.5), np.ones(2))
+    scene = bp.Scene(
+        box={"x": [0.0, 1e5], "y": [0.0, 1e5]},
+        disks={"configuration": given, "push_apart": 0.2},
+        velocities={"temperature": 1.0},
+        duration=1.0,
+    )
+    assert separated(scene).position[:, 0] == pytest.approx([0.95, 1.95])

@@ -1,11 +1,24 @@
 """Pairs of disks that overlap."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
+
 ROUND_OFF = 1e-12  # in contact distances: disks that overlap by no more than this are in contact
 BLOCK = 20_000  # disks whose neighbours are looked up at a time, which bounds the memory
+# per disk, closer than its diameter: on average 20 at most, and 16 more for each size of disks that
+# are much larger, unless disks overlap
+MOST_NEIGHBOURS = 100
+
+
+class Crowd(NamedTuple):
+    """A disk with far more neighbours than disks without overlaps can have."""
+
+    disk: int
+    neighbours: int  # disks whose centres are closer to its own than its diameter
 
 
 class Overlaps(NamedTuple):
@@ -18,6 +31,40 @@ class Overlaps(NamedTuple):
     depth: float  # -gap over their contact distance
 
 
+def crowd(position: np.ndarray, radius: np.ndarray, box: tuple | None = None) -> Crowd | None:
+    """Return the disk with most neighbours if disks are so crowded that their pairs cannot be
+    listed; None if they are not. Arguments are those of `overlaps`.
+
+    Positions and radii in different units are crowded, and positions that are all zero.
+    """
+    tree, _ = _tree(position, radius, box)
+    number = np.zeros(len(radius), np.int64)
+    for start in range(0, len(radius), BLOCK):
+        block = slice(start, start + BLOCK)
+        reach = 2 * radius[block]
+        number[block] = tree.query_ball_point(tree.data[block], reach, return_length=True)
+        if number.sum() > MOST_NEIGHBOURS * len(radius):
+            disk = int(np.argmax(number))
+            return Crowd(disk, int(number[disk]) - 1)
+    return None
+
+
+def _tree(
+    position: np.ndarray, radius: np.ndarray, box: tuple | None
+) -> tuple["KDTree", np.ndarray]:
+    """Return a k-d tree of the centres, and the sides (2,) of its periodic box."""
+    from scipy.spatial import KDTree  # takes 0.2 s
+
+    margin = 2 * radius.max()  # of a box around all disks: in it none is near an image of another
+    if box is None:
+        low = position.min(axis=0) - margin
+        high = position.max(axis=0) + margin
+    else:
+        low, high = np.array(box, float).T
+    sides = high - low
+    return KDTree((position - low) % sides, boxsize=sides), sides
+
+
 def overlaps(position: np.ndarray, radius: np.ndarray, box: tuple | None = None) -> Overlaps | None:
     """Return the pairs that overlap, None if no two do.
 
@@ -26,18 +73,9 @@ def overlaps(position: np.ndarray, radius: np.ndarray, box: tuple | None = None)
 
     Two overlapping disks, the larger one of radius R, are closer than 2 R: a k-d tree finds them.
     """
-    from scipy.spatial import KDTree  # takes 0.2 s
-
     if len(radius) < 2:
         return None
-    margin = 2 * radius.max()  # of a box around all disks: in it none is near an image of another
-    if box is None:
-        low = position.min(axis=0) - margin
-        high = position.max(axis=0) + margin
-    else:
-        low, high = np.array(box, float).T
-    sides = high - low
-    tree = KDTree((position - low) % sides, boxsize=sides)
+    tree, sides = _tree(position, radius, box)
     spacing = 2 * np.spacing(np.abs(position).max())
     blocks = []
     for start in range(0, len(radius), BLOCK):

@@ -22,7 +22,7 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import reading
 from brownpipe.scene.configuration import TRACER, Configuration, csv_text, encoded
 from brownpipe.scene.disks import changed_disks, first_outside, listed_disks
-from brownpipe.scene.overlaps import Overlaps, overlaps
+from brownpipe.scene.overlaps import Overlaps, crowd, overlaps
 from brownpipe.scene.reading import Count, Positive, Resolved, Section, YamlValue, key, refuse
 from brownpipe.scene.sections import (
     REST,
@@ -223,15 +223,25 @@ class Scene(Section):
             self._check_overlaps(self.configuration)
             return
         if self.packing_fraction > HEXAGONAL_PACKING * (1 + 1e-9):
-            crowd = (
+            cover = (
                 f"{self.particles} disks cover {self.packing_fraction:.4g} times the area of the "
                 "box"
             )
-            refuse(f"{crowd}; must be at most {HEXAGONAL_PACKING:.4g} (hexagonal packing)", "disks")
+            refuse(f"{cover}; must be at most {HEXAGONAL_PACKING:.4g} (hexagonal packing)", "disks")
 
     def _check_overlaps(self, given: Configuration) -> None:
         """Refuse disks that overlap by more than the scene pushes apart."""
+        if not len(given.radius):
+            return
         sides = (self.box.x, self.box.y) if self.box.periodic else None
+        crowded = crowd(given.position, given.radius, sides)
+        if crowded is not None:
+            k = crowded.disk
+            place = f"disk {k} at {given.position[k].tolist()}"
+            near = f"{crowded.neighbours} disks closer than its diameter, {2 * given.radius[k]:g}"
+            refuse(
+                f"{place} has {near}; must not overlap, with radii in units of positions", "disks"
+            )
         self._overlaps = overlaps(given.position, given.radius, sides)
         if self._overlaps is None:
             return

@@ -35,6 +35,9 @@ BEFORE_GROWTH = 0.4  # packing fraction of the smaller disks that are inserted, 
 # share of the room between disks that they leave to each other when they are pushed apart
 SPARE = 0.1
 MOST_SWEEPS = 5_000  # over all disks
+# pushes of given disks in all sweeps, 3 min; rounded coordinates need some 10 sweeps, and crystals
+# at a packing fraction of 0.9 some 400
+MOST_PUSHES = 200_000_000
 GAP_LEFT = 1e-10  # in contact distances, between given disks that are pushed apart
 # of the kernel: their random numbers fit the cache; between two calls Python handles Ctrl-C
 TRIES_PER_CALL = 16_000
@@ -295,7 +298,8 @@ def separated(scene: Scene) -> Separation:
     """Return the given disks of a scene; where they may overlap, `push_apart`, the disks that do
     are pushed apart, and those over an edge of the box are taken into it.
 
-    The others stay where they are. Raises PlacementError if disks still overlap after MOST_SWEEPS.
+    The others stay where they are. Raises PlacementError if disks still overlap after MOST_SWEEPS
+    or, of many disks, MOST_PUSHES.
     """
     assert scene.configuration is not None
     given = scene.configuration.position
@@ -304,14 +308,16 @@ def separated(scene: Scene) -> Separation:
     size = np.array((scene.box.width, scene.box.height))
     start = given - scene.box.origin
     inside = _inside(scene, start, size)
-    p = _places(scene, inside.copy(), scene.radius.copy())
-    for _ in range(MOST_SWEEPS):
+    number = len(given)
+    p = _places(scene, inside.copy(), scene.radius.copy(), most=1 + math.isqrt(4 * number))
+    sweeps = min(MOST_SWEEPS, math.ceil(MOST_PUSHES / number))
+    for _ in range(sweeps):
         if push_apart(p, -1, 1.0 + GAP_LEFT) == 0 and push_apart(p, -1, 0.0) == 0:
             break
     else:
         raise PlacementError(
-            f"disks: {scene.particles} disks still overlap after they were pushed apart "
-            f"{MOST_SWEEPS} times (packing fraction {scene.packing_fraction:.3g}); must be fewer "
+            f"disks: {number} disks still overlap after they were pushed apart {sweeps} times "
+            f"(packing fraction {scene.packing_fraction:.3g}); must be fewer "
             "or smaller disks"
         )
     step = p.position - start
