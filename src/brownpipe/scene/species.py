@@ -9,8 +9,10 @@ import numpy as np
 from brownpipe.scene.configuration import in_order_of_appearance
 from brownpipe.scene.scene import Scene
 
-MOST_KINDS_IN_SUMS = 64  # of more kinds, disks of similar radius and mass are taken as one
 CLASSES = 12  # of radii, and in each of them of masses
+# the tracer and the classes: sums over pairs of so many take 5 ms. Of more kinds, disks of similar
+# radius and mass are taken as one.
+MOST_KINDS_IN_SUMS = 1 + CLASSES**2
 
 
 class SpeciesTable(NamedTuple):
