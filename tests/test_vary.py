@@ -127,6 +127,49 @@ def test_a_default_that_is_varied_has_its_value_as_label(distribution):
     assert value_of(scene, "velocities.distribution") == distribution
 
 
+PAIR = bp.Configuration(
+    position=np.array([[1.0, 1.0], [3.0, 1.0]]),
+    velocity=np.array([[0.5, 0.0], [-1.0, 0.0]]),
+    radius=np.array([0.5, 0.2]),
+    mass=np.array([1.0, 2.0]),
+)
+
+
+@pytest.mark.parametrize(("path", "values", "labels"), [
+    ("disks.tracer.velocity", [None, [1.0, 0.0]], ["none", "1-0"]),
+    ("disks.tracer.position", [None, [2.0, 1.0]], ["1-1", "2-1"]),
+    ("disks.tracer.mass", [None, 3.0], [1.0, 3.0]),
+    ("disks.species.kind-2.radius", [None, 0.3], [0.2, 0.3]),
+    ("disks.push_apart", [0.0, 0.1], [0.0, 0.1]),
+    ("equilibrate", [0.0, 2.0], [0.0, 2.0]),
+    ("equilibrate.time", [0.0, 2.0], [0.0, 2.0]),
+])  # fmt: skip
+def test_every_key_of_given_disks_has_its_value_as_label(path, values, labels):
+    """Also of a scene that is read from the text in a file of runs, which leaves out defaults."""
+    disks = {"configuration": PAIR, "tracer": {}}
+    mapping = FLUID | {"disks": disks, "box": {"x": [0.0, 8.0], "y": [0.0, 8.0]}}
+    scenes = [scene_with(mapping, "pair.yaml", {path: value}) for value in values]
+    stored = [parse_scene(json.loads(scene.text), "pair.yaml") for scene in scenes]
+    assert [value_of(scene, path) for scene in scenes] == labels
+    assert [value_of(scene, path) for scene in stored] == labels
+
+
+def test_the_label_of_a_velocity_in_a_file_is_that_velocity():
+    mapping = FLUID | {"disks": {"configuration": PAIR, "tracer": {}}, "velocities": None}
+    scene = parse_scene(mapping, "pair.yaml")
+    assert value_of(scene, "disks.tracer.velocity") == "0.5-0"
+
+
+def test_equilibration_of_given_disks_is_varied():
+    x, y = np.meshgrid(np.arange(8.0), np.arange(-4.0, 4.0))
+    position = np.stack([x.ravel(), y.ravel()], axis=1)
+    crystal = bp.Configuration(position, None, np.full(64, 0.3), np.ones(64))
+    scene = parse_scene(FLUID | {"disks": {"configuration": crystal}}, "crystal.yaml")
+    result = bp.scan(scene, {"equilibrate": [0.0, 0.5]}, seeds=3, quiet=True)
+    assert result.equilibrate.values.tolist() == [0.0, 0.5]
+    assert np.isfinite(result.msd).all()
+
+
 def dataset_of(study):
     """The dataset of all runs of a study with seeds 0 to 5."""
     for runs in run_sets(study):

@@ -156,16 +156,34 @@ def short_name(path: str) -> str:
 
 
 def value_of(scene: Scene, path: str) -> float | str:
-    """Return the value of a varied key in a scene: a number, or a text."""
+    """Return the value of a varied key in a scene: a number, or a text; "none" of a key that has no
+    value.
+    """
     if path == "equilibrate":  # a number stands for {time: number}
         path = "equilibrate.time"
-    if path == "velocities.distribution":  # the text of a scene does not have its default
-        assert scene.velocities is not None
-        return scene.velocities.distribution
-    keys = scene.as_mapping() | {PACKING_FRACTION: scene.packing_fraction}
-    value = part_of(keys, path.split("."))
+    *parents, last = path.split(".")
+    section = part_of(_all_keys(scene), parents)
+    assert isinstance(section, dict)
+    value = section.get(last)
     word = _word(value)
     return type(value)(float(word)) if is_number(value) else word
+
+
+def _all_keys(scene: Scene) -> dict[str, YamlValue]:
+    """Return the mapping of a scene with the packing fraction, and with the keys that its text
+    leaves out.
+    """
+    keys = scene.as_mapping() | {PACKING_FRACTION: scene.packing_fraction}
+    keys |= scene.model_dump(include={"velocities", "equilibrate"}, exclude_none=True)
+    disks = keys["disks"]
+    given = scene.configuration
+    if given is None or not isinstance(disks, dict):
+        return keys
+    disks["push_apart"] = scene.push_apart
+    if scene.has_tracer:
+        velocity = scene.tracer_velocity if given.velocity is None else given.velocity[0].tolist()
+        disks["tracer"] |= {"position": scene.tracer_position, "velocity": velocity}
+    return keys
 
 
 def unit_of(path: str) -> str:
