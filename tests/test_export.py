@@ -318,7 +318,7 @@ def test_refusals(walled, tmp_path, capsys, monkeypatch):
             empty,
             "csv",
         ),
-        "bare.h5: holds no whole runs": (bare, "csv"),
+        "bare.h5: holds no disks": (bare, "csv"),
         "run.xyz: the output must end in .gsd, not '.xyz'": (walled, "gsd", "--output", "run.xyz"),
         "is an input": (walled, "gsd", "--output", walled),
     }

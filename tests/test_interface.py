@@ -80,6 +80,15 @@ def runs():
     )
 
 
+@pytest.mark.parametrize(("engine", "settings"), [("exact", {}), ("timestep", {"time_step": 0.1})])
+def test_runs_without_disks_have_the_tracks_of_no_disks(engine, settings):
+    empty = bp.read_scene(ROOT / "tests" / "scenes" / "empty.yaml")
+    runs = bp.simulate(empty, engine=engine, record="all", quiet=True, **settings)
+    sizes = {"time": 2, "seed": 1, "disk": 0, "component": 2}
+    assert runs.disks.position.sizes == sizes
+    assert "disks" not in bp.simulate(empty, engine=engine, quiet=True, **settings).children
+
+
 @pytest.fixture(scope="module")
 def result(runs):
     return bp.analyse(runs)

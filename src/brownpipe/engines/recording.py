@@ -52,14 +52,14 @@ def blank_samples(times: int, disks: int) -> SampleArrays:
 
 def tracks_of(scene: Scene, frame: Frame, recorder: Recorder) -> tuple[Track, Track | None, bool]:
     """Return the trajectory of the tracer, M = 1, converted in place; of all disks, M = N, or None
-    if not recorded.
+    if not recorded (that of no disks always is).
 
     And whether all positions and velocities are finite numbers in the scene's units.
     """
     finite = _convert_samples(recorder.track, frame)
     tracer = Track(*recorder.track)
     whole = None
-    if recorder.whole.position.shape[1]:
+    if recorder.whole.position.shape[1] or not scene.particles:
         samples = SampleArrays(*(values.take(frame.back, axis=1) for values in recorder.whole))
         finite &= _convert_samples(samples, frame)
         whole = Track(*samples)

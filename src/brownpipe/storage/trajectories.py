@@ -284,7 +284,9 @@ def chosen_seed(
 
     Raises RequestError if there are no tracks, none of this seed, or no disks.
     """
-    if runs.scene.particles and tracks and seed in {None, *tracks}:
+    if not runs.scene.particles:
+        raise RequestError(f"{path}: holds no disks")
+    if tracks and seed in {None, *tracks}:
         return min(tracks) if seed is None else seed
     lacking = "whole runs" if seed is None else f"run of seed {seed}"
     remarks = ["brownpipe simulate SCENE --record all makes some"]
