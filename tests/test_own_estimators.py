@@ -88,8 +88,10 @@ def test_a_scan_has_the_variables_for_each_value_of_its_keys(far):
 
 def test_a_scan_refuses_an_estimator_before_it_makes_runs(monkeypatch):
     monkeypatch.setattr("brownpipe.interface.simulate", None)
-    with pytest.raises(bp.AnalysisError, match="seeds: msd: is a name in datasets"):
-        bp.scan(make_scene(), {"disks.tracer.mass": [4, 40]}, estimators=[mean_of_seeds("msd")])
+    masses = {"disks.tracer.mass": [4, 40]}
+    for name in ("msd", "tracer_mass"):
+        with pytest.raises(bp.AnalysisError, match=f"seeds: {name}: is a name in datasets"):
+            bp.scan(make_scene(), masses, estimators=[mean_of_seeds(name)])
 
 
 def test_a_dataset_names_the_file_that_an_estimator_is_from(runs, tmp_path, monkeypatch):

@@ -298,16 +298,18 @@ def analyse(
         return aggregate(inputs, windows, width, count, times, estimators=own_estimators)
 
 
-def _checked_estimators(estimators: Iterable[Estimator]) -> list[Estimator]:
+def _checked_estimators(
+    estimators: Iterable[Estimator], vary: Iterable[str] = ()
+) -> list[Estimator]:
     """Return a user's estimators. Raises RequestError for anything else, AnalysisError for those
-    whose names are taken or whose dimensions are not known.
+    whose names are taken, also by a varied key, or whose dimensions are not known.
     """
     checked = []
     for estimator in estimators:
         if not isinstance(estimator, Estimator):
             raise RequestError(f"estimators: must be of brownpipe.Estimator, not {estimator!r:.60}")
         checked.append(estimator)
-    refuse_unfit_estimators(checked)
+    refuse_unfit_estimators(checked, vary)
     return checked
 
 
@@ -354,7 +356,7 @@ def scan(
         where = str(scene)
     values = validated(Vary, plain(vary), key="vary")
     windows = validated(Windows | None, plain(fit_windows), key="fit_windows")
-    own_estimators = _checked_estimators(estimators)
+    own_estimators = _checked_estimators(estimators, values)
     cases = [
         scene_with(mapping, where, combination, plain(particles), name)
         for combination in combinations(values, together)

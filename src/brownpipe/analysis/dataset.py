@@ -27,7 +27,12 @@ from brownpipe.analysis.estimator import (
     collect_results,
 )
 from brownpipe.analysis.goodness import holm
-from brownpipe.analysis.own_estimators import refuse_misshapen, refuse_unfit, title_with_source
+from brownpipe.analysis.own_estimators import (
+    refuse_misshapen,
+    refuse_names,
+    refuse_unfit,
+    title_with_source,
+)
 from brownpipe.analysis.runs import (
     Group,
     Source,
@@ -195,11 +200,14 @@ def aggregate(
     return diffusive.best_windows(dataset, pairs_of_windows)
 
 
-def refuse_unfit_estimators(estimators: Sequence[Estimator]) -> None:
-    """Raise AnalysisError for an estimator whose names are taken or whose dimensions are not
-    known, before there are runs.
+def refuse_unfit_estimators(estimators: Sequence[Estimator], vary: Iterable[str] = ()) -> None:
+    """Raise AnalysisError for an estimator whose names are taken, also by a varied key, or whose
+    dimensions are not known, before there are runs.
     """
     _schema_of((), estimators)
+    keys = {short_name(path) for path in vary}
+    for estimator in estimators:
+        refuse_names(estimator, keys)
 
 
 def _schema_of(groups: Sequence[Group], estimators: Sequence[Estimator]) -> Schema:

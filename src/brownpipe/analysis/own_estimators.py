@@ -1,6 +1,6 @@
 """An estimator of the user's own: what is refused, in one line that names it and its variable."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NoReturn
 
 import numpy as np
@@ -26,11 +26,8 @@ def refuse_unfit(
     """Refuse an estimator whose names the `variables` and `coordinates` of a dataset have already,
     and one whose variables have other dimensions than those of a case and of coordinates.
     """
-    taken_names = {*variables, *coordinates}
+    refuse_names(estimator, {*variables, *coordinates})
     own_variables = with_uncertainties(estimator.variables)
-    for name in (*own_variables, *estimator.coordinates):
-        if name in taken_names:
-            _refuse(estimator, name, "is a name in datasets; choose another")
     for name in own_variables.keys() & estimator.coordinates.keys():
         _refuse(estimator, name, "must be a variable or a coordinate, not both")
     for name, coordinate in estimator.coordinates.items():
@@ -43,6 +40,13 @@ def refuse_unfit(
         for dimension in variable.dims:
             if dimension not in dimensions:
                 _refuse(estimator, name, f"dimension {dimension} must be among its coordinates")
+
+
+def refuse_names(estimator: Estimator, taken_names: Collection[str]) -> None:
+    """Refuse an estimator whose names are taken."""
+    for name in (*with_uncertainties(estimator.variables), *estimator.coordinates):
+        if name in taken_names:
+            _refuse(estimator, name, "is a name in datasets; choose another")
 
 
 def refuse_misshapen(estimator: Estimator, values: Mapping[str, ArrayLike]) -> None:
