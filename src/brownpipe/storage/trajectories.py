@@ -273,7 +273,8 @@ def _trajectories_from(attributes: Mapping, groups: Groups) -> Trajectories:
     settings = json.loads(attributes["settings"])
     own = OwnEngine(*json.loads(attributes["own_engine"])) if "own_engine" in attributes else None
     engine = engine_of_record(attributes["engine"], settings, own)
-    ensemble = ensemble_of(groups, attributes["average"], own_arrays(attributes))
+    average = str(attributes["average"])
+    ensemble = ensemble_of(groups, average, own_arrays(attributes))
     return Trajectories(scene, engine, ensemble, attributes["source_digest"], attributes)
 
 
