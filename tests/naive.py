@@ -2,8 +2,8 @@
 engine is held to.
 
 All pairs, all walls; the smallest time is the next event. Everything moves there, the event
-happens, and again. In a periodic box a pair is looked at with its images, and a disk whose centre
-reaches a side goes on at the other.
+happens, and again. A pair is looked at with its images along periodic axes, and a disk whose centre
+reaches a periodic side goes on at the other.
 """
 
 from itertools import product
@@ -55,12 +55,18 @@ def collide(r, v_a, v_b, m_a, m_b):
 
 
 def displacements_of_images(box):
-    """The displacements (2, 1 or 9, 1) of the images of a disk, its own first."""
-    if not box.periodic:
-        return np.zeros((2, 1, 1))
+    """The displacements (2, 1 to 9, 1) of the images of a disk, its own first."""
+    columns = (0, -1, 1) if is_periodic(box, "x") else (0,)
+    rows = (0, -1, 1) if is_periodic(box, "y") else (0,)
     size = np.array((box.width, box.height))
-    steps = np.array([*product((0, -1, 1), repeat=2)])
+    steps = np.array([*product(columns, rows)])
     return (steps * size).T[..., None].copy()
+
+
+def is_periodic(box, axis):
+    """Whether the sides of an axis are periodic, from what the scene says."""
+    boundary = box.boundary
+    return (boundary if isinstance(boundary, str) else getattr(boundary, axis)) == "periodic"
 
 
 def run(state, box, duration, most=np.inf):
@@ -75,7 +81,8 @@ def run(state, box, duration, most=np.inf):
     a, b = np.triu_indices(len(radius), 1)
     sigma = radius[a] + radius[b]
     images = displacements_of_images(box)
-    margin = 0.0 if box.periodic else radius
+    periodic = [is_periodic(box, "x"), is_periodic(box, "y")]
+    margin = np.where(np.array(periodic)[:, None], 0.0, radius)
     now = 0.0
     events = []
     while len(events) < most:
@@ -102,7 +109,7 @@ def run(state, box, duration, most=np.inf):
             continue
         axis, i = np.unravel_index(np.argmin(walls), walls.shape)
         upper = v[axis, i] > 0
-        if box.periodic:
+        if periodic[axis]:
             x[axis, i] = low[axis, 0] if upper else high[axis, 0]
             continue
         before = v[:, i].copy()

@@ -15,6 +15,8 @@ from brownpipe.scene import parse_scene
 
 WALLS = "reflecting"  # the boundary of a box
 PERIODIC = "periodic"
+CHANNEL_X = {"x": PERIODIC, "y": WALLS}
+CHANNEL_Y = {"x": WALLS, "y": PERIODIC}
 
 
 def box(width, height, boundary, origin=(0.0, 0.0)):
@@ -90,8 +92,13 @@ def from_lattice(where, kinds, duration):
     """Disks that begin on a lattice; between walls not in contact with these, which would be many
     events at t = 0.
     """
-    shrink = 0.99 if where["boundary"] == WALLS else 1.0
-    inner = {side: [shrink * end for end in where[side]] for side in "xy"}
+    inner = {}
+    for axis in "xy":
+        boundary = (
+            where["boundary"] if isinstance(where["boundary"], str) else where["boundary"][axis]
+        )
+        shrink = 0.99 if boundary == WALLS else 1.0
+        inner[axis] = [shrink * end for end in where[axis]]
     disks = {"species": species(*kinds), "placement": "lattice"}
     mapping = {"box": inner | {"boundary": where["boundary"]}, "disks": disks, "duration": duration}
     scene = parse_scene(mapping | {"velocities": {"standard_deviation": 1.0}}, "crowded.yaml")

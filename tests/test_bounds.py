@@ -21,6 +21,7 @@ from brownpipe.engines.start import initial_state
 from brownpipe.engines.timestep import largest_step
 from brownpipe.engines.timestep import simulation as timestep
 from brownpipe.scene import parse_scene
+from scenes import CHANNEL_X, CHANNEL_Y, PERIODIC, WALLS
 
 ASPECTS = (1, 7, 5000)
 COUNTS = (1, 2, 3, 7, 20, 36)
@@ -70,14 +71,17 @@ def checked(record):
     return record
 
 
+BOUNDARIES = [WALLS, PERIODIC, CHANNEL_X, CHANNEL_Y]
+
+
 def scenes():
     """Boxes of every shape and boundary with few disks or many, equal, of two sizes, with a big
     one, and crowded.
     """
-    for aspect, boundary, n in product(ASPECTS, ("reflecting", "periodic"), COUNTS):
+    for aspect, boundary, n in product(ASPECTS, BOUNDARIES, COUNTS):
         crowd = 0.16 if aspect * SIDE**2 > n / 6 else 0.04
         yield scene(aspect, boundary, [(n, crowd, 1.0)])
-    for boundary in ("reflecting", "periodic"):
+    for boundary in BOUNDARIES:
         yield scene(7, boundary, [(10, 0.1, 1.0), (10, 0.14, 0.3)])
         yield scene(50, boundary, [(1, 0.25, 5.0), (40, 0.02, 1.0)])
         yield scene(2, boundary, [(30, 0.115, 1.0)], "lattice")
@@ -101,7 +105,7 @@ def scene(aspect, boundary, kinds, placement="random"):
             "duration": duration,
             "sample_interval": duration / 3,
         },
-        f"{boundary}_{aspect}_{n}.yaml",
+        f"{BOUNDARIES.index(boundary)}_{aspect}_{n}.yaml",
     )
 
 

@@ -18,6 +18,7 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.storage.configurations import read_scene
 from brownpipe.study.check import describe_scene_or_study
+from scenes import CHANNEL_Y, WALLS
 
 CONFIG = Path(__file__).parent.parent / "config"
 NOTE = CONFIG / "scenes" / "harrison2020.yaml"
@@ -121,17 +122,19 @@ def test_expected_collisions_are_near_those_found(boundary, disks, velocities):
     assert np.isclose(found["wall_collisions"].mean(), expected.wall_collisions, rtol=0.06)
 
 
+@pytest.mark.parametrize("boundary", [WALLS, CHANNEL_Y])
 @pytest.mark.parametrize(
     ("count", "width", "phi"), [(80, 1.1, 0.25), (120, 1.4, 0.35), (60, 1.7, 0.12), (300, 2.8, 0.3)]
 )
-def test_expected_collisions_in_a_channel_are_near_those_found(count, width, phi):
-    """Between walls 1.1 to 2.8 diameters apart. In single file within 8 % in these scenes, where
-    bulk theory has up to 2.8 times the pairs; where two disks can just pass each other 25 %.
+def test_expected_collisions_in_a_channel_are_near_those_found(count, width, phi, boundary):
+    """Between walls 1.1 to 2.8 diameters apart, with ends or without. In single file within 8 % in
+    these scenes, where bulk theory has up to 2.8 times the pairs; where two disks can just pass
+    each other 25 %.
     """
     length = count * np.pi / 4 / phi / width
     scene = parse_scene(
         crowd(count, boundary="reflecting", placement="auto")
-        | {"box": {"x": [0, width], "y": [0, length]}, "duration": 40.0},
+        | {"box": {"x": [0, width], "y": [0, length], "boundary": boundary}, "duration": 40.0},
         "channel.yaml",
     )
     found = exact.simulate(scene, range(4), frozenset({"none"})).observables

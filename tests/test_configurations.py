@@ -82,6 +82,66 @@ def test_what_is_exported_is_read_back(exported, form):
     assert disks.species_index.tolist() == [0] + 20 * [1] + 10 * [2]
 
 
+@pytest.fixture(scope="module", params=["x", "y"])
+def channel(request, tmp_path_factory):
+    """The folder of a run in a channel along x or y and of its end in three formats, and the line
+    of its scene file with its box.
+    """
+    walls = {"x": "y", "y": "x"}[request.param]
+    boundary = f"{{{request.param}: periodic, {walls}: reflecting}}"
+    folder = tmp_path_factory.mktemp(f"channel_{request.param}")
+    text = EQUILIBRATED.replace("boundary: periodic", f"boundary: {boundary}")
+    (folder / "channel.yaml").write_text(text)
+    runs = str(folder / "runs.h5")
+    scene = str(folder / "channel.yaml")
+    assert main(["simulate", scene, "--seeds", "4", "--record", "all", "--output", runs]) == 0
+    for form in ("csv", "xyz", "gsd"):
+        output = str(folder / f"disks.{form}")
+        assert main(["export", runs, "--to", form, "--output", output]) == 0
+    return folder, text.splitlines()[0]
+
+
+@pytest.mark.parametrize("form", ["h5", "csv", "xyz", "gsd"])
+def test_runs_branch_from_the_end_of_a_run_in_a_channel(channel, form):
+    folder, box = channel
+    name = "runs.h5" if form == "h5" else f"disks.{form}"
+    text = BRANCH.replace(BRANCH.splitlines()[0], box).replace("FILE", name)
+    (folder / f"{form}.yaml").write_text(text)
+    scene = read_scene(folder / f"{form}.yaml")
+    assert scene.box == read_scene(folder / "channel.yaml").box
+    position, _ = end_of(folder)
+    assert np.abs(scene.configuration.position - position).max() < 1e-6
+    track = bp.simulate(scene, 1, record=["all"], quiet=True)
+    assert track.disks.image.any(("seed", "time", "disk")).values.tolist() == [
+        *scene.box.periodic_axes
+    ]
+
+
+def test_the_scene_of_runs_in_a_channel_is_exported(channel, tmp_path):
+    folder, _ = channel
+    again = str(tmp_path / "again.yaml")
+    assert main(["export", str(folder / "runs.h5"), "--to", "scene", "--output", again]) == 0
+    expected = read_scene(folder / "channel.yaml")
+    assert read_scene(again).digest == expected.digest
+    assert read_scene(again).box == expected.box
+
+
+@pytest.mark.parametrize("form", ["h5", "csv", "xyz", "gsd"])
+def test_the_boundary_is_that_of_the_scene_whatever_the_file_says(channel, form):
+    """Disks between walls may go on in a periodic box; those that reach over its sides may not go
+    on between walls.
+    """
+    folder, _ = channel
+    name = "runs.h5" if form == "h5" else f"disks.{form}"
+    text = BRANCH.replace("FILE", name)
+    (folder / "periodic.yaml").write_text(text)
+    assert not read_scene(folder / "periodic.yaml").box.has_walls
+    (folder / "walls.yaml").write_text(text.replace("periodic", "reflecting"))
+    with pytest.raises(RequestError, match=r"must have the disk inside the box") as refused:
+        read_scene(folder / "walls.yaml")
+    assert "\n" not in str(refused.value)
+
+
 @pytest.mark.parametrize("form", ["h5", "csv", "xyz", "gsd"])
 def test_a_sample_is_chosen_by_its_time(exported, form):
     path = exported / ("runs.h5" if form == "h5" else f"disks.{form}")

@@ -36,6 +36,13 @@ def test_one_scene_is_a_paragraph():
     ]
 
 
+def test_a_channel_is_named_with_its_axis():
+    """Its total momentum is zero along that axis by default."""
+    (words,) = described(scene(boundary={"x": "reflecting", "y": "periodic"}))
+    assert words.startswith("15 disks in a channel along y, 7 x 5, packing fraction 0.06844: ")
+    assert "standard deviation 1.5 of each component; the total momentum along y is zero." in words
+
+
 def test_what_scenes_share_is_said_once():
     hot = scene("hot", velocities={"temperature": 3}, equilibrate={"time": 0.5})
     shared, cold, warm = described(scene("cold"), hot)

@@ -16,6 +16,7 @@ from brownpipe.analysis import diffusive, displacement
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines.windows import candidate_windows, earlier_ends, longest_end
 from brownpipe.figures.summary import summary
+from scenes import CHANNEL_X, CHANNEL_Y
 
 TRACER = {"radius": 0.4, "mass": 3.0}
 BATH = {"name": "bath", "count": 20, "radius": 0.2, "mass": 1.0}
@@ -108,6 +109,55 @@ def test_walls_reduce_the_slope_by_what_the_msd_says():
     assert np.isnan(displacement.msd_limit(scene(), "runs"))
 
 
+@pytest.mark.parametrize("boundary", [CHANNEL_X, CHANNEL_Y])
+@pytest.mark.parametrize("start", [None, 1.0])
+def test_walls_of_a_channel_reduce_the_slope_of_walkers_in_it(boundary, start):
+    """40,000 walkers, free along the channel and reflected across it, from anywhere or from 1 above
+    the wall; their slopes, by pairs of later and earlier ends, to 4 standard errors.
+    """
+    sides = (600.0, 2.8) if boundary == CHANNEL_X else (2.8, 600.0)
+    tracer = dict(TRACER)
+    before = {"time": 2.0, "tracer": "free"}
+    if start is not None:
+        from_wall = 0.4 + start
+        place = [300.0, from_wall] if boundary == CHANNEL_X else [from_wall, 300.0]
+        tracer["position"] = place
+        before["tracer"] = "pinned"
+    channel = scene(
+        box={"x": [0, sides[0]], "y": [0, sides[1]], "boundary": boundary},
+        disks={"tracer": tracer, "species": [BATH]},
+        equilibrate=before,
+    )
+    assert np.isnan(displacement.msd_limit(channel, "runs"))
+    assert np.isnan(displacement.accessible_half_width(channel))
+    rng = np.random.default_rng(12)
+    begin = rng.uniform(0, 2, 40_000) if start is None else np.full(40_000, start)
+    for spread in (0.02, 0.3, 2.0):
+        ends = []
+        for more in (1.0, 1.2):
+            root = np.sqrt(2 * spread * more)
+            y = 2 - np.abs((begin + root * rng.standard_normal(40_000)) % 4 - 2)
+            ends.append((root * rng.standard_normal(40_000)) ** 2 + (y - begin) ** 2)
+        earlier, later = ends
+        slope = (later.mean() - earlier.mean()) / (0.2 * spread)
+        error = np.sqrt((later.var() + earlier.var()) / 40_000) / (0.2 * spread)
+        reductions = [
+            displacement.wall_reduction(
+                channel, "runs", 2 * at + theory.reflecting_interval_msd(at, 2.0, start)
+            )
+            for at in np.linspace(1, 1.2, 21) * spread
+        ]
+        assert abs(slope - 4 * (1 - np.mean(reductions))) < 4 * error
+    assert displacement.wall_reduction(channel, "runs", 1e3) == pytest.approx(0.5, abs=1e-9)
+    assert displacement.wall_reduction(channel, "runs", 1e-9) == pytest.approx(0.0, abs=1e-3)
+    assert np.isnan(displacement.wall_reduction(channel, "runs", 0.0))
+
+
+def test_a_tracer_as_wide_as_its_channel_moves_along_it_alone():
+    tight = scene(box={"x": [0, 60.0], "y": [0, 0.8], "boundary": CHANNEL_X})
+    assert displacement.wall_reduction(tight, "runs", 3.0) == pytest.approx(0.5, rel=1e-12)
+
+
 # -- the slope -------------------------------------------------------------------------------------
 
 
@@ -163,17 +213,20 @@ def test_a_tracer_that_has_filled_its_box_is_marked(width):
     assert f"at most {limit:.3g}" in summary(result).replace("\n", " ")
 
 
-def test_by_default_windows_end_before_walls_are_felt():
+@pytest.mark.parametrize("boundary", ["reflecting", CHANNEL_X, CHANNEL_Y])
+def test_by_default_windows_end_before_walls_are_felt(boundary):
     crowd = {"tracer": TRACER | {"position": [3.0, 3.0]}, "species": [BATH | {"count": 150}]}
     pinned = {"time": 2.0, "tracer": "pinned"}
     walls = scene(
-        boundary="reflecting", disks=crowd, equilibrate=pinned, duration=40.0, sample_interval=0.1
+        boundary=boundary, disks=crowd, equilibrate=pinned, duration=40.0, sample_interval=0.1
     )
     result = analysis(walls, 100)
     assert result.window_end[0] < 20.0 and reasons(result) == ""
     wide = analysis(walls, 100, [(4.0, 40.0)])
     d = "diffusion_coefficient"
-    assert "walls" in reasons(wide) and wide[d].item() < 0.8 * result[d][..., 0].item()
+    assert "walls" in reasons(wide)
+    if boundary == "reflecting":  # of a channel the difference is two standard errors
+        assert wide[d].item() < 0.8 * result[d][..., 0].item()
 
 
 def test_a_crystal_is_marked_whose_disks_stay_in_their_cages():
@@ -228,8 +281,27 @@ def test_disks_that_drift_together_are_marked(listed):
     assert f"which adds {expected.item():.2g} to D" in text and "zero_momentum" in text
 
 
+@pytest.mark.parametrize("boundary", [CHANNEL_X, CHANNEL_Y])
+def test_half_of_the_d_along_a_channel_is_marked(boundary):
+    """Once its width is filled the slope is that of one component, and does not change any more."""
+    result = analysis(scene(boundary=boundary), 40, [(30.0, 60.0)])
+    assert reasons(result) == "walls"
+    assert result.wall_reduction.item() == pytest.approx(0.5, abs=0.02)
+    (line,) = [line for line in marked_lines(result) if "walls reduce the slope" in line]
+    assert "by 50 % where the MSD is " in line and "of at most" not in line
+
+
+@pytest.mark.parametrize("boundary", [CHANNEL_X, CHANNEL_Y])
+def test_a_drift_along_a_channel_is_marked(boundary):
+    """At kT/M, half of that in a periodic box: walls stop the drift across the channel."""
+    moving = scene(boundary=boundary, velocities={"temperature": 1.0, "zero_momentum": False})
+    first = analysis(moving, 10).isel(window=0)
+    expected = 1.0 / (3.0 + 20) * (first.window_start + first.window_end) / 4
+    assert first.window_drift_diffusion.item() == pytest.approx(expected.item(), rel=1e-12)
+
+
 def test_no_drift_is_marked_without_total_momentum_or_between_walls():
-    for still in (scene(), scene(boundary="reflecting")):
+    for still in (scene(), scene(boundary="reflecting"), scene(boundary=CHANNEL_X)):
         result = analysis(still, 10)
         assert not result.window_drift_diffusion.max() > 0
 

@@ -173,6 +173,7 @@ def test_accessible_half_width():
     oblong = {"x": [-3.0, 3.0], "y": [-4.0, 4.0], "boundary": "reflecting"}
     for scene in (
         make_scene(boundary="periodic"),
+        make_scene(boundary={"x": "reflecting", "y": "periodic"}),
         make_scene(box=oblong),
         make_scene(box=oblong | {"y": [-2.9, 3.1]}),
         make_scene(equilibrate={"time": 1.0, "tracer": "free"}),

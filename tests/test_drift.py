@@ -20,6 +20,7 @@ from brownpipe.observables.equilibrium import claims_equilibrium, ends_of_quarte
 from brownpipe.scene import parse_scene
 from brownpipe.storage.configurations import read_scene
 from brownpipe.storage.trajectories import Trajectories
+from scenes import CHANNEL_X, CHANNEL_Y
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
 EXACT = engine_of_request("exact", {})
@@ -101,6 +102,20 @@ def test_who_claims_equilibrium():
     assert not claims(equilibrate=1.0)
     assert claims(equilibrate=1.0, **periodic)
     assert not claims(equilibrate=1.0, velocities={"standard_deviation": 1.0}, **periodic)
+
+
+@pytest.mark.parametrize("boundary", [CHANNEL_X, CHANNEL_Y])
+def test_channels_claim_equilibrium_with_zero_momentum_along_them(boundary):
+    """Which no wall changes; but not with a tracer that is pinned, perhaps at a wall."""
+    channel = MIXTURE | {"box": MIXTURE["box"] | {"boundary": boundary}}
+    scene = parse_scene(channel, "scene.yaml")
+    assert scene.velocities.zero_momentum and claims_equilibrium(scene)
+    assert claims_equilibrium(scene.replace(**{"velocities.zero_momentum": False}))
+    disks = MIXTURE["disks"] | {"tracer": {"radius": 0.3, "mass": 1.0}}
+    with_tracer = parse_scene(channel | {"disks": disks, "equilibrate": 1.0}, "scene.yaml")
+    assert with_tracer.equilibrate.tracer == "pinned"
+    assert not claims_equilibrium(with_tracer)
+    assert claims_equilibrium(with_tracer.replace(equilibrate={"time": 1.0, "tracer": "free"}))
 
 
 def test_few_runs_or_samples_do_not_tell():

@@ -19,6 +19,8 @@ from brownpipe.observables.trajectory import displacement
 from brownpipe.scene import parse_scene
 from brownpipe.scene.overlaps import overlaps
 from scenes import (
+    CHANNEL_X,
+    CHANNEL_Y,
     PERIODIC,
     SMALL_SCENES,
     TRACER,
@@ -164,6 +166,24 @@ SCENES = {
     "periodic-big-fast": mixture(
         box(6, 6, PERIODIC), [(2, 0.6, 0.02), (50, 0.1, 1)], 0.5, velocities={"temperature": 1.0}
     ),
+}
+SCENES |= {
+    "channel-1": mixture(box(3, 1.5, CHANNEL_X), [(1, 0.5, 1)], 40.0),
+    "channel-2-narrowest": mixture(box(1, 0.45, CHANNEL_X), [(2, 0.22, 1)], 30.0),
+    "channel-single-file": mixture(box(1.9, 30, CHANNEL_Y), [(20, 0.5, 1)], 6.0),
+    "channel-one-cell": mixture(box(1.3, 1.3, CHANNEL_Y), [(5, 0.17, 1)], 3.0),
+    "channel-dilute": mixture(box(60, 40, CHANNEL_Y, (7.0, -3.0)), [(60, 0.1, 1)], 60.0),
+    "channel-50": mixture(box(3, 3, CHANNEL_X), [(50, 0.14, 1)], 1.2),
+    "channel-mixture": mixture(
+        box(4, 3, CHANNEL_X), [(25, 0.1, 1), (25, 0.14, 0.3), (15, 0.2, 4)], 1.2
+    ),
+    "channel-crowded": from_lattice(box(2.5, 2, CHANNEL_X), [(50, 0.14, 1)], 0.3),
+    "channel-crowded-alike": from_lattice(
+        box(3, 2, CHANNEL_Y), [(40, 0.14, 1), (28, 0.12, 3)], 0.4
+    ),
+    "channel-big-10": mixture(box(6, 5, CHANNEL_X), [(1, 1.0, 3), (80, 0.1, 1)], 1.0),
+    "channel-big-at-wall": mixture(box(4, 8, CHANNEL_Y), [(1, 1.8, 5), (40, 0.06, 1)], 1.5),
+    "channel-three-big": mixture(box(8, 6, CHANNEL_Y), [(100, 0.1, 1), (3, 0.9, 20)], 1.2),
 }
 MOST = 300  # events a run; the twin needs some milliseconds each
 
@@ -334,8 +354,8 @@ def audit(scene, state, whole, events, seen):
 
 
 def box_sides(scene):
-    """What `scene.overlap` wants to know."""
-    return (scene.box.x, scene.box.y) if scene.box.periodic else None
+    """The sides of the box where they are periodic, as `overlaps` wants to know."""
+    return scene.box.periodic_sides
 
 
 @pytest.mark.parametrize("speed", [1e-300, 1e-308, 1e-309, 5e-324])

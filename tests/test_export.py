@@ -25,6 +25,7 @@ from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
 from ensembles import make_runs, make_scene
 from pipeline import ROOT
+from scenes import CHANNEL_X, CHANNEL_Y, PERIODIC, WALLS
 
 SINGLE = 2.0**-24  # largest relative error of a number rounded to single precision
 SHIFTED = 2.0**-25 + 1e-15  # and of a position, of the box: at most half of it from the centre
@@ -67,12 +68,27 @@ def walled(tmp_path_factory):
     )
 
 
+@pytest.fixture(scope="module")
+def channel_x(tmp_path_factory):
+    """The file of two made-up runs in a channel along x."""
+    scene = make_scene("channel_x", 12, boundary=CHANNEL_X)
+    return written(tmp_path_factory.mktemp("channel_x") / "channel_x.h5", scene, (3, 8))
+
+
+@pytest.fixture(scope="module")
+def channel_y(tmp_path_factory):
+    """The file of two made-up runs in a channel along y."""
+    scene = make_scene("channel_y", 12, boundary=CHANNEL_Y)
+    return written(tmp_path_factory.mktemp("channel_y") / "channel_y.h5", scene, (3, 8))
+
+
 def written(path, scene, seeds, speed=1.0):
     """A file of runs of random positions and velocities."""
     runs = make_runs(scene, seeds)
     shape = (len(scene.times), scene.particles, 2)
     numbers = np.random.default_rng(1)
-    image = numbers.integers(-2, 3, shape).astype(np.int32) if scene.box.periodic else None
+    crossed = numbers.integers(-2, 3, shape).astype(np.int32) * scene.box.periodic_axes
+    image = crossed if scene.box.has_images else None
     whole = {
         seed: Track(numbers.uniform(-2.7, 2.7, shape), numbers.normal(0, speed, shape), image)
         for seed in seeds
@@ -109,26 +125,40 @@ def refused(capsys, *options):
 
 # -- what the files contain ------------------------------------------------------------------------
 
+NO_WALLS = ": GSD has no walls, so programs take the box for periodic"
+REMARKS = {
+    "fluid": "",
+    "walled": f"{NO_WALLS}: switch that off, or enlarge the box\n",
+    "channel_x": f"{NO_WALLS} in y, too: switch that off, or enlarge the box in y\n",
+    "channel_y": f"{NO_WALLS} in x, too: switch that off, or enlarge the box in x\n",
+}
+
 
 @pytest.mark.parametrize(
-    ("name", "seed", "types"), [("fluid", 5, ["disk"]), ("walled", 3, ["tracer", "bath"])]
+    ("name", "seed", "types"),
+    [
+        ("fluid", 5, ["disk"]),
+        ("walled", 3, ["tracer", "bath"]),
+        ("channel_x", 3, ["tracer", "bath"]),
+        ("channel_y", 3, ["tracer", "bath"]),
+    ],
 )
 def test_gsd_has_the_first_run_in_single_precision(name, seed, types, request, capsys):
     path = request.getfixturevalue(name)
     scene, times, track = run_in(path, seed)
     edges = edges_of(scene)
-    periodic = scene.box.periodic
+    periodic = scene.box.periodic_axes
     target = exported(path, "gsd")
-    assert (
-        "GSD has no walls, so programs take the box for periodic" in capsys.readouterr().err
-    ) == (not periodic)
+    remark = capsys.readouterr().err
+    assert remark.endswith(REMARKS[name]) and bool(remark) == scene.box.has_walls
     with gsd.hoomd.open(target) as frames:
         assert len(frames) == len(times) == 21
         for k, frame in enumerate(frames):
             box = frame.configuration
             disks = frame.particles
             assert (box.step, box.dimensions, list(box.box)) == (k, 2, [*edges, 0, 0, 0, 0])
-            assert frame.log["time"] == times[k] and frame.log["periodic"] == periodic
+            assert frame.log["time"] == times[k]
+            assert frame.log["periodic"].tolist() == periodic.tolist()
             assert disks.types == types
             assert list(disks.typeid) == [0] + [len(types) - 1] * (scene.particles - 1)
             np.testing.assert_allclose(disks.diameter, 2 * scene.radius, rtol=SINGLE)
@@ -136,15 +166,23 @@ def test_gsd_has_the_first_run_in_single_precision(name, seed, types, request, c
             centred = track.position[k] - scene.box.origin - edges / 2
             assert np.all(abs(disks.position[:, :2] - centred) <= SHIFTED * edges)
             np.testing.assert_allclose(disks.velocity[:, :2], track.velocity[k], rtol=SINGLE)
-            image = track.image[k] if periodic else np.zeros_like(disks.image[:, :2])
+            image = track.image[k] if periodic.any() else np.zeros_like(disks.image[:, :2])
             np.testing.assert_array_equal(disks.image[:, :2], image)
             assert not disks.position[:, 2].any()
             assert not disks.velocity[:, 2].any()
             assert not disks.image[:, 2].any()
-    assert track.image.any() if periodic else not disks.image.any()
+    assert disks.image.any(axis=0).tolist() == [*periodic, False]
 
 
-@pytest.mark.parametrize(("name", "seed", "periodic"), [("fluid", 5, True), ("walled", 8, False)])
+@pytest.mark.parametrize(
+    ("name", "seed", "periodic"),
+    [
+        ("fluid", 5, [True, True]),
+        ("walled", 8, [False, False]),
+        ("channel_x", 8, [True, False]),
+        ("channel_y", 8, [False, True]),
+    ],
+)
 def test_ase_reads_every_digit_of_the_xyz(name, seed, periodic, request):
     import ase.io
 
@@ -153,7 +191,7 @@ def test_ase_reads_every_digit_of_the_xyz(name, seed, periodic, request):
     frames = ase.io.read(exported(path, "xyz", "--seed", str(seed)), ":")
     assert [frame.info["Time"] for frame in frames] == list(times)
     for k, frame in enumerate(frames):
-        assert list(frame.pbc) == [periodic, periodic, False]
+        assert list(frame.pbc) == [*periodic, False]
         assert list(frame.cell.lengths()) == [
             *edges_of(scene),
             1,
@@ -171,14 +209,14 @@ def test_ase_reads_every_digit_of_the_xyz(name, seed, periodic, request):
         }.items():
             np.testing.assert_array_equal(frame.arrays[key], values)
         np.testing.assert_array_equal(frame.get_masses(), scene.mass)
-        assert not frame.positions[:, 2].any() and ("image" in frame.arrays) == periodic
-        if periodic:
+        assert not frame.positions[:, 2].any() and ("image" in frame.arrays) == any(periodic)
+        if any(periodic):
             np.testing.assert_array_equal(frame.arrays["image"][:, :2], track.image[k])
-        else:
+        if name != "fluid":
             assert list(frame.arrays["type"]) == ["tracer", *["bath"] * 11]
 
 
-@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+@pytest.mark.parametrize("boundary", [PERIODIC, WALLS, CHANNEL_X, CHANNEL_Y])
 def test_a_table_has_every_digit_of_all_whole_runs(boundary, tmp_path):
     scene = make_scene("table", 4, boundary=boundary)
     path = written(tmp_path / "table.h5", scene, (3, 8))
@@ -190,7 +228,7 @@ def test_a_table_has_every_digit_of_all_whole_runs(boundary, tmp_path):
         "velocity": ("velocity_x", "velocity_y"),
         "image": ("image_x", "image_y"),
     }
-    if boundary == "reflecting":
+    if boundary == WALLS:
         del columns["image"]
     vectors = itertools.chain(*columns.values())
     assert list(rows[0]) == ["seed", "time", "disk", "species", *vectors, "radius", "mass"]

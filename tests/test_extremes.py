@@ -226,7 +226,7 @@ def neighbours(scene):
     position = draw_state(scene, 0).position
     size = np.array((scene.box.width, scene.box.height))
     apart = position[:, None] - position
-    if scene.box.periodic:
+    if not scene.box.has_walls:
         apart -= size * np.round(apart / size)
     distance = np.hypot(apart[..., 0], apart[..., 1])
     a, b = np.nonzero(np.triu(distance < 1.3, 1))

@@ -29,7 +29,17 @@ from brownpipe.engines.start.placement import (
 from brownpipe.errors import PlacementError, RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.scene.overlaps import overlaps
-from scenes import PERIODIC, WALLS, box, mixture, note_scene, scene_of_state, species
+from scenes import (
+    CHANNEL_X,
+    CHANNEL_Y,
+    PERIODIC,
+    WALLS,
+    box,
+    mixture,
+    note_scene,
+    scene_of_state,
+    species,
+)
 
 VELOCITY_17 = [-0.042623150097255494, 2.3328060725321036]
 POSITION_17 = [-2.5213268957650588, 0.5819693892044553]
@@ -164,14 +174,9 @@ def assert_sound(scene, state):
     than placement's.
     """
     low, high = np.array((scene.box.x, scene.box.y)).T
-    margin = 0.0 if scene.box.periodic else state.radius[:, None] * (1 - 1e-14)
+    margin = scene.box.margins(state.radius[:, None] * (1 - 1e-14))
     assert (low + margin <= state.position).all() and (state.position <= high - margin).all()
-    assert (
-        overlaps(
-            state.position, state.radius, (scene.box.x, scene.box.y) if scene.box.periodic else None
-        )
-        is None
-    )
+    assert overlaps(state.position, state.radius, scene.box.periodic_sides) is None
 
 
 RANDOM = {
@@ -179,6 +184,9 @@ RANDOM = {
     "far": mixture(box(6, 3, WALLS, (100.0, -50.0)), [(50, 0.1, 1)], 1.0),
     "periodic": mixture(box(3, 2, PERIODIC), [(60, 0.12, 1)], 1.0),
     "narrowest": mixture(box(1, 1, PERIODIC), [(2, 0.25, 1)], 1.0),
+    "channel": mixture(box(3, 2, CHANNEL_X), [(60, 0.12, 1)], 1.0),
+    "single file": mixture(box(1.9, 30, CHANNEL_Y), [(17, 0.5, 1)], 1.0),
+    "channel big": mixture(box(6, 6, CHANNEL_Y), [(3, 0.9, 1), (150, 0.08, 1)], 1.0),
     "mixture": mixture(box(4, 3, PERIODIC), [(10, 0.3, 1), (30, 0.1, 1), (200, 0.02, 1)], 1.0),
     "big last": mixture(box(6, 6, WALLS), [(40, 0.05, 1), (2, 0.5, 1)], 1.0),
     "big": mixture(box(6, 6, PERIODIC), [(3, 0.9, 1), (150, 0.08, 1)], 1.0),
@@ -194,13 +202,13 @@ def test_random_places_are_sound(name):
         assert_sound(RANDOM[name], draw_state(RANDOM[name], seed))
 
 
-@pytest.mark.parametrize("boundary", [WALLS, PERIODIC])
+@pytest.mark.parametrize("boundary", [WALLS, PERIODIC, CHANNEL_X, CHANNEL_Y])
 def test_a_disk_is_uniform_over_where_it_can_be(boundary):
     """Kolmogorov-Smirnov per coordinate over 3,000 states; false alarm 1e-6 each."""
     scene = mixture(box(2, 3, boundary, (0.5, 1.0)), [(2, 0.3, 1)], 1.0)
     places = np.array([draw_state(scene, seed).position for seed in range(3000)])
-    margin = 0.0 if boundary == PERIODIC else 0.3
     for axis, (low, high) in enumerate((scene.box.x, scene.box.y)):
+        margin = 0.0 if scene.box.periodic_axes[axis] else 0.3
         law = stats.uniform(low + margin, high - low - 2 * margin)
         assert stats.kstest(places[:, 0, axis], law.cdf).pvalue > 1e-6
     if (
@@ -218,7 +226,7 @@ def test_a_disk_is_uniform_over_where_it_can_be(boundary):
 LATTICES = {
     **{
         f"{n} of {radius}, {side}": (box(3, 2.5, side, (10.0, 0.0)), [(n, radius, 1.0)], {})
-        for side in (WALLS, PERIODIC)
+        for side in (WALLS, PERIODIC, CHANNEL_X, CHANNEL_Y)
         for n, radius in [(1, 0.5), (2, 0.4), (7, 0.3), (100, 0.14), (1000, 0.043)]
     },
     "phi = 0.85": (
@@ -227,6 +235,11 @@ LATTICES = {
         {},
     ),
     "walls, tracer": (box(4, 4, WALLS), [(80, 0.12, 1.0), (80, 0.08, 1.0)], {"tracer": TRACER}),
+    "channel, tracer": (
+        box(4, 4, CHANNEL_X),
+        [(80, 0.12, 1), (80, 0.08, 1)],
+        {"tracer": TRACER | {"position": [1.9, -1.5]}},
+    ),
     "periodic, tracer": (
         box(4, 4, PERIODIC),
         [(80, 0.12, 1), (80, 0.08, 1)],
@@ -348,13 +361,14 @@ class Watched:
 
 
 @pytest.mark.parametrize(("number", "phi"), [(40, 0.56), (120, 0.55), (250, 0.565)])
-@pytest.mark.parametrize("boundary", [WALLS, PERIODIC])
+@pytest.mark.parametrize("boundary", [WALLS, PERIODIC, CHANNEL_X])
 def test_a_disk_without_room_is_not_tried_a_million_times(number, phi, boundary, monkeypatch):
     """Of a million tries that fail few are compared with other disks; where no room is left, none
     is made.
     """
     monkeypatch.setattr(initial_state, "insert_disks", watched := Watched())
-    side = (number * math.pi / 4 / phi) ** 0.5 + (0.34 if boundary == WALLS else 0.0)
+    side = (number * math.pi / 4 / phi) ** 0.5
+    side += {PERIODIC: 0.0, WALLS: 0.34}.get(str(boundary), 0.17)  # one or two walls an axis
     scene = dense(box(side, side, boundary), [(number, 0.5, 1)], "random")
     stuck = 0
     for seed in range(6):
@@ -367,25 +381,23 @@ def test_a_disk_without_room_is_not_tried_a_million_times(number, phi, boundary,
     assert stuck
 
 
-@pytest.mark.parametrize("boundary", [WALLS, PERIODIC])
+@pytest.mark.parametrize("boundary", [WALLS, PERIODIC, CHANNEL_X, CHANNEL_Y])
 def test_closed_fields_of_the_raster_have_no_room(boundary, monkeypatch):
     """Random points of closed fields against all disks; equal disks, and a mixture, got stuck."""
     monkeypatch.setattr(initial_state, "insert_disks", watched := Watched())
     stream = np.random.default_rng(5)
     for kinds, side in (([(60, 0.5, 1)], 9.0), ([(8, 1.0, 1), (220, 0.2, 1)], 8.2)):
         with pytest.raises(PlacementError):
-            draw_state(dense(box(side, side, boundary), kinds, "random"), 3)
+            draw_state(scene := dense(box(side, side, boundary), kinds, "random"), 3)
         p = watched.places
         i = watched.progress[0]
         columns, rows = p.is_open.shape
         closed = np.argwhere(~p.is_open)
         assert len(closed) > 0.9 * p.is_open.size
         share = (closed + stream.random(closed.shape)) / (columns, rows)
-        margin = p.radius[i] if boundary == WALLS else 0.0
+        margin = scene.box.margins(p.radius[i])
         centre = margin + share * (p.size - 2 * margin)
-        apart = centre[:, None] - p.position[:i]
-        if boundary == PERIODIC:
-            apart -= p.size * np.rint(apart / p.size)
+        apart = scene.box.nearest_image(centre[:, None] - p.position[:i])
         gap = np.hypot(*np.moveaxis(apart, -1, 0)) - p.radius[i] - p.radius[:i]
         assert (gap.min(axis=1) < 0).all()
 
@@ -464,7 +476,7 @@ def test_finds_an_overlap_where_all_pairs_do(disks, periodic):
         return np.hypot(*apart) - radius[a] - radius[b]
 
     gaps = {pair: gap(*pair) for pair in combinations(range(len(disks)), 2)}
-    found = overlaps(position, radius, ((0, 1), (0, 1)) if periodic else None)
+    found = overlaps(position, radius, ((0, 1), (0, 1)) if periodic else (None, None))
     if found is None:
         assert all(value > -1e-12 for value in gaps.values())
     else:

@@ -10,6 +10,7 @@ import brownpipe as bp
 from brownpipe.engines.start.initial_state import draw_state, draw_tracer, noise_stream
 from brownpipe.scene import motion
 from ensembles import make_scene
+from scenes import CHANNEL_X, CHANNEL_Y
 
 SIGMAS = 4.5
 
@@ -51,6 +52,8 @@ SCENES = [
     ("periodic", 2.0, HEAVY_BATH),
     ("periodic", 0.7, MANY_LIGHT),
     ("reflecting", 1.5, THREE_KINDS),
+    (CHANNEL_X, 2.0, HEAVY_BATH),
+    (CHANNEL_Y, 0.7, MANY_LIGHT),
 ]
 
 
@@ -102,3 +105,35 @@ def test_the_motion_of_very_many_very_heavy_disks_overflows_nothing():
     expected = 2 * 4.0 * (1 + 0.5 / 40)  # two components; <P^2> of the bath is 40 m^2 s^2 / 2
     assert motion.mean_square_speed_of_tracer(scene) == pytest.approx(expected, rel=1e-7)
     assert motion.mean_square_speed_of_centre(scene) == 0.0
+
+
+def channel(boundary, **velocities):
+    """A tracer and six disks in a channel."""
+    return make_scene(
+        box={"x": [-3.0, 3.0], "y": [-2.0, 2.0], "boundary": boundary},
+        particles=7,
+        velocities={"temperature": 1.6} | velocities,
+    )
+
+
+@pytest.mark.parametrize(("boundary", "along"), [(CHANNEL_X, 0), (CHANNEL_Y, 1)])
+def test_in_a_channel_the_momentum_along_it_is_zero_and_no_other(boundary, along):
+    scene = channel(boundary)
+    assert scene.velocities.zero_momentum
+    assert motion.moving_disks(scene) == 6.5
+    momentum = scene.mass @ draw_state(scene, 3).velocity
+    assert abs(momentum[along]) < 1e-14
+    assert abs(momentum[1 - along]) > 1e-3
+    free = channel(boundary, zero_momentum=False)
+    assert motion.moving_disks(free) == 7
+
+
+@pytest.mark.parametrize("zero_momentum", [True, False])
+@pytest.mark.parametrize("boundary", [CHANNEL_X, CHANNEL_Y])
+def test_the_centre_of_mass_in_a_channel_moves_as_that_of_drawn_states(boundary, zero_momentum):
+    scene = channel(boundary, zero_momentum=zero_momentum)
+    share = scene.mass / scene.mass.sum()
+    drawn = np.array([share @ draw_state(scene, seed).velocity for seed in range(2000)])
+    error = (drawn**2).std(axis=0) / np.sqrt(len(drawn))
+    expected = motion.mean_square_velocity_of_centre(scene)
+    assert (np.abs((drawn**2).mean(axis=0) - expected) <= SIGMAS * error + 1e-15).all()

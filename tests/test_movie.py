@@ -17,6 +17,7 @@ from brownpipe.figures import movie, style
 from brownpipe.storage.trajectories import write_trajectories
 from brownpipe.text import in_bytes
 from ensembles import make_runs, make_scene
+from scenes import CHANNEL_X, CHANNEL_Y, PERIODIC, WALLS
 
 SEEDS = (3, 8)
 
@@ -164,6 +165,35 @@ def test_images_of_disks_that_reach_over_an_edge():
     walls = make_scene(particles=2)
     _, disks = movie.with_images(walls, np.array([[-2.7, 2.7], [0.0, -2.9]]))
     assert len(disks) == 2
+
+
+@pytest.mark.parametrize("boundary", [CHANNEL_X, CHANNEL_Y])
+def test_images_in_a_channel_are_those_across_its_periodic_sides(boundary):
+    channel = make_scene(particles=2, boundary=boundary)
+    at_wall_and_over_side = np.where(channel.box.periodic_axes, 2.95, -2.9)
+    centres, disks = movie.with_images(channel, np.array([[0.0, 0.0], at_wall_and_over_side]))
+    across = np.where(channel.box.periodic_axes, 6.0, 0.0)
+    assert list(disks) == [1, 1, 0]
+    np.testing.assert_allclose(np.ptp(centres[:2], axis=0), across)
+
+
+@pytest.mark.parametrize(
+    ("boundary", "solid", "words"),
+    [
+        (WALLS, {"left", "right", "bottom", "top"}, "hard walls"),
+        (PERIODIC, set(), "periodic"),
+        (CHANNEL_X, {"bottom", "top"}, "periodic in x, hard walls in y"),
+        (CHANNEL_Y, {"left", "right"}, "periodic in y, hard walls in x"),
+    ],
+)
+def test_walls_are_solid_and_periodic_sides_dashed(boundary, solid, words):
+    scene = make_scene("walk", 12, boundary=boundary)
+    with style.drawing():
+        figure, _ = movie.scenery_of(scene, 3, whole(scene, 3))
+    (axes,) = figure.axes
+    is_solid = {side for side, spine in axes.spines.items() if spine.get_linestyle() == "-"}
+    assert is_solid == solid
+    assert axes.get_xlabel() == f"6 x 6 (reduced units), {words}"
 
 
 def test_path_has_a_gap_where_it_goes_on_at_the_other_edge():

@@ -27,9 +27,12 @@ from brownpipe.observables import (
 from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
+from scenes import CHANNEL_X, CHANNEL_Y
 
 W = "reflecting"
 P = "periodic"
+CHANNELS = [pytest.param(CHANNEL_X, id="channel-x"), pytest.param(CHANNEL_Y, id="channel-y")]
+BOUNDARIES = [W, P, *CHANNELS]
 SQUARE = ("square_displacement",)
 QUARTIC = ("quartic_displacement",)
 TRACER_ALONE = (*SQUARE, "velocity_autocorrelation", *QUARTIC)
@@ -64,13 +67,17 @@ def made_up(scene, seed=1):
     """A run of random positions, some outside the box by round-off, images and velocities."""
     rng = np.random.default_rng(seed)
     shape = (len(scene.times), scene.particles, 2)
-    size = np.array([scene.box.width, scene.box.height])
-    position = scene.box.origin + rng.random(shape) * size
-    if scene.box.periodic:
-        position[:, 1] = scene.box.origin - np.array([1e-16, 1e-17])
-        position[:, 2] = scene.box.origin + size
+    box = scene.box
+    size = np.array([box.width, box.height])
+    position = box.origin + rng.random(shape) * size
+    position[:, 1] = np.where(
+        box.periodic_axes, box.origin - np.array([1e-16, 1e-17]), position[:, 1]
+    )
+    position[:, 2] = np.where(box.periodic_axes, box.origin + size, position[:, 2])
     velocity = rng.normal(size=shape) * np.sqrt(1.5 / scene.mass)[:, None]
-    image = rng.integers(-3, 4, shape).astype(np.int32) if scene.box.periodic else None
+    image = None
+    if box.has_images:
+        image = np.where(box.periodic_axes, rng.integers(-3, 4, shape), 0).astype(np.int32)
     whole = Track(position, velocity, image)
     return Run(whole.select(slice(0, 1)), whole)
 
@@ -90,8 +97,8 @@ def plain_pair_counts(scene, positions):
     middles = AXES["distance"].coordinates(scene)
     width = middles[1] - middles[0]
     counts = np.zeros((len(row), len(middles)), int)
-    boxes = list(product((0, -1, 1, -2, 2), repeat=2)) if scene.box.periodic else [(0, 0)]
-    images = np.array(boxes) * [scene.box.width, scene.box.height]
+    boxes = product(*((0, -1, 1, -2, 2) if axis else (0,) for axis in scene.box.periodic_axes))
+    images = np.array([*boxes]) * [scene.box.width, scene.box.height]
     for position in positions:
         for i in range(len(position)):
             for j in range(i):
@@ -105,7 +112,7 @@ def plain_pair_counts(scene, positions):
 
 @pytest.mark.parametrize("kinds", [BATH, BATH[:1], (BATH[1] | {"count": 15},)])
 @pytest.mark.parametrize("tracer", [TRACER, None])
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_pairs_are_counted_as_one_by_one(boundary, tracer, kinds):
     scene = make(boundary, kinds, tracer)
     run = made_up(scene)
@@ -118,8 +125,21 @@ def test_pairs_are_counted_as_one_by_one(boundary, tracer, kinds):
     assert np.array_equal(found["pair_counts"], expected)
 
 
+@pytest.mark.parametrize("boundary", CHANNELS)
+def test_pairs_in_reach_of_a_narrow_channel(boundary):
+    """The histogram ends at twice its height. Of 2,660 pairs, 2 % off each, within 10 %."""
+    along = 0 if boundary == CHANNEL_X else 1
+    sides = [[0, 60.0], [0, 0.5]] if along == 0 else [[0, 0.5], [0, 60.0]]
+    box = {"x": sides[0], "y": sides[1], "boundary": boundary}
+    bath = {"name": "bath", "count": 400, "radius": 0.1, "mass": 1.0}
+    scene = make(kinds=[bath], tracer=None, box=box, equilibrate=None)
+    position = np.random.default_rng(4).random((400, 2)) * scene.box.size
+    counts = plain_pair_counts(scene, [position])
+    assert counts.sum() / 400 == pytest.approx(pairs.pairs_in_reach(scene), rel=0.1)
+
+
 @pytest.mark.parametrize("at_once", [20, 300])
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_many_pairs_are_counted_in_small_blocks(boundary, at_once, monkeypatch):
     """Of a large disk among many small ones: memory is that of a block, the counts are the same."""
     kinds = (BATH[0] | {"count": 60, "radius": 0.05}, BATH[1])
@@ -145,12 +165,14 @@ def test_many_pairs_are_counted_in_small_blocks(boundary, at_once, monkeypatch):
 
 
 @pytest.mark.parametrize("small", [0.1, 0.5])
-def test_pairs_expected_around_the_tracer_are_those_of_many_points(small):
+@pytest.mark.parametrize("boundary", [W, *CHANNELS])
+def test_pairs_expected_around_the_tracer_are_those_of_many_points(boundary, small):
     """In all samples, against 20,000 points a sample; with 0.5 it is nearer the walls than the
-    others can be.
+    others can be. Along a channel to the nearest images, between walls 4 or 5 apart.
     """
     bath = BATH[0] | {"radius": small}
-    scene = make(W, [bath, BATH[1]], {"radius": 0.3, "mass": 2.0})
+    scene = make(boundary, [bath, BATH[1]], {"radius": 0.3, "mass": 2.0})
+    period = np.where(scene.box.periodic_axes, [5.0, 4.0], np.inf)
     run = made_up(scene)
     rng = np.random.default_rng(3)
     found = observe(scene, run, ("pair_distribution",))["pair_expected"]
@@ -158,14 +180,16 @@ def test_pairs_expected_around_the_tracer_are_those_of_many_points(small):
     middles = AXES["distance"].coordinates(scene)
     edges = np.append(middles - middles[0], middles[-1] + middles[0])
     for number, radius, expected in ((12, small, found[1]), (3, 0.1, found[2])):
-        accessible = [5 - 2 * radius, 4 - 2 * radius]
+        accessible = np.array([5.0, 4.0]) - 2 * radius * ~scene.box.periodic_axes
         counts = np.zeros(len(middles), int)
         for tracer in run.whole.position[:, 0]:
             points = [1.5, 4.0] + (rng.random((20_000, 2)) - 0.5) * accessible
-            distance = np.hypot(*(points - tracer).T)
+            apart = np.abs(points - tracer)
+            distance = np.hypot(*np.minimum(apart, period - apart).T)
             counts += np.histogram(distance, edges)[0]
         points_expected = expected / number * 20_000
         assert points_expected.sum() > 1e5
+        assert len(middles) > 160  # up to 2 or more
         assert counts.sum() == pytest.approx(points_expected.sum(), rel=0.02)  # 6 standard errors
         errors = np.sqrt(points_expected)
         assert (np.abs(counts - points_expected) < SIGMAS * errors + 4).all()
@@ -176,12 +200,16 @@ def test_reach_of_the_pair_distribution():
     distances.
     """
     low = make(W, BATH[:1], box={"x": [0, 3.0], "y": [0, 2.0]})
+    narrow = make(box={"x": [0, 3.0], "y": [0, 0.7], "boundary": CHANNEL_X})
     small_tracer = {"radius": 0.12, "mass": 1}
     wide = make(P, BATH[:1], small_tracer, box={"x": [0, 9], "y": [0, 9], "boundary": P})
     for scene, contact, reach in (
         (make(P), 0.2, 2.0),  # half the shorter side, below 5 * 0.5
         (make(W), 0.2, 2.5),  # 5 * 0.5, below the accessible 4 - 0.6
         (low, 0.4, 1.4),  # accessible to the largest
+        (make(CHANNEL_X), 0.2, 2.5),  # half its length, and 5 * 0.5
+        (make(CHANNEL_Y), 0.2, 2.0),  # half its length
+        (narrow, 0.2, 1.5),  # half its length, whatever its height
         (wide, 0.32, 2.0),
     ):
         middles = AXES["distance"].coordinates(scene)
@@ -208,33 +236,43 @@ def plain_mean_over(scene, average, product_of):
     return means
 
 
-@pytest.mark.parametrize("boundary", [W, P])
-def test_density_profile_is_that_of_plain_loops(boundary):
+@pytest.mark.parametrize(
+    ("boundary", "number", "axes"),
+    [  # bins to the middle for the largest, of height 4 or width 5, or five diameters
+        (W, 340, (0, 1)),
+        (P, 400, (0, 1)),
+        (CHANNEL_X, 340, (1,)),
+        (CHANNEL_Y, 440, (0,)),
+    ],
+)
+def test_density_profile_is_that_of_plain_loops(boundary, number, axes):
     """Each disk at the nearer of two opposite walls, in both directions, over the area along all
-    walls.
+    walls; in a channel across it alone.
     """
-    scene = make(boundary, sample_interval=0.03)  # 70 samples, of which 64 are counted at a time
+    # 70 samples, of which 64 are counted at a time
+    scene = make(boundary, sample_interval=0.03)
     run = made_up(scene)
     width = 0.005
-    number = 340 if boundary == W else 400  # to the middle for the largest
     low = np.array([-1.0, 2.0])
     high = np.array([4.0, 6.0])
     expected = np.zeros((3, number))
     species = ((0.3, [0]), (0.2, range(1, 13)), (0.1, range(13, 16)))
     for k, (radius, disks) in enumerate(species):
-        margin = radius if boundary == W else 0.0
-        area = 2 * width * (9 - 4 * margin)
-        for position, i in product(run.whole.position, disks):
-            for gap in np.minimum(position[i] - low, high - position[i]) - margin:
-                if gap < number * width:
-                    expected[k, max(int(gap / width), 0)] += 1 / area
+        margin = np.where(scene.box.periodic_axes, 0.0, radius)
+        length = high - low - 2 * margin
+        area = 2 * width * sum(length[1 - axis] for axis in axes)
+        for position, i, axis in product(run.whole.position, disks, axes):
+            coordinate = position[i, axis]
+            gap = min(coordinate - low[axis], high[axis] - coordinate) - margin[axis]
+            if gap < number * width:
+                expected[k, max(int(gap / width), 0)] += 1 / area
     found = observe(scene, run, ("density_profile",))["density_profile"]
     assert (expected > 0).sum() > 100
     np.testing.assert_allclose(found, expected / len(scene.times), rtol=1e-13)
 
 
 @pytest.mark.parametrize("average", observables.AVERAGES)
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_averages_are_those_of_plain_loops(boundary, average):
     # others have this radius, or this mass
     same = {"name": "same", "count": 13, "radius": 0.2, "mass": 4}
@@ -245,7 +283,7 @@ def test_averages_are_those_of_plain_loops(boundary, average):
     run = made_up(scene)
     found = observe(scene, run, (*TRACER_ALONE, "bath_velocity_autocorrelation"), average)
     unwrapped = run.whole.position
-    if boundary == P:
+    if boundary != W:
         unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
     followed = [*range(13), 28, 29] if average == "disks" else [0]
     both = np.stack([unwrapped, run.whole.velocity], axis=2)  # (T, N, 2, 2)
@@ -303,7 +341,7 @@ def extended_means(scene, track, lag):
 
 
 @pytest.mark.parametrize("duration", [30.0, 30.05])
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_averages_over_many_origins_are_plain_sums(boundary, duration, monkeypatch):
     """At all lags, however few samples and disks are transformed at once; the last sample of a
     duration of 30.05 has t = 0 as its only origin.
@@ -398,15 +436,14 @@ def plain_bonds(scene, position):
 
     A point of the edge is as far from both disks and no nearer to any other: a segment of their
     bisector, cut by one line for each other disk. Periodic: all disks and those of the 24 nearest
-    boxes; walls: the sides cut it, too.
+    boxes, in a channel 4; walls cut it, too.
     """
     size = np.array([scene.box.width, scene.box.height])
-    boxes = product(range(-2, 3), repeat=2)
+    is_wall = ~scene.box.periodic_axes
+    boxes = product(*(range(-2, 3) if axis else (0,) for axis in scene.box.periodic_axes))
     shifts = np.array(sorted(boxes, key=lambda shift: shift != (0, 0)))  # its own box first
     sites = position - scene.box.origin
-    points = sites
-    if scene.box.periodic:
-        points = np.concatenate([sites + shift * size for shift in shifts])
+    points = np.concatenate([sites + shift * size for shift in shifts])
     for i, j in product(range(len(sites)), range(len(points))):
         if i == j:
             continue
@@ -417,9 +454,8 @@ def plain_bonds(scene, position):
         # |middle + t along - other|^2 >= |middle + t along - site|^2 for each other
         slope = 2 * (others - sites[i]) @ along
         limit = ((others - middle) ** 2).sum(axis=1) - bond @ bond / 4
-        if not scene.box.periodic:
-            slope = np.concatenate([slope, along, -along])
-            limit = np.concatenate([limit, size - middle, middle])
+        slope = np.concatenate([slope, along[is_wall], -along[is_wall]])
+        limit = np.concatenate([limit, (size - middle)[is_wall], middle[is_wall]])
         falls = slope < 0
         rises = slope > 0
         begin = np.max(limit[falls] / slope[falls], initial=-np.inf)
@@ -429,7 +465,7 @@ def plain_bonds(scene, position):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_orientational_order_is_that_of_neighbours_one_by_one(boundary, monkeypatch):
     # of images at first; it is to grow until there are enough
     monkeypatch.setattr(orientation, "MARGIN", 0.1)
@@ -443,7 +479,7 @@ def test_orientational_order_is_that_of_neighbours_one_by_one(boundary, monkeypa
         angles = [[] for _ in range(16)]
         for disk, (x, y) in plain_bonds(scene, position):
             angles[disk].append(np.exp(6j * np.arctan2(y, x)))
-        assert boundary == W or np.mean([len(bonds) for bonds in angles]) == 6  # Euler's formula
+        assert boundary != P or np.mean([len(bonds) for bonds in angles]) == 6  # Euler's formula
         roots.append(abs(np.mean([np.mean(bonds) for bonds in angles])))
     squares = np.square(roots)
     assert found["orientational_order_squared"] == pytest.approx(squares.mean(), rel=1e-10)
@@ -470,6 +506,9 @@ def test_orientational_order_of_a_triangular_lattice_is_1():
         (P, 1, 1, (1.0, 1.0), 0.0),  # a disk and its own images
         (W, 5, 5, (0.3, 0.3), 0.0),
         (W, 6, 4, (0.9, 0.4), 1 / 18),  # at the long sides +1/3, at the short ones -1/3, of 24
+        (CHANNEL_X, 6, 4, (0.9, 0.4), 1 / 6),  # at both walls +1/3, of 4 rows
+        (CHANNEL_Y, 6, 4, (0.9, 0.4), 1 / 9),  # at both walls -1/3, of 6 columns
+        (CHANNEL_X, 1, 1, (1.0, 1.0), 1.0),  # a disk and its images at both sides
     ],
 )
 def test_disks_across_the_rectangles_of_a_lattice_are_no_neighbours(
@@ -585,7 +624,7 @@ def test_logarithmic_samples_see_the_same_run():
 
 
 @pytest.mark.parametrize("average", ["runs", "origins"])
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_the_same_to_the_bit(boundary, average):
     scene = make(boundary)
     measured = {"observables": ALL, "average": average}
@@ -640,7 +679,7 @@ def test_histograms_are_of_the_last_sample_unless_the_scene_is_stationary(name):
 # -- in files --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("boundary", [W, P])
+@pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_arrays_in_a_file(boundary, tmp_path):
     scene = make(boundary)
     ensemble = simulate(scene, [3, 4, 9], {"none"}, observables=ALL, average="origins")

@@ -18,6 +18,7 @@ from brownpipe.scene import parse_scene
 from brownpipe.storage.configurations import read_scene
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
 from ensembles import make_scene
+from scenes import CHANNEL_X, CHANNEL_Y
 
 NOTE = "config/scenes/harrison2020.yaml"
 EXACT = Engine("exact")
@@ -38,19 +39,19 @@ def listed(disks, boundary):
     return parse_scene(mapping, "listed.yaml")
 
 
-def channel():
+def long_box():
     """A scene of a fast disk among two others in a long box."""
     fast = LISTED[0] | {"velocity": [12.0, 0.5]}
     far = LISTED[1] | {"position": [49.0, 0.0]}
     box = {"x": [-50.0, 50.0], "y": [-1.0, 2.0], "boundary": "reflecting"}
     disks = [fast, LISTED[1], far]
     mapping = {"box": box, "duration": 4.0, "sample_interval": 0.5, "disks": disks}
-    return parse_scene(mapping, "channel.yaml")
+    return parse_scene(mapping, "long_box.yaml")
 
 
-def periodic():
-    """A scene of unequal disks in a periodic box."""
-    return make_scene("periodic", 40, boundary="periodic", disks=UNEQUAL, duration=3.0)
+def unequal(boundary):
+    """A scene of unequal disks in a box with periodic sides."""
+    return make_scene("unequal", 40, boundary=boundary, disks=UNEQUAL, duration=3.0)
 
 
 def equilibrated():
@@ -60,11 +61,14 @@ def equilibrated():
 
 SCENES = {
     "walls": lambda: make_scene("walls", 40),
-    "periodic": periodic,
+    "periodic": lambda: unequal("periodic"),
+    "channel along x": lambda: unequal(CHANNEL_X),
+    "channel along y": lambda: unequal(CHANNEL_Y),
     "equilibrated": equilibrated,
     "listed": lambda: listed(LISTED, "reflecting"),
-    "channel": channel,
+    "long box": long_box,
     "one disk across the edges": lambda: listed(LISTED[:1], "periodic"),
+    "one disk along a channel": lambda: listed(LISTED[:1], CHANNEL_X),
 }
 WITH_BROWSER = pytest.mark.skipif(browser.CHROMIUM is None, reason="chromium is not installed")
 
@@ -120,20 +124,16 @@ def replayed_positions(data, times):
             done += 1
         frames.append(position + velocity * (time - now))
     positions = np.array(frames)
-    if data["box"]["boundary"] != "periodic":
-        return positions
     low, high = np.array([data["box"]["x"], data["box"]["y"]]).T
-    return np.mod(positions - low, high - low) + low
+    inside = np.mod(positions - low, high - low) + low
+    return np.where(data["box"]["periodic"], inside, positions)
 
 
 def farthest(scene, positions, recorded):
-    """Largest distance of positions (T, N, 2) from the recorded ones, across the edges if that is
-    shorter.
+    """Largest distance of positions (T, N, 2) from the recorded ones, across periodic sides if
+    that is shorter.
     """
-    gap = positions - recorded
-    if scene.box.periodic:
-        size = np.array([scene.box.width, scene.box.height])
-        gap -= size * np.round(gap / size)
+    gap = scene.box.nearest_image(positions - recorded)
     return np.hypot(gap[..., 0], gap[..., 1]).max()
 
 
@@ -270,13 +270,14 @@ FACE_OF_TRACER = [0xB5, 0xDA, 0xF0]
 
 @WITH_BROWSER
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["walls", "periodic"])
-def test_the_browser_draws_the_run(name, chromium, page, runs):
+@pytest.mark.parametrize("name", ["walls", "periodic", "channel along x", "channel along y"])
+def test_the_browser_draws_the_run(name, chromium, tmp_path, runs):
     scene = runs[name].scene
     ensemble = runs[name].ensemble
-    chromium.show(page)
-    place = ["walls", "periodic"].index(name)
-    section = f"document.querySelectorAll('.brownpipe-replay')[{place}]"
+    path = tmp_path / "run.html"
+    path.write_text(page_of(runs[name]))
+    chromium.show(path)
+    section = "document.querySelector('.brownpipe-replay')"
     faces = [LIGHT if radius == 0.1 else DARK for radius in scene.radius[1:]]
     for k in (0, len(ensemble.times) // 2, -1):
         time = float(ensemble.times[k])
@@ -284,12 +285,12 @@ def test_the_browser_draws_the_run(name, chromium, page, runs):
         positions = np.array(chromium.value(f"{section}.brownpipe.at({time})"))
         assert farthest(scene, positions, recorded) < 1e-9 * scene.radius.min()
         chromium.value(f"{section}.brownpipe.go({time})")
-        colours = chromium.value(f"({COLOURS})({place}, {recorded[1:].tolist()})")
+        colours = chromium.value(f"({COLOURS})(0, {recorded[1:].tolist()})")
         crossed = sum(colour != face for colour, face in zip(colours, faces, strict=True))
         assert crossed <= 2, "the path of the tracer may cross the centres of so many other disks"
         x, y = recorded[0] + (0.0, 0.6 * scene.radius[0])
         y_inside = y if y < 3 else y - 6
-        (colour,) = chromium.value(f"({COLOURS})({place}, [[{x}, {y_inside}]])")
+        (colour,) = chromium.value(f"({COLOURS})(0, [[{x}, {y_inside}]])")
         assert colour[:3] in (FACE_OF_TRACER, [0x00, 0x72, 0xB2])
     assert chromium.console == []
 
@@ -310,10 +311,40 @@ def test_a_disk_that_reaches_over_an_edge_is_drawn_at_the_opposite_one_too(chrom
 
 
 @WITH_BROWSER
-def test_the_picture_follows_the_tracer_along_a_channel(chromium, tmp_path, runs):
+@pytest.mark.parametrize("name", ["channel along x", "channel along y"])
+def test_disks_reach_over_periodic_sides_of_a_channel_but_not_over_its_walls(
+    name, chromium, tmp_path, runs
+):
+    """Walls are solid lines, periodic sides dashed ones."""
+    scene = runs[name].scene
+    position = runs[name].ensemble.whole[SEED].position
+    along = 0 if scene.box.periodic_x else 1
+    reaches_over = position[:, 1:, along] + 3 < 0.3 * scene.radius[1:]
+    k, i = np.argwhere(reaches_over)[0] + (0, 1)
     path = tmp_path / "channel.html"
-    ensemble = runs["channel"].ensemble
-    path.write_text(page_of(runs["channel"]))
+    path.write_text(page_of(runs[name]))
+    chromium.show(path)
+    section = "document.querySelector('.brownpipe-replay')"
+    chromium.value(f"{section}.brownpipe.go({runs[name].ensemble.times[k]})")
+    place = position[k, i].copy()
+    place[along] += 6 - 0.6 * scene.radius[i]
+    (colour,) = chromium.value(f"({COLOURS})(0, {[place.tolist()]})")
+    assert colour == (LIGHT if scene.radius[i] == 0.1 else DARK)
+    points = np.linspace(-2.99, 2.99, 200)
+    for axis in (0, 1):
+        for side in (-3.0, 3.0):
+            line = np.insert(points[:, None], axis, side, axis=1)
+            colours = chromium.value(f"({COLOURS})(0, {line.tolist()})")
+            is_solid = all(colour == colours[0] for colour in colours)
+            assert is_solid == (axis != along)
+    assert chromium.console == []
+
+
+@WITH_BROWSER
+def test_the_picture_follows_the_tracer_along_a_long_box(chromium, tmp_path, runs):
+    path = tmp_path / "long_box.html"
+    ensemble = runs["long box"].ensemble
+    path.write_text(page_of(runs["long box"]))
     chromium.show(path)
     canvas = "document.querySelector('canvas').getBoundingClientRect()"
     assert chromium.value(f"{canvas}.width / {canvas}.height") == pytest.approx(6, rel=0.1)

@@ -302,6 +302,30 @@ def test_masses_up_to_a_factor_of_1e200(masses):
         explicit(disk(mass=1.01 * heavy), disk(x=1, mass=light))
 
 
+@pytest.mark.parametrize("word", ["periodic", "reflecting"])
+def test_two_equal_words_for_the_axes_are_one_word(word):
+    boxes = [BOX | {"boundary": boundary} for boundary in (word, {"x": word, "y": word})]
+    by_word, by_axis = (species(kind(9), box=box) for box in boxes)
+    assert by_axis.text == by_word.text
+    assert by_axis.digest == by_word.digest
+    assert by_axis.box == by_word.box
+
+
+def test_channels_along_x_and_y_are_different_scenes():
+    along_x = BOX | {"boundary": {"x": "periodic", "y": "reflecting"}}
+    along_y = BOX | {"boundary": {"y": "periodic", "x": "reflecting"}}
+    scene = species(kind(9), box=along_x)
+    other = species(kind(9), box=along_y)
+    assert scene.digest != other.digest
+    assert scene.box != other.box
+    assert repr(scene) == (
+        "<Scene test: 9 disks in a channel along x, 6 x 6, packing fraction 0.007854, duration 1>"
+    )
+    assert scene.box.periodic_axes.tolist() == [True, False]
+    again = parse_scene(json.loads(scene.text), "test.yaml")
+    assert again.box == scene.box, "boxes are compared, whatever was asked of them"
+
+
 def test_a_scene_with_another_value_of_a_key():
     """The keys are those of a scene file; what the user left out follows them."""
     scene = read_scene(CONFIG / "scenes" / "harrison2020.yaml")
@@ -316,7 +340,13 @@ def test_a_scene_with_another_value_of_a_key():
     )
     assert (heavy.mass[0], heavy.name, heavy.particles) == (3.0, scene.name, 150)
     free = scene.replace(**{"box.boundary": "periodic"}, name="free")
-    assert free.box.periodic and free.name == "free" and free != free.replace(name="other")
+    assert not free.box.has_walls
+    assert free.name == "free" and free != free.replace(name="other")
+    along_x = {"x": "periodic", "y": "reflecting"}
+    channel = scene.replace(**{"box.boundary": along_x})
+    assert channel.box.is_channel and channel.replace(**{"box.boundary.y": "periodic"}) == (
+        scene.replace(**{"box.boundary": "periodic"})
+    )
     assert (
         scene.replace(
             **{"disks.tracer.mass": np.float64(3), "disks.species.bath.radius": 0.05}

@@ -10,6 +10,7 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.scene.configuration import Configuration
 from brownpipe.scene.overlaps import overlaps
+from scenes import CHANNEL_Y, PERIODIC, WALLS
 
 SIDE = 40.0
 
@@ -40,7 +41,7 @@ def of_given(mapping, scene, position, **keys):
     return parse_scene(mapping | {"disks": disks}, "given.yaml")
 
 
-@pytest.mark.parametrize("boundary", ["periodic", "reflecting"])
+@pytest.mark.parametrize("boundary", [PERIODIC, WALLS, CHANNEL_Y])
 @pytest.mark.parametrize("decimals", [5, 3, 2])
 def test_rounded_coordinates_are_separated(boundary, decimals):
     mapping, scene, position = dense(boundary)
@@ -48,11 +49,8 @@ def test_rounded_coordinates_are_separated(boundary, decimals):
     allowed = 10.0**-decimals
     given = of_given(mapping, scene, rounded, push_apart=allowed)
     separation = separated(given)
-    sides = (given.box.x, given.box.y) if boundary == "periodic" else None
-    assert overlaps(separation.position, given.radius, sides) is None
-    step = separation.position - rounded
-    if boundary == "periodic":
-        step -= SIDE * np.rint(step / SIDE)
+    assert overlaps(separation.position, given.radius, given.box.periodic_sides) is None
+    step = given.box.nearest_image(separation.position - rounded)
     assert np.abs(step).max() < 20 * allowed  # a dense row hands a push on
     assert np.hypot(*step.T).max() == pytest.approx(separation.farthest, rel=1e-6, abs=1e-12)
     for seed in (0, 1):

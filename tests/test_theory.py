@@ -202,6 +202,50 @@ def test_distance_of_points_in_two_rectangles():
     assert (np.abs(counts - expected) < SIGMAS * np.sqrt(expected) + 2).all()
 
 
+@pytest.mark.parametrize("heights", [(1.0, 3.0), (0.4, 0.4), (7.0, 9.0), (1e-3, 2.0)])
+def test_distance_of_points_in_two_strips_of_a_channel(heights):
+    """Against 400,000 pairs of points, in bins up to half the length of the channel, 10."""
+    rng = np.random.default_rng(21)
+    apart = rng.random(400_000) * 10 % 10
+    along = np.minimum(apart, 10 - apart)
+    a, b = heights
+    across = (rng.random(400_000) - 0.5) * a - (rng.random(400_000) - 0.5) * b
+    distance = np.hypot(along, across)
+    edges = np.linspace(0, 5, 41)
+    expected = 400_000 * np.diff(theory.pair_distance_in_channel(edges, 10.0, a, b))
+    counts = np.histogram(distance, edges)[0]
+    assert (np.abs(counts - expected) < SIGMAS * np.sqrt(expected) + 2).all()
+
+
+@pytest.mark.parametrize("heights", [(1.0, 3.0), (0.4, 0.4), (1e-9, 1e-9), (7.0, 9.0)])
+def test_density_of_distances_in_a_channel_is_that_of_its_probabilities(heights):
+    """By Gauss-Legendre quadrature from kink to kink, which the density has at abs(a - b)/2 and
+    (a + b)/2: near them it is no polynomial, to 1e-6.
+    """
+    a, b = heights
+    kinks = [abs(a - b) / 2, (a + b) / 2]
+    ends = np.array(sorted([0.0, 5.0, *(kink for kink in kinks if kink < 5)]))
+    node, weight = leggauss(100)
+    half = np.diff(ends)[:, None] / 2
+    r = ends[:-1, None] + half * (node + 1)
+    density = theory.pair_distance_density_in_channel(r, 10.0, a, b)
+    probability = np.cumsum((weight * half * density).sum(axis=1))
+    within = theory.pair_distance_in_channel(ends, 10.0, a, b)
+    assert within[0] == 0 == theory.pair_distance_density_in_channel(0.0, 10.0, a, b)
+    assert probability == pytest.approx(within[1:], rel=1e-6)
+
+
+def test_a_channel_is_a_line_or_a_plane_at_distances_much_longer_or_shorter_than_its_height():
+    """To round-off, though the difference of two integrals is a 1e-18th of each."""
+    r = np.array([1e-3, 0.3, 4.0])
+    narrow = theory.pair_distance_in_channel(r, 10.0, 1e-9, 1e-9)
+    assert narrow == pytest.approx(2 * r / 10, rel=1e-13, abs=0)
+    wide = theory.pair_distance_in_channel(r, 10.0, 20.0, 30.0)
+    assert wide == pytest.approx(np.pi * r**2 / (10 * 30), rel=1e-13, abs=0)
+    line = theory.pair_distance_density_in_channel(r, 10.0, 1e-9, 1e-9)
+    assert line == pytest.approx(0.2, rel=1e-13)
+
+
 def test_mixture_of_equal_species_is_one_species():
     chi = theory.contact_value(0.3)
     n = 0.3 / (np.pi / 4)
@@ -244,6 +288,18 @@ def test_area_of_a_disk_within_and_around_a_rectangle():
     ):
         inside = theory.disk_area_in_rectangle(r, *centre, 4.0, 3.0)
         assert inside == pytest.approx(area, rel=1e-14, abs=1e-14)
+
+
+def test_rings_around_a_uniform_centre_in_a_channel_are_those_of_two_uniform_points():
+    """Around a centre that is in the middle of the nearest images, 8 long."""
+    edges = np.linspace(0, 4, 13)
+    node, weight = leggauss(200)
+    y = 3.0 / 2 * node
+    area = theory.disk_area_in_rectangle(edges, 0.0, y[:, None], 8.0, 2.4)
+    within = np.einsum("i,ik->k", weight / 2, area) / (8.0 * 2.4)
+    expected = theory.pair_distance_in_channel(edges, 8.0, 3.0, 2.4)
+    # a kink per wall: quadrature is off by some 200^-2
+    assert within == pytest.approx(expected, abs=1e-5)
 
 
 def test_rings_around_a_uniform_centre_are_those_of_two_uniform_points():

@@ -185,6 +185,24 @@ def dataset_of(study):
 
 
 @pytest.mark.slow
+def test_boundaries_are_varied_by_word_and_by_axis(folder):
+    channel = {"x": "periodic", "y": "reflecting"}
+    write_study(vary={"box.boundary": ["periodic", channel]})
+    cases = read_study("study.yaml").cases
+    assert [case.box.in_words for case in cases] == ["periodic box", "channel along x"]
+    labels = ["periodic", "x-periodic-y-reflecting"]
+    assert [case.name for case in cases] == [f"fluid,box_boundary={label}" for label in labels]
+    assert [value_of(case, "box.boundary") for case in cases] == labels
+    Path("fluid.yaml").write_text(
+        yaml.safe_dump(FLUID | {"box": FLUID["box"] | {"boundary": channel}})
+    )
+    words = ["reflecting", "periodic"]
+    write_study(vary={"box.boundary.y": words})
+    cases = read_study("study.yaml").cases
+    assert [value_of(case, "box.boundary.y") for case in cases] == words
+    assert [case.box.in_words for case in cases] == ["channel along x", "periodic box"]
+
+
 def test_the_dataset_of_a_study_is_that_of_python_and_each_part_that_of_its_scene(folder):
     windows = {"fit_windows": [[0.5, 3.25], [1.0, 4.0]]}
     analysis = windows | {"displacement_times": [1.5, 2.25], "rings": {"dr": 0.3, "count": 11}}

@@ -94,7 +94,8 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
 ) -> SceneRecord:
     """Return a scene from the keys of a scene file, as `read_scene` does from the file.
 
-    box: {"x": (low, high), "y": (low, high), "boundary": "reflecting" or "periodic"} [length].
+    box: {"x": (low, high), "y": (low, high), "boundary": "reflecting" or "periodic"} [length], or
+    in a channel "boundary": {"x": "periodic", "y": "reflecting"}.
     disks: {"tracer": ..., "species": [...]}, a list of disks with position, velocity, radius and
     mass, {"file": "start.csv"}, or {"configuration": Configuration(...)}.
     duration, sample_interval: [time].

@@ -9,6 +9,7 @@ limits and their sources; each docstring names its section.
 """
 
 import math
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -483,6 +484,77 @@ def pair_distance_probability(
     r = edges[:-1, None] + half * (node + 1)
     density = pair_distance_density_between(r, first, second)
     return (weight * half * density).sum(axis=-1)
+
+
+def pair_distance_density_in_channel(
+    r: Numbers, length: float, first: float, second: float
+) -> np.ndarray:
+    """Return the density [1/length] of the distance r <= L/2 of two independent uniform points in a
+    channel of `length` L, periodic along it.
+
+    `first` and `second` are the heights a and b of two strips with the same axis, one for each
+    point: where the centres of disks of two sizes can be between the walls. The derivative by r of
+    `pair_distance_in_channel`: with K(h) = r (h asin(m/r) - r + sqrt(r^2 - m^2)), m = min(h, r),
+
+        p(r) = 4/(L a b) (K((a + b)/2) - K(abs(a - b)/2)).
+
+    docs/theory.md, section 3.
+    """
+
+    def within(h: float, r: np.ndarray) -> np.ndarray:
+        m = np.minimum(h, r)
+        depth = m * m / (r + np.sqrt(r * r - m * m))  # r - sqrt(r^2 - m^2)
+        return r * (h * np.arcsin(m / r) - depth)
+
+    return _over_strips(within, r, length, first, second)
+
+
+def pair_distance_in_channel(r: Numbers, length: float, first: float, second: float) -> np.ndarray:
+    """Return the probability that the distance of two such points is at most r <= L/2.
+
+    Along the channel the distance of the nearest images is uniform up to L/2; across it the
+    difference u of the two points has the density q(u) of `_difference_density`, constant up to
+    abs(a - b)/2 and falling linearly to 0 at (a + b)/2. With m = min(h, r)
+
+        P(r) = 4/L int_0^r q(u) sqrt(r^2 - u^2) du = 4/(L a b) (G((a + b)/2) - G(abs(a - b)/2)),
+        G(h) = int_0^m (h - u) sqrt(r^2 - u^2) du
+             = h/2 (m sqrt(r^2 - m^2) + r^2 asin(m/r)) - (r^3 - (r^2 - m^2)^(3/2))/3.
+
+    In a channel much narrower than r this is 2 r/L, in one much wider pi r^2/(L h). docs/theory.md,
+    section 3.
+
+    >>> round(float(pair_distance_in_channel(0.5, 4.0, 1e-3, 1e-3)), 6)
+    0.25
+    >>> round(float(pair_distance_in_channel(0.5, 4.0, 100.0, 300.0)) * 1200 / np.pi, 6)
+    0.25
+    """
+
+    def within(h: float, r: np.ndarray) -> np.ndarray:
+        m = np.minimum(h, r)
+        s = np.sqrt(r * r - m * m)
+        strip = (m * s + r * r * np.arcsin(m / r)) / 2
+        cubes = m * m * (r * r + r * s + s * s) / (r + s)  # r^3 - s^3, as r - s = m^2/(r + s)
+        return h * strip - cubes / 3
+
+    return _over_strips(within, r, length, first, second)
+
+
+def _over_strips(
+    integral: Callable[[float, np.ndarray], np.ndarray],
+    r: Numbers,
+    length: float,
+    first: float,
+    second: float,
+) -> np.ndarray:
+    """Return 4/(L a b) times the difference of an integral between h = (a + b)/2 and abs(a - b)/2
+    at distances r; 0 at r = 0.
+    """
+    r = np.asarray(r, float)
+    distance = np.where(r > 0.0, r, 1.0)
+    longest = (first + second) / 2
+    flat = abs(first - second) / 2  # up to here the density of the difference is constant
+    difference = integral(longest, distance) - integral(flat, distance)
+    return np.where(r > 0.0, 4.0 / (length * first * second) * difference, 0.0)
 
 
 # --- an ideal gas around a disk in a box

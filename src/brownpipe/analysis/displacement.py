@@ -113,7 +113,7 @@ def accessible_half_width(scene: Scene) -> float:
     """
     box = scene.box
     start = known_start(scene, "runs")
-    if box.periodic or start is None or abs(box.width - box.height) > CENTRED * box.width:
+    if box.has_images or start is None or abs(box.width - box.height) > CENTRED * box.width:
         return np.nan
     centre = [sum(box.x) / 2, sum(box.y) / 2]
     off_centre = np.abs(np.array(start) - centre).max()
@@ -132,11 +132,12 @@ def known_start(scene: Scene, average: str) -> tuple[float, float] | None:
 
 
 def msd_limit(scene: Scene, average: str) -> float:
-    """Return the MSD [length^2] of a tracer that has long filled the box; NaN in a periodic box.
+    """Return the MSD [length^2] of a tracer that has long filled the box; NaN if some of its sides
+    are periodic.
 
     Its centre is then anywhere in the accessible rectangle.
     """
-    if scene.box.periodic or not scene.particles:
+    if scene.box.has_images or not scene.particles:
         return np.nan
     _, size = scene.box.accessible(scene.radius[0])
     msd, _ = _msd_between_walls(scene, average, 10 * size.max() ** 2)
@@ -148,22 +149,26 @@ def wall_reduction(scene: Scene, average: str, msd: float) -> float:
 
     For diffusion in the accessible rectangle, from where the displacements begin: 0 as long as the
     walls are not felt, 1 when the box is filled. From the middle of a square it is 0.1 at 39 % of
-    the limit of the MSD, for starts anywhere at 2 %. NaN in a periodic box, and for an MSD that is
-    not positive.
+    the limit of the MSD, for starts anywhere at 2 %. In a channel it is 1/2 in the end: only the
+    motion along it goes on. NaN in a periodic box, and for an MSD that is not positive.
     """
     from scipy.optimize import brentq
 
-    limit = msd_limit(scene, average)
-    if not (msd > 0 and limit > 0):
+    if not (scene.particles and scene.box.has_walls and msd > 0):
         return np.nan
     _, size = scene.box.accessible(scene.radius[0])
-    largest = 2 * size.max() ** 2  # D t, at which the box is filled to 1e-8
+    if not size.any():
+        return np.nan
+    if scene.box.is_channel:
+        largest = msd / 2  # D t, if the tracer moved along it alone
+    else:
+        largest = 2 * size.max() ** 2  # D t, at which the box is filled to 1e-8
 
     def excess(half_variance: float) -> float:
         msd_then, _ = _msd_between_walls(scene, average, half_variance)
         return msd_then - msd
 
-    if excess(largest) <= 0:
+    if not scene.box.is_channel and excess(largest) <= 0:
         return 1.0
     half_variance = brentq(excess, 0.0, largest, rtol=1e-9)
     _, slope = _msd_between_walls(scene, average, half_variance)
@@ -171,13 +176,20 @@ def wall_reduction(scene: Scene, average: str, msd: float) -> float:
 
 
 def _msd_between_walls(scene: Scene, average: str, half_variance: float) -> tuple[float, float]:
-    """Return MSD [length^2] and its derivative by D t, where D t is `half_variance` [length^2]."""
+    """Return MSD [length^2] and its derivative by D t, where D t is `half_variance` [length^2]:
+    along a periodic axis 2 D t and 2, along one without room to move 0.
+    """
     corner, size = scene.box.accessible(scene.radius[0])
     start = known_start(scene, average)
     starts = [None, None] if start is None else [*(np.array(start) - corner)]
-    axes = [*zip(size, starts, strict=True)]
-    msd = sum(theory.reflecting_interval_msd(half_variance, *axis) for axis in axes)
-    slope = sum(theory.reflecting_interval_slope(half_variance, *axis) for axis in axes)
+    msd = slope = 0.0
+    for is_periodic, length, from_wall in zip(scene.box.periodic_axes, size, starts, strict=True):
+        if is_periodic:
+            msd += 2 * half_variance
+            slope += 2
+        elif length > 0:
+            msd += theory.reflecting_interval_msd(half_variance, length, from_wall)
+            slope += theory.reflecting_interval_slope(half_variance, length, from_wall)
     return msd, slope
 
 
@@ -206,7 +218,7 @@ def best_end(cases: Sequence[Case], groups: Sequence[Group]) -> float:
     """
     average = cases[0].average
     ends = earlier_ends([case.scene for case in cases], average)
-    if all(case.scene.box.periodic for case in cases):
+    if not any(case.scene.box.has_walls for case in cases):
         return ends[0]
     scenes = [case.scene for case in cases]
     first_windows = [candidate_windows(scenes, end)[0][0] for end in ends]

@@ -53,14 +53,46 @@ def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
     disk need not be distributed uniformly: see `_per_lone`.
     """
     a, b, number, _ = pairs_in(scene)
-    if scene.box.periodic:
-        return number[:, None] * np.pi * np.diff(edges**2) / scene.box.area
-    areas = [scene.box.accessible(radius)[1] for radius in species_table(scene).radius]
-    shares = [
-        theory.pair_distance_probability(edges, areas[k], areas[m])
-        for k, m in zip(a, b, strict=True)
-    ]
+    box = scene.box
+    if not box.has_walls:
+        return number[:, None] * np.pi * np.diff(edges**2) / box.area
+    areas = [box.accessible(radius)[1] for radius in species_table(scene).radius]
+    shares = []
+    for k, m in zip(a, b, strict=True):
+        if box.is_channel:
+            within = theory.pair_distance_in_channel(edges, *_channel(scene, areas[k], areas[m]))
+            shares.append(np.diff(within))
+        else:
+            shares.append(theory.pair_distance_probability(edges, areas[k], areas[m]))
     return number[:, None] * shares
+
+
+def ideal_density(scene: Scene) -> np.ndarray:
+    """Return the density (P,) [1/length] of the distance of a pair at contact, for the same ideal
+    gas.
+    """
+    a, b, _, contact = pairs_in(scene)
+    box = scene.box
+    if not box.has_walls:
+        return 2 * np.pi * contact / box.area
+    areas = [box.accessible(radius)[1] for radius in species_table(scene).radius]
+    densities = []
+    for distance, k, m in zip(contact, a, b, strict=True):
+        if box.is_channel:
+            strips = _channel(scene, areas[k], areas[m])
+            density = theory.pair_distance_density_in_channel(distance, *strips)
+        else:
+            density = theory.pair_distance_density_between(distance, areas[k], areas[m])
+        densities.append(density)
+    return np.array(densities, float)
+
+
+def _channel(scene: Scene, first: np.ndarray, second: np.ndarray) -> tuple[float, float, float]:
+    """Return the length of a channel, and the heights of the strips in it that are accessible to
+    two disks: `first` and `second` (2,) are the sizes of their rectangles.
+    """
+    along, across = (0, 1) if scene.box.periodic_x else (1, 0)
+    return float(first[along]), float(first[across]), float(second[across])
 
 
 def contact_weights(
@@ -141,20 +173,11 @@ def contact_from_rate(
     (S. Chapman and T. G. Cowling, The Mathematical Theory of Non-Uniform Gases, ch. 5, in two
     dimensions). At the constant energy of a run the mean speed is larger by 1/`friction.mean_root`.
     """
-    a, b, number, contact = pairs_in(scene)
+    a, b, number, _ = pairs_in(scene)
     species = species_table(scene)
-    if scene.box.periodic:
-        density = 2 * np.pi * contact / scene.box.area
-    else:
-        areas = [scene.box.accessible(radius)[1] for radius in species.radius]
-        densities = [
-            theory.pair_distance_density_between(distance, areas[k], areas[m])
-            for distance, k, m in zip(contact, a, b, strict=True)
-        ]
-        density = np.array(densities, float)
     mass = theory.reduced_mass(species.mass[a], species.mass[b])
     speed = np.sqrt(kt[:, None] / (2 * np.pi * mass))  # of approach, at distances near contact
-    rate = density * speed / mean_root(scene)
+    rate = ideal_density(scene) * speed / mean_root(scene)
     return _over(collisions, duration * number * rate)
 
 
@@ -173,9 +196,10 @@ def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
     number = species_table(scene).number
     if not species_table(scene).has_one_kind.all():
         return {}
+    is_ideal_known = not scene.box.has_walls or "pair_expected" in seen
     if len(number) == 1 and number[0] > 1:
         collisions = pair_collisions[:, None]
-    elif len(number) == 2 and number[0] == 1 and (scene.box.periodic or "pair_expected" in seen):
+    elif len(number) == 2 and number[0] == 1 and is_ideal_known:
         none = np.full_like(pair_collisions, np.nan)  # of the tracer with its own species
         others = pair_collisions - tracer_collisions
         collisions = np.stack([none, tracer_collisions, others], axis=1)
@@ -216,7 +240,7 @@ def pair_columns(case: Case, runs: Ensemble) -> Columns:
     """Return g(r), contact values, and the density at the walls; in the totals numbers of pairs."""
     seen = runs.observables
     means = _by_rate(case, runs)
-    if "density_profile" in seen and not case.scene.box.periodic:
+    if "density_profile" in seen and case.scene.box.has_walls:
         means |= _extrapolated("contact_density", seen["density_profile"], wall_weights(case.scene))
     if "pair_counts" not in seen:
         return Columns(means)

@@ -117,14 +117,15 @@ def expected_slope(case: Case, averages: Averages) -> float:
     collision rate: a collision changes the tracer's velocity by 2 mu/m times the relative velocity
     along the line of centres, whose mean square in a collision is 2 kT/mu. 2 kT/m is the measured
     <v^2> or, with zero total momentum, M/(M - m) times that, M the mass of all disks: <v^2> lacks
-    the motion of the centre of mass, relative velocities do not. NaN if the partners differ in
-    mass, without a rate, and where the tracer may be at a wall, which turns its velocity, too.
+    the motion of the centre of mass, relative velocities do not. In a channel <v_x^2> or <v_y^2>
+    alone lacks it, and m/2 takes the place of m. NaN if the partners differ in mass, without a
+    rate, and where the tracer may be at a wall, which turns its velocity, too.
     """
     scene = case.scene
     partners = np.unique(scene.mass[1:])
     is_free = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
     begins_apart = scene.tracer_position is not None and not is_free
-    at_walls = not scene.box.periodic and (case.average == "origins" or not begins_apart)
+    at_walls = scene.box.has_walls and (case.average == "origins" or not begins_apart)
     has_own_velocity = scene.tracer_velocity is not None
     if (
         partners.size != 1
@@ -135,8 +136,8 @@ def expected_slope(case: Case, averages: Averages) -> float:
         return np.nan
     rate = averages.mean("tracer_collisions") / case.times[-1]
     share = 2 * theory.reduced_mass(scene.mass[0], partners[0]) / scene.mass[0]
-    is_balanced = motion.starts_with_zero_momentum(scene)
-    lacking_share = is_balanced * scene.mass[0] / scene.mass.sum()
+    balanced_share = motion.axes_of_zero_momentum(scene).mean()  # of the components
+    lacking_share = balanced_share * scene.mass[0] / scene.mass.sum()
     square_speed = averages.mean("velocity_autocorrelation")[0] / (1 - lacking_share)
     return -share * rate * square_speed
 

@@ -83,7 +83,7 @@ def new_batch(
     if scene.particles and "tracer" in record:
         shape = (len(scene.times), len(seeds), 2)
         velocity = blank_array(shape, float) if "velocity" in record else None
-        image = blank_array(shape, np.int32) if scene.box.periodic else None
+        image = blank_array(shape, np.int32) if scene.box.has_images else None
         tracer = Track(blank_array(shape, float), velocity, image)
     ensemble = _empty(np.asarray(seeds, dtype=np.int64), scene.times, tracer, average)
     needed = {*record, "all"} if observables.needs_every_disk(names, average) else record

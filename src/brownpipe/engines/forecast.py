@@ -134,7 +134,7 @@ def _bytes_of_record(
     memory.
     """
     coordinates = 2 * BYTES_PER_NUMBER
-    images = 8 if scene.box.periodic else 0  # which take next to nothing in a file
+    images = 8 if scene.box.has_images else 0  # which take next to nothing in a file
     samples = len(scene.times)
     tracer_samples = samples * len({"tracer", "velocity"}.intersection(record))
     disk_samples = samples * scene.particles if "all" in record else 0
@@ -269,7 +269,7 @@ def pair_rate(scene: Scene) -> float:
     )
     rate = float(sum(collisions)) / 2  # each has two partners
     if scene.packing_fraction <= DENSEST:
-        between_walls = rate > 0 and not scene.box.periodic
+        between_walls = rate > 0 and scene.box.has_walls
         return rate * confinement(scene).pairs if between_walls else rate
     crystal = theory.contact_value_crystal(scene.packing_fraction)
     return rate * float(crystal / theory.contact_value(DENSEST))
@@ -297,16 +297,15 @@ def _pair_rates(scene: Scene, speed: np.ndarray) -> Iterator[np.ndarray]:
 
 def wall_rate(scene: Scene) -> float:
     """Return the expected collisions with walls per time [1/time]: of each disk Z speed
-    sqrt(2/pi)/side, summed over both sides of the rectangle accessible to its centre; Z is the
-    density of centres at the walls, relative to the mean.
+    sqrt(2/pi)/side, summed over those sides of the rectangle accessible to its centre that end at
+    walls; Z is the density of centres at the walls, relative to the mean.
     """
-    if scene.box.periodic or not scene.particles:
+    if not scene.box.has_walls or not scene.particles:
         return 0.0
     kinds = kinds_of(scene)
-    box = np.array([[scene.box.width], [scene.box.height]])
-    side = box - (2 - theory.SMALLEST_GAP) * kinds.radius
-    at_walls = confinement(scene).walls[:, None]
-    hits = at_walls * kinds.number * speeds(scene) / side
+    side = scene.box.size[:, None] - (2 - theory.SMALLEST_GAP) * kinds.radius
+    at_walls = np.where(scene.box.periodic_axes, 0.0, confinement(scene).walls)
+    hits = at_walls[:, None] * kinds.number * speeds(scene) / side
     return math.sqrt(2 / math.pi) * float(hits.sum())
 
 
@@ -340,18 +339,22 @@ def caution(scene: Scene) -> str | None:
     """Return one line of caution on runs of all disks of a scene; otherwise None.
 
     If random placement is expected to fail, or if the mean free path between collisions with disks,
-    mean speed over mean collision rate of all disks, is longer than the shorter side of the box.
+    mean speed over mean collision rate of all disks, is longer than the shorter side of the box, or
+    than a channel.
     """
     if line := placement_caution(scene):
         return line
     rate = 2 * pair_rate(scene)
     if scene.has_one_state or scene.particles < 2 or not rate > 0:
         return None
-    side = min(scene.box.width, scene.box.height)
+    sides = scene.box.size
+    if scene.box.is_channel:  # across it a path may end at the other wall
+        sides = sides[scene.box.periodic_axes]
     path = path_rate(scene) / rate
-    if path <= side:
+    if path <= sides.min():
         return None
-    too_long = f"the mean free path, {path:.2g}, is longer than its shorter side, {side:.2g}"
+    side = "its length" if scene.box.is_channel else "its shorter side"
+    too_long = f"the mean free path, {path:.2g}, is longer than {side}, {sides.min():.2g}"
     return (
         f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: "
         f"{too_long}"

@@ -63,7 +63,7 @@ def tracks_of(scene: Scene, frame: Frame, recorder: Recorder) -> tuple[Track, Tr
         samples = SampleArrays(*(values.take(frame.back, axis=1) for values in recorder.whole))
         finite &= _convert_samples(samples, frame)
         whole = Track(*samples)
-    if not scene.box.periodic:
+    if not scene.box.has_images:
         tracer = tracer._replace(image=None)
         whole = whole and whole._replace(image=None)
     return tracer, whole, finite
@@ -154,7 +154,7 @@ def report_in_scene_units(
     values["failed"] = np.uint8(not sound)
     values["kinetic_energy"] = conserved.energy * frame.mass * frame.speed * frame.speed
     values["virial"] = virial * frame.mass * frame.speed * frame.length
-    if not scene.box.periodic:
+    if scene.box.has_walls:
         values["wall_impulse"] = sum(walls) * frame.mass * frame.speed
     return values
 
@@ -174,6 +174,5 @@ def can_count_images(
     disk [engine's units].
     """
     side = min(scene.box.width, scene.box.height) / frame.length
-    return (
-        not scene.box.periodic or most_crossings < MOST_IMAGES or longest_path < MOST_IMAGES * side
-    )
+    few_images = most_crossings < MOST_IMAGES or longest_path < MOST_IMAGES * side
+    return few_images or not scene.box.has_images

@@ -42,7 +42,10 @@ def _change(fit: Dataset) -> str:
 def _of_limit(fit: Dataset) -> str:
     at_end = np.interp(float(fit.window_end), fit.time, fit.msd)
     reduction = 100 * float(fit.wall_reduction)
-    return f"by {reduction:.0f} % where the MSD is {at_end:.3g} of at most {fit.msd_limit:.3g}"
+    words = f"by {reduction:.0f} % where the MSD is {at_end:.3g}"
+    if np.isnan(fit.msd_limit):  # along a channel it grows without limit
+        return words
+    return f"{words} of at most {fit.msd_limit:.3g}"
 
 
 WORDS = {

@@ -92,8 +92,8 @@ def shades_of(scene: Scene) -> np.ndarray:
 
 
 def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
-    """The figure and the axes of the empty box, with solid sides for hard walls and dashed ones for
-    a periodic box.
+    """The figure and the axes of the empty box, with solid sides for hard walls and dashed
+    periodic ones.
     """
     sides = np.array([scene.box.width, scene.box.height])
     width, height = LONGER_SIDE * sides / sides.max()
@@ -104,13 +104,13 @@ def _box(scene: Scene, title: str, shades: np.ndarray) -> tuple[Figure, Axes]:
     axes = figure.add_subplot(
         aspect="equal", xlim=scene.box.x, ylim=scene.box.y, xticks=[], yticks=[]
     )
-    for spine in axes.spines.values():
-        spine.set(visible=True, color=INK, linewidth=1.2 if scene.box.periodic else 2.5)
-        spine.set_linestyle((0, (4, 3)) if scene.box.periodic else "-")
+    for side, spine in axes.spines.items():
+        is_periodic = scene.box.periodic_x if side in ("left", "right") else scene.box.periodic_y
+        spine.set(visible=True, color=INK, linewidth=1.2 if is_periodic else 2.5)
+        spine.set_linestyle((0, (4, 3)) if is_periodic else "-")
     _draw_legend(figure, entries, title)
     sides_in_words = f"{scene.box.width:g} x {scene.box.height:g} (reduced units)"
-    boundary = "periodic" if scene.box.periodic else "hard walls"
-    axes.set_xlabel(f"{sides_in_words}, {boundary}", loc="left", fontsize=8.8)
+    axes.set_xlabel(f"{sides_in_words}, {scene.box.sides_in_words}", loc="left", fontsize=8.8)
     return figure, axes
 
 
@@ -154,18 +154,18 @@ def _range(values: np.ndarray) -> str:
 
 
 def with_images(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (M, 2) and indices (M,) of all disks and of the images that reach into a periodic
-    box; disk 0 is last.
+    """Centres (M, 2) and indices (M,) of all disks and of the images that reach into the box over
+    periodic sides; disk 0 is last.
     """
-    indices = np.arange(scene.particles)[::-1]
-    if not scene.box.periodic:
-        return position[indices], indices
-    sides = np.array([scene.box.width, scene.box.height])
-    indices = np.repeat(indices, 9)
-    images = np.tile([*product((-1, 0, 1), repeat=2)], (scene.particles, 1))
-    centres = position[indices] + images * sides
-    middle = np.array(scene.box.origin) + sides / 2
-    reach = sides / 2 + scene.radius[indices, None]
+    box = scene.box
+    columns = (-1, 0, 1) if box.periodic_x else (0,)
+    rows = (-1, 0, 1) if box.periodic_y else (0,)
+    tiles = np.array([*product(columns, rows)])
+    indices = np.repeat(np.arange(scene.particles)[::-1], len(tiles))
+    images = np.tile(tiles, (scene.particles, 1))
+    centres = position[indices] + images * box.size
+    middle = np.array(box.origin) + box.size / 2
+    reach = box.size / 2 + scene.radius[indices, None]
     reaches_in = (np.abs(centres - middle) < reach).all(axis=1)
     is_disk = ~images.any(axis=1)
     seen = reaches_in | is_disk

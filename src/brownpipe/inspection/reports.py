@@ -143,7 +143,7 @@ def lines_on_runs(contents: Trajectories) -> list[str]:
     scene = contents.scene
     ensemble = contents.ensemble
     times = ensemble.times
-    box = f"{scene.box.boundary} box {scene.box.width:g} x {scene.box.height:g}"
+    box = scene.box.with_size_in_words
     disks = f"{scene.particles} disks in a {box}, packing fraction {scene.packing_fraction:.4g}"
     seeds = f"{seed_text(ensemble.seeds)} ({counted(len(ensemble.seeds), 'run')})"
     samples = f"{len(times)} from t = {times[0]:g} to {times[-1]:g}"

@@ -55,15 +55,17 @@ def claims_equilibrium(scene: Scene) -> bool:
     equilibrates.
 
     A tracer that is pinned meanwhile may start hot, or from a place of its own between walls: with
-    it the claim needs a temperature and a periodic box. Between walls a total momentum set to zero
-    at t = 0 is no equilibrium.
+    it the claim needs a temperature and a box without walls. In a box of walls alone a total
+    momentum set to zero at t = 0 is no equilibrium; in a channel that along it is, which no wall
+    changes.
     """
-    periodic = scene.box.periodic
     if scene.velocities is None or scene.equilibrate.time == 0:
         return False
-    if motion.starts_with_zero_momentum(scene) and not periodic:
+    if motion.starts_with_zero_momentum(scene) and not scene.box.has_images:
         return False
-    return scene.equilibrate.tracer == "free" or (motion.is_thermal(scene) and periodic)
+    if scene.equilibrate.tracer == "free":
+        return True
+    return motion.is_thermal(scene) and not scene.box.has_walls
 
 
 def ends_of_quarters(times: np.ndarray) -> np.ndarray:

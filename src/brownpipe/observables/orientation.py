@@ -79,9 +79,9 @@ def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     The lengths are in units of sqrt(A/N). Two disks are neighbours if their Voronoi cells share an
     edge, which is if the Delaunay triangulation joins them, but for disks on one empty circle, as
-    across the squares of a square lattice: their cells share a corner. In a periodic box it is
-    that of the disks and their periodic images; between walls that of the disks and their mirror
-    images, which cut the cells off at the walls; those are no neighbours.
+    across the squares of a square lattice: their cells share a corner. The triangulation is that of
+    the disks and their images: periodic ones, which are neighbours, along periodic axes, and mirror
+    images of all these at walls, which cut the cells off there and are no neighbours.
     """
     from scipy.spatial import Delaunay
 
@@ -92,7 +92,7 @@ def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     inside = (position - scene.box.origin) / unit
     margin = MARGIN
     while True:
-        points = disks_and_images(inside, size, scene.box.periodic, margin)
+        points, disks = disks_and_images(inside, size, scene.box.periodic_axes, margin)
         triangulation = Delaunay(points)
         if margin > size.sum() or _reach(points, triangulation.simplices, number, size) < margin:
             break
@@ -100,8 +100,8 @@ def bonds(scene: Scene, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     starts, neighbours = triangulation.vertex_neighbor_vertices
     disk = np.repeat(np.arange(number), np.diff(starts[: number + 1]))
     other = neighbours[: starts[number]]
-    if not scene.box.periodic:
-        is_disk = other < number
+    if scene.box.has_walls:
+        is_disk = other < disks
         disk = disk[is_disk]
         other = other[is_disk]
     corners = _pairs_at_corners(points, triangulation, number)
@@ -133,21 +133,24 @@ def _pairs_at_corners(points: np.ndarray, triangulation: Delaunay, number: int) 
 
 
 def disks_and_images(
-    inside: np.ndarray, size: np.ndarray, periodic: bool, margin: float
-) -> np.ndarray:
-    """Return the disks (N, 2), relative to the corner of the box, then their images up to `margin`
-    from the box.
+    inside: np.ndarray, size: np.ndarray, periodic_axes: np.ndarray, margin: float
+) -> tuple[np.ndarray, int]:
+    """Return the disks (N, 2), relative to the corner of the box, then their periodic images, then
+    mirror images, all up to `margin` from the box; and how many of these are no mirror images.
     """
     columns, rows = np.ceil(margin / size).astype(int).tolist()  # of tiles at each side of the box
-    images = [inside]
+    disks = [inside]
+    mirror_images: list[np.ndarray] = []
     for tile in product(range(-columns, columns + 1), range(-rows, rows + 1)):
         if tile == (0, 0):
             continue
-        mirrored = False if periodic else np.array(tile) % 2 != (0, 0)
-        image = np.where(mirrored, size - inside, inside) + tile * size
+        walls = np.where(periodic_axes, 0, tile)  # between the box and the tile
+        image = np.where(walls % 2 == 1, size - inside, inside) + tile * size
         is_near = (image > -margin) & (image < size + margin)
+        images = mirror_images if walls.any() else disks
         images.append(image[is_near.all(axis=1)])
-    return np.concatenate(images)
+    points = np.concatenate([*disks, *mirror_images])
+    return points, sum(len(group) for group in disks)
 
 
 def _reach(points: np.ndarray, triangles: np.ndarray, number: int, size: np.ndarray) -> float:

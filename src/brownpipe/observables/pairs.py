@@ -35,18 +35,21 @@ def bins(scene: Scene) -> tuple[int, float]:
     any.
 
     The smallest contact distance is 40 bins wide. The last bin ends at five times the largest
-    contact distance, but not beyond half the shorter side of a periodic box, where the distance of
-    a pair is no longer unique, nor, between walls, beyond the shorter side less the largest
-    diameter.
+    contact distance, but not beyond half a periodic side, where the distance of a pair is no longer
+    unique, nor, in a box of walls, beyond the shorter side less the largest diameter.
     """
     if scene.particles < 2:
         return 0, 0.0
     radius = np.sort(scene.radius)
     smallest_contact = radius[0] + radius[1]
     largest_contact = radius[-1] + radius[-2]
-    side = min(scene.box.width, scene.box.height)
-    farthest = side / 2 if scene.box.periodic else side - 2 * radius[-1]
-    reach = min(farthest, FARTHEST * largest_contact)
+    _, accessible = scene.box.accessible(radius[-1])
+    if not accessible.all():
+        return 0, 0.0
+    farthest = np.where(scene.box.periodic_axes, accessible / 2, accessible)
+    if scene.box.is_channel:  # across which the ideal gas is known at any distance
+        farthest = farthest[scene.box.periodic_axes]
+    reach = min(farthest.min(), FARTHEST * largest_contact)
     return counted_bins(reach, smallest_contact / BINS_PER_CONTACT)
 
 
@@ -54,7 +57,11 @@ def pairs_in_reach(scene: Scene) -> float:
     """Return how many pairs per disk are expected at distances up to the end of the histogram."""
     number, width = bins(scene)
     reach = number * width
-    return scene.particles / 2 * min(np.pi * reach**2 / scene.box.area, 1.0)
+    share = np.pi * reach**2 / scene.box.area
+    if scene.box.is_channel:
+        # the length of the channel within reach
+        share = min(share, 2 * reach / scene.box.size[scene.box.periodic_axes].item())
+    return scene.particles / 2 * min(share, 1.0)
 
 
 def pair_names(scene: Scene) -> list[str]:
@@ -78,8 +85,9 @@ def pair_distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarra
     """Return the counts (P, R) of pairs by species and distance, and the number of samples they are
     summed over.
 
-    All samples of a stationary run are counted, otherwise the last one. Between walls the counts
-    that an ideal gas would have around lone disks (`expected_pairs`) are returned, too.
+    All samples of a stationary run are counted, otherwise the last one. Between walls, those of a
+    channel too, the counts that an ideal gas would have around lone disks (`expected_pairs`) are
+    returned as well.
     """
     species = species_table(scene)
     number, width = bins(scene)
@@ -97,7 +105,7 @@ def pair_distribution(scene: Scene, track: Track, _: str) -> dict[str, np.ndarra
             counts += np.bincount(bins_of_pairs, minlength=len(counts))
     samples = np.array(len(track.position))
     arrays = {"pair_counts": counts.reshape(-1, number), "pair_snapshots": samples}
-    if not scene.box.periodic and len(pairs) > 1 and species.number.min() == 1:
+    if scene.box.has_walls and len(pairs) > 1 and species.number.min() == 1:
         arrays["pair_expected"] = expected_pairs(scene, species, track.position)
     return arrays
 
@@ -109,10 +117,11 @@ def expected_pairs(scene: Scene, species: SpeciesTable, position: np.ndarray) ->
     N_k points, uniform in the rectangle accessible to the centres of species k, are expected in a
     ring in proportion to the part of its area inside the rectangle. The ring is centred at the
     position of the lone disk in each sample, so that nothing is assumed about the distribution of
-    that disk. NaN for pairs of species of which none is a single disk.
+    that disk. Along the periodic axis of a channel the lone disk is always in the middle of the
+    nearest images, whose ends the rings do not pass. NaN for pairs of species of which none is a
+    single disk.
     """
-    size = np.array([scene.box.width, scene.box.height])
-    middle = scene.box.origin + size / 2
+    middle = scene.box.origin + scene.box.size / 2
     pairs = species_pairs(species)
     number, width = bins(scene)
     edges = np.arange(number + 1) * width
@@ -123,7 +132,8 @@ def expected_pairs(scene: Scene, species: SpeciesTable, position: np.ndarray) ->
             continue
         _, accessible = scene.box.accessible(species.radius[other])
         (disk,) = np.flatnonzero(species.species_index == lone)
-        area = _area_inside(position[:, disk] - middle, edges, accessible)
+        off_centre = np.where(scene.box.periodic_axes, 0.0, position[:, disk] - middle)
+        area = _area_inside(off_centre, edges, accessible)
         expected[row] = species.number[other] * np.diff(area) / np.prod(accessible)
     return expected
 
@@ -146,15 +156,16 @@ def blocks_of_pairs(
     """Yield all pairs (Q, 2) of disks closer than `reach`, and their distances (Q,); a few may
     exceed it by round-off.
 
-    position: (N, 2). In a periodic box the distance is that of the nearest images. If more than
+    position: (N, 2). Along periodic axes the distance is that of the nearest images. If more than
     PAIRS_AT_ONCE pairs are expected, as in a mixture with a disk much larger than the others, they
     come in blocks of about so many.
     """
     from scipy.spatial import cKDTree
 
     inside = _from_corner(scene, position)
-    box = np.array([scene.box.width, scene.box.height]) if scene.box.periodic else None
-    tree = cKDTree(inside, boxsize=box)
+    period = np.where(scene.box.periodic_axes, scene.box.size, 0.0)  # 0: not periodic
+    boxsize = period if scene.box.has_images else None
+    tree = cKDTree(inside, boxsize=boxsize)
     farthest = reach * (1 + 1e-9)
     partners = 2 * pairs_in_reach(scene)  # of a disk
     if partners * len(inside) < 2 * PAIRS_AT_ONCE:
@@ -163,7 +174,7 @@ def blocks_of_pairs(
         return
     disks_at_once = max(1, int(PAIRS_AT_ONCE / partners))
     for first in range(0, len(inside), disks_at_once):
-        block = cKDTree(inside[first : first + disks_at_once], boxsize=box)
+        block = cKDTree(inside[first : first + disks_at_once], boxsize=boxsize)
         near = block.sparse_distance_matrix(tree, farthest, output_type="ndarray")
         pair = np.stack([first + near["i"], near["j"]], axis=1)
         del near
@@ -172,27 +183,29 @@ def blocks_of_pairs(
 
 
 def _from_corner(scene: Scene, position: np.ndarray) -> np.ndarray:
-    """Return positions (N, 2) from the lower left corner of the box, inside it if it is
-    periodic.
+    """Return positions (N, 2) from the lower left corner of the box, inside it along periodic
+    axes.
     """
-    size = np.array([scene.box.width, scene.box.height])
-    inside = position - scene.box.origin
-    if scene.box.periodic:
-        inside = np.mod(inside, size)
-        inside[inside >= size] = 0.0  # as the remainder of -1e-17 is
-    return inside
+    box = scene.box
+    from_corner = position - box.origin
+    if not box.has_images:
+        return from_corner
+    inside = np.mod(from_corner, box.size)
+    inside[inside >= box.size] = 0.0  # as the remainder of -1e-17 is
+    return np.where(box.periodic_axes, inside, from_corner)
 
 
 def _distances(scene: Scene, inside: np.ndarray, pair: np.ndarray) -> np.ndarray:
-    """Return the distances (Q,) of pairs (Q, 2) of disks, in a periodic box of the nearest
+    """Return the distances (Q,) of pairs (Q, 2) of disks, along periodic axes of the nearest
     images.
     """
     a, b = pair.T
     x, y = inside.T
     dx = x.take(a) - x.take(b)  # much faster than inside[a] - inside[b]
     dy = y.take(a) - y.take(b)
-    if scene.box.periodic:
+    if scene.box.periodic_x:
         dx -= scene.box.width * np.rint(dx / scene.box.width)
+    if scene.box.periodic_y:
         dy -= scene.box.height * np.rint(dy / scene.box.height)
     return np.sqrt(dx * dx + dy * dy)
 

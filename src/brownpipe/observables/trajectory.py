@@ -16,7 +16,7 @@ class Track(NamedTuple):
 
     position: np.ndarray  # (T, M, 2) centres, inside the box [length]
     velocity: np.ndarray | None = None  # (T, M, 2) [length/time]
-    # (T, M, 2) int32, periodic boxes: unwrapped = position + image * (width, height)
+    # (T, M, 2) int32, periodic sides: unwrapped = position + image * (width, height)
     image: np.ndarray | None = None
 
     def select(self, disks: np.ndarray | slice | int) -> "Track":

@@ -69,7 +69,9 @@ def start_in_words(scene: Scene) -> str:
 
 
 def velocities_in_words(scene: Scene) -> str:
-    """Return the distribution of the initial velocities, and whether the total momentum is zero."""
+    """Return the distribution of the initial velocities, and whether the total momentum is zero, in
+    a channel along its periodic axis.
+    """
     velocities = scene.velocities
     if velocities is None:
         return "given"
@@ -77,7 +79,7 @@ def velocities_in_words(scene: Scene) -> str:
         width = f"temperature kT = {velocities.temperature:g}"
     else:
         width = f"standard deviation {velocities.standard_deviation:g} of each component"
-    momentum = "; the total momentum is zero" if velocities.zero_momentum else ""
+    momentum = f"; the total momentum{scene.box.along} is zero" if velocities.zero_momentum else ""
     own = scene.tracer_velocity
     tracer = "" if own is None else f"; that of the tracer is ({own[0]:g}, {own[1]:g})"
     return f"{velocities.distribution}, {width}{tracer}{momentum}"
@@ -90,8 +92,9 @@ def times_in_words(scene: Scene) -> str:
 
 def sentences(scene: Scene) -> dict[str, str]:
     """Return a sentence for each of SUBJECTS."""
-    box = f"{scene.box.width:g} x {scene.box.height:g}"
-    place = f"a periodic box {box}" if scene.box.periodic else f"a box {box} with reflecting walls"
+    place = f"a box {scene.box.width:g} x {scene.box.height:g} with reflecting walls"
+    if scene.box.has_images:
+        place = f"a {scene.box.with_size_in_words}"
     number = counted(scene.particles, "disk")
     density = f"packing fraction {scene.packing_fraction:.4g}"
     disks = f"{number} in {place}, {density}: {disks_in_words(scene)}."

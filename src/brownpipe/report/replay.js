@@ -11,7 +11,7 @@
   const {radius, mass, shade} = run, disks = radius.length;
   const start = run.position.flat(), launch = run.velocity.flat();  // x, y of disk after disk
   const [left, right] = run.box.x, [bottom, top] = run.box.y, width = right - left, height = top - bottom;
-  const periodic = run.box.boundary === "periodic";
+  const low = [left, bottom], size = [width, height], {periodic} = run.box;  // of x and y
   const kinetic = (i, u, v) => 0.5 * mass[i] * (u * u + v * v);
   const total = mass.reduce((sum, _, i) => sum + kinetic(i, launch[2 * i], launch[2 * i + 1]), 0);  // conserved
 
@@ -34,9 +34,10 @@
     return {x, v, done};
   }
 
-  const wrapped = (x, low, size) => (periodic ? x - size * Math.floor((x - low) / size) : x);
-  const inBox = (x) => Array.from({length: disks}, (_, i) =>
-    [wrapped(x[2 * i], left, width), wrapped(x[2 * i + 1], bottom, height)]);
+  // The periodic image of the box, counted from the box itself, that a coordinate is in: 0 between walls.
+  const image = (x, axis) => (periodic[axis] ? Math.floor((x - low[axis]) / size[axis]) : 0);
+  const wrapped = (x, axis) => x - size[axis] * image(x, axis);
+  const inBox = (x) => Array.from({length: disks}, (_, i) => [wrapped(x[2 * i], 0), wrapped(x[2 * i + 1], 1)]);
 
   // The tracer's path: its unwrapped position and velocity after each of its collisions.
   const path = [{t: 0, x: start[0], y: start[1], u: launch[0], v: launch[1]}];
@@ -80,24 +81,26 @@
     pen.arc(toX(x), toY(y), Math.max(1, radius[i] * scale), 0, 2 * Math.PI);
   }
 
-  // Call draw(x, y) at a disk's place and, in a periodic box, at its images that reach into the box.
-  function atImages(i, [x, y], draw) {
-    const shifts = (at, low, size) => !periodic ? [0] :
-      [0, at - radius[i] < low ? size : 0, at + radius[i] > low + size ? -size : 0].filter((s, k) => s || !k);
-    for (const a of shifts(x, left, width)) for (const b of shifts(y, bottom, height)) draw(x + a, y + b);
+  // Call draw(x, y) at a disk's place and at its images that reach into the box over periodic sides.
+  function atImages(i, place, draw) {
+    const shifts = (axis) => {
+      const offset = place[axis] - low[axis];
+      const reachesIn = (shift) => offset + shift > -radius[i] && offset + shift < size[axis] + radius[i];
+      return periodic[axis] ? [0, size[axis], -size[axis]].filter(reachesIn) : [0];
+    };
+    for (const a of shifts(0)) for (const b of shifts(1)) draw(place[0] + a, place[1] + b);
   }
 
-  // Draw the tracer's path so far. In a periodic box each leg is drawn in every image that it crosses, up to the last 8.
+  // Draw the tracer's path so far, each leg in every periodic image that it crosses, up to the last 8.
   function drawPath(pen, end) {
     const points = legsUntil(now).concat(end);
-    const cell = (x, low, size) => (periodic ? Math.floor((x - low) / size) : 0);
-    const cells = (from, to) =>
+    const images = (from, to) =>
       Array.from({length: Math.min(8, Math.abs(to - from)) + 1}, (_, k) => to - k * Math.sign(to - from));
     pen.beginPath();
     for (let k = 1; k < points.length; k++) {
       const p = points[k - 1], q = points[k];
-      for (const a of cells(cell(p.x, left, width), cell(q.x, left, width))) {
-        for (const b of cells(cell(p.y, bottom, height), cell(q.y, bottom, height))) {
+      for (const a of images(image(p.x, 0), image(q.x, 0))) {
+        for (const b of images(image(p.y, 1), image(q.y, 1))) {
           pen.moveTo(toX(p.x - a * width), toY(p.y - b * height));
           pen.lineTo(toX(q.x - a * width), toY(q.y - b * height));
         }
@@ -117,9 +120,9 @@
     const room = part("stage").clientWidth - 2 * margin, places = inBox(state.x);
     follow(places[0]);
     scale = Math.min(room / seen.width, 0.68 * Math.max(500, window.innerHeight) / seen.height);
-    const size = [seen.width * scale + 2 * margin, seen.height * scale + 2 * margin], pen = fitted(box, ...size);
-    const whole = [toX(left), toY(bottom + height), width * scale, height * scale];
-    [box.style.width, box.style.height] = size.map((side) => side + "px");
+    const pixels = [seen.width * scale + 2 * margin, seen.height * scale + 2 * margin], pen = fitted(box, ...pixels);
+    const whole = [toX(left), toY(top), width * scale, height * scale];
+    [box.style.width, box.style.height] = pixels.map((side) => side + "px");
     pen.fillStyle = colour("ground");
     pen.fillRect(...whole);
     pen.save();
@@ -136,10 +139,20 @@
     drawPath(pen, {x: state.x[0], y: state.x[1]});
     drawFlashes(pen, state.done, places);
     pen.restore();
+    for (const x of [left, right]) drawSide(pen, [x, bottom], [x, top], periodic[0]);
+    for (const y of [bottom, top]) drawSide(pen, [left, y], [right, y], periodic[1]);
+  }
+
+  // Draw a side of the box from one corner to another: thick for a wall, dashed where it is periodic.
+  function drawSide(pen, from, to, isPeriodic) {
     pen.strokeStyle = colour("ink");
-    pen.lineWidth = periodic ? 1.5 : 2 * margin - 2;
-    pen.setLineDash(periodic ? [6, 4] : []);
-    pen.strokeRect(...whole);
+    pen.lineWidth = isPeriodic ? 1.5 : 2 * margin - 2;
+    pen.lineCap = isPeriodic ? "butt" : "square";  // so that walls meet in the corners
+    pen.setLineDash(isPeriodic ? [6, 4] : []);
+    pen.beginPath();
+    pen.moveTo(toX(from[0]), toY(from[1]));
+    pen.lineTo(toX(to[0]), toY(to[1]));
+    pen.stroke();
   }
 
   // Ring the disks that have collided within the last 0.25 s of the replay; the ring fades.

@@ -71,7 +71,9 @@ def _motion(trajectories: Trajectories, seed: int, shades: np.ndarray) -> dict[s
         name: values[:MOST_COLLISIONS].tolist() for name, values in events._asdict().items()
     }
     numbers = {name: values.tolist() for name, values in of_disks.items()}
-    return {"box": scene.box.model_dump(), "collisions": collisions} | numbers
+    box = scene.box
+    sides = {"x": box.x, "y": box.y, "periodic": box.periodic_axes.tolist()}
+    return {"box": sides, "collisions": collisions} | numbers
 
 
 def _seed_of(trajectories: Trajectories, path: str, seed: int | None) -> int:

@@ -25,13 +25,15 @@ def first_outside(
 ) -> Outside | None:
     """Return the first of N disks at positions (N, 2) that is not inside the box; None if all are.
 
-    Its edge is in a reflecting box, its centre in a periodic one. tolerance: by how much each disk
+    Its edge is between walls, its centre between periodic sides. tolerance: by how much each disk
     may be outside [length].
     """
-    margin = np.zeros_like(radius) if box.periodic else radius
+    margins = box.margins(radius[:, None])
     for column, (axis, (low, high)) in enumerate((("x", box.x), ("y", box.y))):
         value = position[:, column]
-        if box.periodic:
+        margin = margins[:, column]
+        is_periodic = box.periodic_axes[column]
+        if is_periodic:
             is_inside = (low - tolerance <= value) & (value < high + tolerance)
         else:
             slack = tolerance + ROUND_OFF * margin + 2 * math.ulp(max(-low, high))
@@ -40,7 +42,7 @@ def first_outside(
             disk = int(np.argmin(is_inside))
             least = float(low + margin[disk])
             most = float(high - margin[disk])
-            sign = "<" if box.periodic else "<="
+            sign = "<" if is_periodic else "<="
             allowed = f"{least:.10g} <= {axis} {sign} {most:.10g}"
             place = position[disk].tolist()
             return Outside(disk, f"must have the disk inside the box, {allowed}, not {place}")

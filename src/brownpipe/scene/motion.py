@@ -54,29 +54,49 @@ def starts_with_zero_momentum(scene: Scene) -> bool:
     return scene.velocities is not None and bool(scene.velocities.zero_momentum)
 
 
-def keeps_momentum_zero(scene: Scene) -> bool:
-    """Return whether the total momentum is zero at all times: walls would change it."""
-    return scene.box.periodic and starts_with_zero_momentum(scene)
-
-
-def moving_disks(scene: Scene) -> int:
-    """Return half of the degrees of freedom of the velocities: N, or N - 1 where the total momentum
-    stays zero.
+def axes_of_zero_momentum(scene: Scene) -> np.ndarray:
+    """Return along which of x and y (2,) the velocity of the centre of mass is subtracted at t = 0:
+    in a channel along its periodic axis alone.
     """
-    return scene.particles - keeps_momentum_zero(scene)
+    if not starts_with_zero_momentum(scene):
+        return np.zeros(2, bool)
+    return scene.box.periodic_axes if scene.box.is_channel else np.ones(2, bool)
 
 
-def mean_square_speed_of_centre(scene: Scene) -> float:
-    """Return <V^2> [length^2/time^2] of the centre of mass at t = 0: sum of m^2 <v^2>, over M^2."""
-    if not scene.particles or starts_with_zero_momentum(scene):
-        return 0.0
+def keeps_momentum_zero(scene: Scene) -> bool:
+    """Return whether the total momentum along periodic axes is zero at all times: walls change that
+    along the others.
+    """
+    return scene.box.has_images and starts_with_zero_momentum(scene)
+
+
+def moving_disks(scene: Scene) -> float:
+    """Return half of the degrees of freedom of the velocities: N, less 1/2 for each axis along
+    which the total momentum stays zero.
+    """
+    conserved = scene.box.periodic_axes & axes_of_zero_momentum(scene)
+    return scene.particles - np.count_nonzero(conserved) / 2
+
+
+def mean_square_velocity_of_centre(scene: Scene) -> np.ndarray:
+    """Return <V_x^2> and <V_y^2> (2,) [length^2/time^2] of the centre of mass at t = 0: sum of m^2
+    <v^2>, over M^2.
+    """
+    if not scene.particles:
+        return np.zeros(2)
     share = _share_of_mass(scene)
     velocity = given_velocities(scene)
     if velocity is not None:
-        return float(((share[:, None] * velocity).sum(axis=0) ** 2).sum())
-    drawn = float(2 * (share**2 * _component_variance(scene)).sum())
-    own = scene.tracer_velocity
-    return drawn if own is None else drawn + float(share[0] ** 2 * np.square(own).sum())
+        return (share[:, None] * velocity).sum(axis=0) ** 2
+    mean_square = np.full(2, (share**2 * _component_variance(scene)).sum())
+    if scene.tracer_velocity is not None:
+        mean_square += share[0] ** 2 * np.square(scene.tracer_velocity)
+    return np.where(axes_of_zero_momentum(scene), 0.0, mean_square)
+
+
+def mean_square_speed_of_centre(scene: Scene) -> float:
+    """Return <V^2> [length^2/time^2] of the centre of mass at t = 0."""
+    return float(mean_square_velocity_of_centre(scene).sum())
 
 
 # -- tracer and bath -------------------------------------------------------------------------------
@@ -99,7 +119,7 @@ def bath_temperature(scene: Scene) -> float:
 
 def bath_share(scene: Scene) -> float:
     """Return the bath's share of the mass of all disks, 1 - m/M, where their total momentum stays
-    zero; otherwise 1.
+    zero; otherwise 1. In a channel it is that of motion along its periodic axis.
 
     In such a box the bath recoils: in equilibrium <v^2> of the tracer is 2kT/m times this share,
     its velocity decays at gamma divided by it, and its diffusion coefficient is kT/(m gamma) times
@@ -119,8 +139,9 @@ def mean_square_speed_of_tracer(scene: Scene) -> float:
     total momentum is to be zero: with shares f_i = m_i/M of the mass, and no correlations between
     disks,
 
-        <v0^2> = 2 (w_0 (1 - 2 f_0) + sum_i f_i^2 w_i).
+        <v0^2> = 2 (w_0 (1 - 2 f_0) + sum_i f_i^2 w_i),
 
+    in a channel half of it, along the periodic axis, and w_0 along the other.
     A tracer with a velocity of its own has its square. NaN if it is not known: without disks, and
     where a tracer of another temperature than its bath exchanges energy with it before t = 0.
     """
@@ -134,10 +155,10 @@ def mean_square_speed_of_tracer(scene: Scene) -> float:
     if own is not None:
         return float(np.square(own).sum())
     variance = _component_variance(scene)
-    if not starts_with_zero_momentum(scene):
-        return float(2 * variance[0])
     share = _share_of_mass(scene)
-    return float(2 * (variance[0] * (1 - 2 * share[0]) + (share**2 * variance).sum()))
+    balanced = variance[0] * (1 - 2 * share[0]) + (share**2 * variance).sum()
+    components = np.where(axes_of_zero_momentum(scene), balanced, variance[0])
+    return float(components.sum())
 
 
 def speed_ratios(scene: Scene) -> np.ndarray:
@@ -208,10 +229,11 @@ def mean_energy(scene: Scene) -> float:
     if scene.particles == 1:
         return float(tracer_energy)
     bath_energy = (scene.particles - 1) * bath_temperature(scene)
-    if scene.tracer_velocity is not None and starts_with_zero_momentum(scene):
+    if scene.tracer_velocity is not None:
         number, mass = _bath(scene)
         # the bath as a whole moves against the tracer
-        bath_energy += tracer_energy * scene.mass[0] / float((number * mass).sum())
+        opposed = np.square(scene.tracer_velocity) @ axes_of_zero_momentum(scene)
+        bath_energy += scene.mass[0] ** 2 * opposed / 2 / float((number * mass).sum())
     return float(tracer_energy + bath_energy) / scene.particles
 
 

@@ -31,13 +31,19 @@ class Overlaps(NamedTuple):
     depth: float  # -gap over their contact distance
 
 
-def crowd(position: np.ndarray, radius: np.ndarray, box: tuple | None = None) -> Crowd | None:
+PeriodicSides = tuple[tuple[float, float] | None, tuple[float, float] | None]
+WALLS: PeriodicSides = (None, None)
+
+
+def crowd(
+    position: np.ndarray, radius: np.ndarray, sides: PeriodicSides = WALLS
+) -> Crowd | None:
     """Return the disk with most neighbours if disks are so crowded that their pairs cannot be
     listed; None if they are not. Arguments are those of `overlaps`.
 
     Positions and radii in different units are crowded, and positions that are all zero.
     """
-    tree, _ = _tree(position, radius, box)
+    tree, _ = _tree(position, radius, sides)
     number = np.zeros(len(radius), np.int64)
     for start in range(0, len(radius), BLOCK):
         block = slice(start, start + BLOCK)
@@ -50,32 +56,37 @@ def crowd(position: np.ndarray, radius: np.ndarray, box: tuple | None = None) ->
 
 
 def _tree(
-    position: np.ndarray, radius: np.ndarray, box: tuple | None
+    position: np.ndarray, radius: np.ndarray, sides: PeriodicSides
 ) -> tuple["KDTree", np.ndarray]:
-    """Return a k-d tree of the centres, and the sides (2,) of its periodic box."""
+    """Return a k-d tree of the centres, and the size (2,) of its periodic box: between walls so
+    large that no disk is near an image of another.
+    """
     from scipy.spatial import KDTree  # takes 0.2 s
 
-    margin = 2 * radius.max()  # of a box around all disks: in it none is near an image of another
-    if box is None:
-        low = position.min(axis=0) - margin
-        high = position.max(axis=0) + margin
-    else:
-        low, high = np.array(box, float).T
-    sides = high - low
-    return KDTree((position - low) % sides, boxsize=sides), sides
+    margin = 2 * radius.max()
+    low = position.min(axis=0) - margin
+    high = position.max(axis=0) + margin
+    for axis, periodic in enumerate(sides):
+        if periodic is not None:
+            low[axis], high[axis] = periodic
+    size = high - low
+    return KDTree((position - low) % size, boxsize=size), size
 
 
-def overlaps(position: np.ndarray, radius: np.ndarray, box: tuple | None = None) -> Overlaps | None:
+def overlaps(
+    position: np.ndarray, radius: np.ndarray, sides: PeriodicSides = WALLS
+) -> Overlaps | None:
     """Return the pairs that overlap, None if no two do.
 
-    position: (N, 2), radius: (N,) [length]. box: (low, high) of x and of y if it is periodic, at
-    least twice the largest diameter, else None. Overlaps within round-off do not count.
+    position: (N, 2), radius: (N,) [length]. sides: (low, high) of x and of y where they are
+    periodic, at least twice the largest diameter apart, None where they are walls. Overlaps within
+    round-off do not count.
 
     Two overlapping disks, the larger one of radius R, are closer than 2 R: a k-d tree finds them.
     """
     if len(radius) < 2:
         return None
-    tree, sides = _tree(position, radius, box)
+    tree, size = _tree(position, radius, sides)
     spacing = 2 * np.spacing(np.abs(position).max())
     blocks = []
     for start in range(0, len(radius), BLOCK):
@@ -84,7 +95,7 @@ def overlaps(position: np.ndarray, radius: np.ndarray, box: tuple | None = None)
         a = start + np.repeat(np.arange(len(near)), [len(neighbours) for neighbours in near])
         b = np.concatenate(near).astype(int)
         apart = position[a] - position[b]
-        apart -= sides * np.rint(apart / sides)
+        apart -= size * np.rint(apart / size)
         sigma = radius[a] + radius[b]
         gap = np.hypot(*apart.T) - sigma
         is_overlap = (a != b) & (gap < -(ROUND_OFF * sigma + spacing))

@@ -210,7 +210,7 @@ class Scene(Section):
             refuse(problem, "velocities", "distribution")
         if "zero_momentum" not in velocities.model_fields_set:
             # Periodic disks drift as a whole; a single one would stand still.
-            velocities._resolve(zero_momentum=self.box.periodic and self.particles != 1)
+            velocities._resolve(zero_momentum=self.box.has_images and self.particles != 1)
         if velocities.zero_momentum and self.tracer_velocity is not None and self.particles == 1:
             problem = "must be false, as the only disk has a velocity of its own"
             refuse(problem, "velocities", "zero_momentum")
@@ -233,7 +233,7 @@ class Scene(Section):
         """Refuse disks that overlap by more than the scene pushes apart."""
         if not len(given.radius):
             return
-        sides = (self.box.x, self.box.y) if self.box.periodic else None
+        sides = self.box.periodic_sides
         crowded = crowd(given.position, given.radius, sides)
         if crowded is not None:
             k = crowded.disk
@@ -291,17 +291,18 @@ class Scene(Section):
     def _check_radius(self, radius: float, *path: str | int) -> None:
         """Refuse a radius that does not fit, or vanishes in round-off.
 
-        In a periodic box of less than four radii a disk could touch two images of one neighbour.
+        Between periodic sides less than four radii apart a disk could touch two images of one
+        neighbour.
         """
         box = self.box
         smallest = SMALLEST_RADIUS * max(box.width, box.height)
-        largest = min(box.width, box.height) / (4 if box.periodic else 2)
+        largest = float(np.min(box.size / np.where(box.periodic_axes, 4, 2)))
         if not smallest <= radius <= largest:
-            allowed = f"{smallest:g} to {largest!r} in this {box.boundary} box"
+            allowed = f"{smallest:g} to {largest!r} in this {box.in_words}"
             refuse(f"must be {allowed}, not {radius!r}", *path)
 
     def __repr__(self) -> str:
-        box = f"{self.box.boundary} box {self.box.width:g} x {self.box.height:g}"
+        box = self.box.with_size_in_words
         packing = f"packing fraction {self.packing_fraction:.4g}"
         return (
             f"<Scene {self.name}: {self.particles} disks in a {box}, {packing}, duration "

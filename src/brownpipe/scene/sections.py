@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Discriminator, Field, StrictBool, Tag, model_validator
 
 from brownpipe.scene.configuration import TRACER, ConfigurationKey
+from brownpipe.scene.overlaps import PeriodicSides
 from brownpipe.scene.reading import (
     As,
     AtLeastOne,
@@ -35,13 +36,43 @@ LONGEST = 1e140
 REST = "rest"  # the count of a species that fills up the particles of a scene
 
 
+Boundary = Literal["reflecting", "periodic"]
+WORD = "one word"
+BY_AXIS = "word for each axis"
+
+
+class BoundaryByAxis(Section):
+    """What happens at the sides left and right (x), and at those below and above (y)."""
+
+    x: Boundary = key("hard walls, hit by a disk's edge, or periodic")
+    y: Boundary = key("hard walls, hit by a disk's edge, or periodic")
+
+
+def _form_of_boundary(value: Any) -> str | None:
+    """Return which of the two forms of `boundary` a value has; None if neither."""
+    if isinstance(value, Mapping | BoundaryByAxis):
+        return BY_AXIS
+    return WORD if isinstance(value, str) else None
+
+
+BoundaryKey = Annotated[
+    Annotated[Boundary, Tag(WORD)] | Annotated[BoundaryByAxis, Tag(BY_AXIS)],
+    Discriminator(
+        _form_of_boundary,
+        custom_error_type="form_of_boundary",
+        custom_error_message="must be 'reflecting', 'periodic', or one of them for each of x and y",
+    ),
+]
+
+
 class Box(Section):
     """A rectangle [length]. Reflecting walls are hard and touch a disk at its edge."""
 
     x: Pair = key("its sides, [low, high] [length]")
     y: Pair = key("its sides, [low, high] [length]")
-    boundary: Literal["reflecting", "periodic"] = key(
-        "hard walls, hit by a disk's edge, or periodic", "reflecting"
+    boundary: BoundaryKey = key(
+        "hard walls, hit by a disk's edge, or periodic; in a channel {x: periodic, y: reflecting}",
+        "reflecting",
     )
 
     @model_validator(mode="after")
@@ -50,6 +81,9 @@ class Box(Section):
             if not 1 / LONGEST <= high - low <= LONGEST:
                 allowed = f"[low, high] with low < high, {1 / LONGEST:g} to {LONGEST:g} long"
                 refuse(f"must be {allowed}, not {[low, high]}", name)
+        by_axis = self.boundary
+        if isinstance(by_axis, BoundaryByAxis) and by_axis.x == by_axis.y:
+            self._resolve(boundary=by_axis.x)
         return self
 
     @cached_property
@@ -71,21 +105,113 @@ class Box(Section):
         """The lower left corner."""
         return self.x[0], self.y[0]
 
+    @property
+    def size(self) -> np.ndarray:
+        """Width and height (2,) [length]."""
+        return np.array((self.width, self.height))
+
     @cached_property
-    def periodic(self) -> bool:
-        return self.boundary == "periodic"
+    def periodic_x(self) -> bool:
+        """Whether the sides left and right are periodic, not walls."""
+        by_axis = self.boundary
+        return (by_axis.x if isinstance(by_axis, BoundaryByAxis) else by_axis) == "periodic"
+
+    @cached_property
+    def periodic_y(self) -> bool:
+        """Whether the sides below and above are periodic, not walls."""
+        by_axis = self.boundary
+        return (by_axis.y if isinstance(by_axis, BoundaryByAxis) else by_axis) == "periodic"
+
+    @property
+    def periodic_axes(self) -> np.ndarray:
+        """Whether x and y (2,) are periodic.
+
+        >>> channel = {"x": "periodic", "y": "reflecting"}
+        >>> Box(x=[0, 9], y=[0, 2], boundary=channel).periodic_axes
+        array([ True, False])
+        """
+        return np.array((self.periodic_x, self.periodic_y))
+
+    @property
+    def has_walls(self) -> bool:
+        """Whether some sides are walls."""
+        return not (self.periodic_x and self.periodic_y)
+
+    @property
+    def has_images(self) -> bool:
+        """Whether some sides are periodic."""
+        return self.periodic_x or self.periodic_y
+
+    @property
+    def is_channel(self) -> bool:
+        """Whether one axis is periodic, with walls along it."""
+        return self.periodic_x != self.periodic_y
+
+    @property
+    def in_words(self) -> str:
+        """The kind of box, as messages have it.
+
+        >>> Box(x=[0, 9], y=[0, 2], boundary={"x": "periodic", "y": "reflecting"}).in_words
+        'channel along x'
+        """
+        if isinstance(self.boundary, str):
+            return f"{self.boundary} box"
+        return f"channel{self.along}"
+
+    @property
+    def along(self) -> str:
+        """Along which axis a channel is periodic, for sentences on it: ' along x'; '' for boxes."""
+        if not self.is_channel:
+            return ""
+        return " along x" if self.periodic_x else " along y"
+
+    @property
+    def with_size_in_words(self) -> str:
+        """The kind of box and its size.
+
+        >>> Box(x=[0, 9], y=[0, 2]).with_size_in_words
+        'reflecting box 9 x 2'
+        >>> channel = {"x": "periodic", "y": "reflecting"}
+        >>> Box(x=[0, 9], y=[0, 2], boundary=channel).with_size_in_words
+        'channel along x, 9 x 2'
+        """
+        size = f"{self.width:g} x {self.height:g}"
+        return f"{self.in_words}, {size}" if self.is_channel else f"{self.in_words} {size}"
+
+    @property
+    def sides_in_words(self) -> str:
+        """What is at its sides, as pictures of it say."""
+        if not self.is_channel:
+            return "periodic" if self.has_images else "hard walls"
+        return (
+            "periodic in x, hard walls in y"
+            if self.periodic_x
+            else "periodic in y, hard walls in x"
+        )
+
+    @property
+    def periodic_sides(self) -> PeriodicSides:
+        """(low, high) of x and of y where they are periodic, None where they are walls."""
+        return self.x if self.periodic_x else None, self.y if self.periodic_y else None
+
+    def margins(self, radius: float | np.ndarray) -> np.ndarray:
+        """Return how far the centre of a disk must be from the sides in x and y (2,) [length]: its
+        radius from walls, 0 from periodic sides; (n, 2) for radii (n, 1).
+        """
+        return np.where(self.periodic_axes, 0.0, radius)
 
     def accessible(self, radius: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return lower corner (2,) and size (2,) [length] of the rectangle accessible to the centre
-        of a disk; (n, 2) for radii (n, 1) between walls.
+        of a disk; (n, 2) for radii (n, 1).
 
-        It is smaller than the box by the radius at each wall; a periodic box is accessible as it
-        is.
+        It is smaller than the box by the radius at each wall.
         """
-        margin = 0.0 if self.periodic else radius
-        corner = np.array(self.origin) + margin
-        size = np.array((self.width, self.height)) - 2 * margin
-        return corner, size
+        margin = self.margins(radius)
+        return np.array(self.origin) + margin, self.size - 2 * margin
+
+    def nearest_image(self, apart: np.ndarray) -> np.ndarray:
+        """Return vectors (..., 2) between disks, each to the nearest periodic image."""
+        return apart - self.size * np.where(self.periodic_axes, np.rint(apart / self.size), 0.0)
 
 
 class Disk(Section):
@@ -219,7 +345,7 @@ class Velocities(Section):
     )
     zero_momentum: Resolved[StrictBool] = key(
         "subtract the velocity of the centre of mass (default: in a periodic box with several "
-        "disks)",
+        "disks); in a channel along its periodic axis alone",
         None,
     )
 

@@ -161,6 +161,9 @@ def value_of(scene: Scene, path: str) -> float | str:
     """
     if path == "equilibrate":  # a number stands for {time: number}
         path = "equilibrate.time"
+    if path.startswith("box.boundary."):  # one word stands for two equal ones
+        is_periodic = {"x": scene.box.periodic_x, "y": scene.box.periodic_y}
+        return "periodic" if is_periodic[path.removeprefix("box.boundary.")] else "reflecting"
     *parents, last = path.split(".")
     section = part_of(_all_keys(scene), parents)
     assert isinstance(section, dict)
@@ -204,7 +207,13 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def _word(value: YamlValue) -> str:
-    """Return a value as a part of a name of a folder."""
+    """Return a value as a part of a name of a folder.
+
+    >>> _word({"x": "periodic", "y": "reflecting"})
+    'x-periodic-y-reflecting'
+    """
+    if isinstance(value, Mapping):
+        return "-".join(f"{name}-{_word(value[name])}" for name in sorted(value))
     if isinstance(value, list | tuple):
         return "-".join(map(_word, value))
     return f"{value:.{DIGITS}g}".replace("+", "") if is_number(value) else str(value).lower()

@@ -5,8 +5,9 @@ converted.
     xyz   one whole run, extended XYZ for ASE, OVITO and VMD, every digit
     csv   a table of all whole runs or, if there are none, of the tracers of all runs, every digit
 
-Positions are those of the trajectory file, inside the box. In a periodic box all three formats have
-the images, too: unwrapped position = position + image * (width, height).
+Positions are those of the trajectory file, inside the box. Where some sides are periodic all three
+formats have the images, too: unwrapped position = position + image * (width, height). In a channel
+the images across its walls are 0.
 
 What the run was made from is in `log/origin` of the first frame of a GSD (JSON, one byte a letter),
 and in the comment of the first frame of an XYZ. A CSV has nothing but its table, so that every
@@ -23,6 +24,7 @@ import numpy as np
 from brownpipe.engines.ensemble import Ensemble, Track, failures
 from brownpipe.errors import RequestError
 from brownpipe.scene import Scene
+from brownpipe.scene.sections import Box
 from brownpipe.scene.species import species_table
 from brownpipe.storage.files import replacing
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, runs_record
@@ -61,12 +63,18 @@ def export_runs(
     with replacing(output) as temporary:
         FORMATS[form](temporary, scene, ensemble.times, tracks, record)
     remarks = [failures(ensemble)] if len(ensemble.failed_seeds) else []
-    if form == "gsd" and not scene.box.periodic:
-        remarks.append(
-            "GSD has no walls, so programs take the box for periodic: switch that off, or enlarge "
-            "the box"
-        )
+    if form == "gsd" and scene.box.has_walls:
+        remarks.append(_without_walls(scene.box))
     return tracks, remarks
+
+
+def _without_walls(box: Box) -> str:
+    """Return what a reader of a GSD must know about the walls of its box."""
+    walls = "GSD has no walls, so programs take the box for periodic"
+    if not box.is_channel:
+        return f"{walls}: switch that off, or enlarge the box"
+    across = "y" if box.periodic_x else "x"
+    return f"{walls} in {across}, too: switch that off, or enlarge the box in {across}"
 
 
 def _tracers(ensemble: Ensemble) -> dict[int, Track]:
@@ -111,10 +119,10 @@ def _gsd(
     the sample, `log/time` its time. Rounding to single precision moves a disk by at most 3e-8 of
     the box in x and in y.
 
-    GSD cannot say that a box has walls. Between walls the box is the rectangle inside them, there
-    are no images, and `log/periodic` is 0 instead of 1. Programs take it for periodic: switch that
-    off (OVITO), or enlarge the box by the longest distance that matters, so that no pair is closer
-    through a wall than inside (freud, MDAnalysis).
+    GSD cannot say that a box has walls. Its sides are then the walls, and `log/periodic` (2,), of x
+    and y, is 0 instead of 1. Programs take it for periodic: switch that off (OVITO), or enlarge the
+    box by the longest distance that matters, so that no pair is closer through a wall than inside
+    (freud, MDAnalysis). A box with walls all around has no images.
     """
     try:
         import gsd.fl
@@ -158,7 +166,7 @@ def _gsd(
             frame.particles.velocity = _in_space(velocity[k], np.float32)
             if image is not None:
                 frame.particles.image = _in_space(image[k], np.int32)
-            frame.log = {"time": np.array([time]), "periodic": np.array([box.periodic], np.uint8)}
+            frame.log = {"time": np.array([time]), "periodic": box.periodic_axes.astype(np.uint8)}
             if k == 0:
                 origin = json.dumps(record, sort_keys=True).encode()
                 frame.log["origin"] = np.frombuffer(origin, np.uint8)
@@ -203,13 +211,13 @@ def _xyz_head(scene: Scene) -> str:
     box = scene.box
     columns = ["type:S:1", "pos:R:3", "radius:R:1", "mass:R:1", "masses:R:1"]
     columns += ["velo:R:3", "momenta:R:3"]
-    if box.periodic:
+    if box.has_images:
         columns.append("image:I:3")
     left, bottom = box.origin
     lattice = f'Lattice="{box.width} 0 0 0 {box.height} 0 0 0 1"'
     origin = f'Origin="{left} {bottom} -0.5"'
-    boundary = 'pbc="T T F"' if box.periodic else 'pbc="F F F"'
-    return f"{lattice} {origin} {boundary} Properties={':'.join(columns)}"
+    across, up = ("T" if is_periodic else "F" for is_periodic in box.periodic_axes)
+    return f'{lattice} {origin} pbc="{across} {up} F" Properties={":".join(columns)}'
 
 
 def _csv(

@@ -379,7 +379,7 @@ def _refuse_incomplete(scene: Scene, groups: Groups) -> None:
     seeds = root["seed"]
     if seeds.dtype != np.int64 or not 0 < len(seeds) == len(np.unique(seeds)):
         raise ValueError("its seeds must be one or several different integers")
-    if "position" in root and scene.box.periodic and "image" not in root:
+    if "position" in root and scene.box.has_images and "image" not in root:
         raise ValueError("lacks image, which a periodic box needs")
     if "/events" in groups:
         collisions = root["pair_collisions"] + root["wall_collisions"]

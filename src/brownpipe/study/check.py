@@ -42,8 +42,9 @@ def _scene_report(scene: Scene) -> list[str]:
     cost = forecast.run_cost(scene)
     cost_of_all_disks = forecast.run_cost(scene, {"all"})
     start = not_diffusive_before(scene)
+    boundary = scene.box.sides_in_words if scene.box.is_channel else scene.box.boundary
     properties = {
-        "box": f"{scene.box.width:g} x {scene.box.height:g}, {scene.box.boundary}",
+        "box": f"{scene.box.width:g} x {scene.box.height:g}, {boundary}",
         "disks": _disks(scene),
         "start": start_in_words(scene),
         "settle": forecast.settling_in_words(scene),
@@ -107,20 +108,22 @@ def _all_disks_run_cost(cost: forecast.Cost) -> str:
 
 
 def _momentum(scene: Scene) -> str | None:
-    """Return what the total momentum of disks in a periodic box does to the tracer's D; None where
+    """Return what the total momentum along periodic axes does to the tracer's D; None where
     there is nothing.
     """
-    if not scene.box.periodic or scene.has_one_state or scene.particles < 2:
+    if not scene.box.has_images or scene.has_one_state or scene.particles < 2:
         return None
+    along = scene.box.along  # of a channel
     if motion.starts_with_zero_momentum(scene):
         recoil = motion.bath_share(scene) ** 2
-        return f"zero in total: D is (1 - m/M)^2 = {recoil:.3g} times that without recoil"
+        total = f"zero{along or ' in total'}"
+        return f"{total}: D{along} is (1 - m/M)^2 = {recoil:.3g} times that without recoil"
     growth = friction.drift_diffusion(scene)
     temperature = friction.bath_of(scene).temperature
     expected = temperature / scene.mass[0] * not_diffusive_before(scene) / DECAY_TIMES
     return (
-        f"not zero: the centre of mass drifts, which adds {growth:.2g} to a D of {expected:.2g} "
-        "by the end of a run"
+        f"not zero: the centre of mass drifts{along}, which adds {growth:.2g} to a D of "
+        f"{expected:.2g} by the end of a run"
     )
 
 

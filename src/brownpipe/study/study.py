@@ -376,7 +376,7 @@ class Study(Section):
             records_tracer=self.record == "tracer",
             averages_over_runs=self.average == "runs",
             counts_collisions=counts_collisions,
-            has_walls=any(not case.box.periodic for case in self.cases),
+            has_walls=any(case.box.has_walls for case in self.cases),
             is_scan=self._is_scan(),
         )
 

@@ -245,8 +245,9 @@ def export_run(arguments: Namespace) -> None:
 
     The file must have been recorded with `--record all`. Without whole runs, CSV has the tracers of
     all runs. GSD has single precision and the centre of the box at the origin, and needs the
-    package gsd; XYZ and CSV have every digit. Unwrapped positions in a periodic box are position +
-    image * (width, height). A file that is there is not replaced.
+    package gsd; XYZ and CSV have every digit. Unwrapped positions in a box
+    with periodic sides are position + image * (width, height). A file that is there is not
+    replaced.
 
     `--to scene` writes the scene of any runs, to be read again; disks that were in a file are
     written into NAME_disks.csv beside it.

@@ -2,9 +2,9 @@
 of a disk.
 
 A cell is a short array in `w.cell`: the number of candidates in it, and the candidates. Cells are
-numbered row by row, with a rim of ghost cells around the box. Between walls the ghost cells stay
-empty; in a periodic box they list the images of the disks at the opposite side, so that no search
-ever wraps round.
+numbered row by row, with a rim of ghost cells around the box. Beyond walls the ghost cells stay
+empty; beyond periodic sides they list the images of the disks at the opposite side, so that no
+search ever wraps round.
 
 A disk much bigger than a cell is listed in a sparse pattern of cells around its own, such that
 every small disk within its reach finds it among its own 3 x 3 cells. Small disks need no code for
@@ -49,16 +49,30 @@ def cell_of(w: ws.Workspace, i: int) -> int:
 
 
 @kernel
-def place_at_time(shift: np.ndarray | None, w: ws.Workspace, i: int, now: float) -> tuple[int, int]:
-    """Return column and row of the cell at the position of disk i; their numbering continues
-    outside a periodic box.
+def interval_at(wraps: bool | None, distance: float, width: float, cells: int) -> int:
+    """Return which of the `cells` intervals of a width holds a coordinate, its `distance` from the
+    lower side of the box; their numbering continues beyond periodic sides.
     """
+    number = math.floor(distance / width)
+    if wraps is not None:
+        return number
+    return min(max(number, 0), cells - 1)
+
+
+@kernel
+def place_at_time(w: ws.Workspace, i: int, now: float) -> tuple[int, int]:
+    """Return column and row of the cell at the position of disk i."""
     x, y = position(w, i, now)
-    column = math.floor((x - w.grid.x) / w.grid.cell_width)
-    row = math.floor((y - w.grid.y) / w.grid.cell_height)
-    if shift is not None:
-        return column, row
-    return min(max(column, 0), w.grid.columns - 1), min(max(row, 0), w.grid.rows - 1)
+    column = interval_at(w.wraps_x, x - w.grid.x, w.grid.cell_width, w.grid.columns)
+    return column, interval_at(w.wraps_y, y - w.grid.y, w.grid.cell_height, w.grid.rows)
+
+
+@kernel
+def boxes_along(wraps: bool | None, place: int, cells: int) -> int:
+    """Return how many boxes away a column or row is, 0 between walls."""
+    if wraps is None:
+        return 0
+    return place // cells
 
 
 @kernel
@@ -66,9 +80,34 @@ def boxes_away(shift: np.ndarray | None, w: ws.Workspace, column: int, row: int)
     """Return how many boxes to the right and above a place is."""
     if shift is None:
         return 0, 0
-    if 0 <= column < w.grid.columns and 0 <= row < w.grid.rows:
+    columns, rows = w.grid.columns, w.grid.rows
+    if 0 <= column < columns and 0 <= row < rows:
         return 0, 0  # without two divisions
-    return column // w.grid.columns, row // w.grid.rows
+    return boxes_along(w.wraps_x, column, columns), boxes_along(w.wraps_y, row, rows)
+
+
+@kernel
+def ghosts_of(wraps: bool | None, place: int, cells: int) -> tuple[int, int]:
+    """Return the first and last number of boxes by which a column or row is repeated in the rim:
+    (0, 0) between walls.
+    """
+    if wraps is None:
+        return 0, 0
+    return -1 if place == cells - 1 else 0, 1 if place == 0 else 0
+
+
+@kernel
+def is_beyond_walls(wraps: bool | None, place: int, cells: int, rim: int) -> bool:
+    """Whether a column or row is beyond walls, and beyond `rim` ghost cells there."""
+    if wraps is not None:
+        return False
+    return not -rim <= place < cells + rim
+
+
+@kernel
+def images_each_way(wraps: bool | None) -> int:
+    """Return how many boxes away images are considered in each direction."""
+    return 0 if wraps is None else 1
 
 
 @kernel
@@ -126,8 +165,10 @@ def update_images(
         return
     if 0 < column < columns - 1 and 0 < row < rows - 1:
         return  # no ghost cell repeats it
-    for a in range(-1 if column == columns - 1 else 0, 2 if column == 0 else 1):
-        for u in range(-1 if row == rows - 1 else 0, 2 if row == 0 else 1):
+    left, right = ghosts_of(w.wraps_x, column, columns)
+    bottom, top = ghosts_of(w.wraps_y, row, rows)
+    for a in range(left, right + 1):
+        for u in range(bottom, top + 1):
             if a != 0 or u != 0:
                 cell = cell_at(w, column + a * columns, row + u * rows)
                 update_cell(w, cell, image_of(i, across + a, up + u), adding)
@@ -146,13 +187,13 @@ def update_pattern(
     """Add big disk i to the cells of its pattern, which may lie in an image of the box, or remove
     it.
     """
+    columns, rows = w.grid.columns, w.grid.rows
     for j in range(big.listed_first[i], big.listed_first[i + 1]):
         c, r = column + big.listed[j, 0], row + big.listed[j, 1]
-        if shift is not None:
-            a, u = c // w.grid.columns, r // w.grid.rows
-            update_images(shift, w, i, c - a * w.grid.columns, r - u * w.grid.rows, -a, -u, adding)
-        elif -1 <= c <= w.grid.columns and -1 <= r <= w.grid.rows:
-            update_images(shift, w, i, c, r, 0, 0, adding)
+        if is_beyond_walls(w.wraps_x, c, columns, 1) or is_beyond_walls(w.wraps_y, r, rows, 1):
+            continue
+        a, u = boxes_along(w.wraps_x, c, columns), boxes_along(w.wraps_y, r, rows)
+        update_images(shift, w, i, c - a * columns, r - u * rows, -a, -u, adding)
 
 
 @kernel
@@ -233,7 +274,7 @@ def gather_within_reach(shift: np.ndarray | None, big: ws.BigDisks, w: ws.Worksp
     column, row = place_of(w, i)
     for j in range(big.reach_first[i], big.reach_first[i + 1]):
         c, r = column + big.reach[j, 0], row + big.reach[j, 1]
-        if shift is None and not (0 <= c < columns and 0 <= r < rows):
+        if is_beyond_walls(w.wraps_x, c, columns, 0) or is_beyond_walls(w.wraps_y, r, rows, 0):
             continue
         across, up = boxes_away(shift, w, c, r)
         first = cell_at(w, c - across * columns, r - up * rows) * w.grid.slots
@@ -242,10 +283,10 @@ def gather_within_reach(shift: np.ndarray | None, big: ws.BigDisks, w: ws.Worksp
             if k & ws.DISK_MASK >= big.number:
                 w.candidate[m] = image_of(k, across, up)
                 m += 1
-    far = 0 if shift is None else 1  # how many boxes away images are considered
+    far_x, far_y = images_each_way(w.wraps_x), images_each_way(w.wraps_y)
     for other in range(big.number):
-        for a in range(-far, far + 1):
-            for u in range(-far, far + 1):
+        for a in range(-far_x, far_x + 1):
+            for u in range(-far_y, far_y + 1):
                 w.candidate[m] = image_of(other, a, u)
                 m += 1
     return m

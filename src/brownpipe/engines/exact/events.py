@@ -63,7 +63,7 @@ def cross(lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, now: float, 
     if lists is not None:
         neighbour_lists.clear_list(lists, i)
         cells.update_disk(w.big, w, i, *cells.place_of(w, i), False)
-        enter_cell(w.image, w, i, *cells.place_at_time(w.shift, w, i, now))
+        enter_cell(w.image, w, i, *cells.place_at_time(w, i, now))
         neighbour_lists.centre(lists, w, i, now)
         neighbour_lists.list_neighbours(lists, w, i, 0)
         return True
@@ -208,7 +208,7 @@ def begin_block(w: ws.Workspace) -> None:
     calendar.empty_queue(w.deferred, w)
     for i in range(len(w.disk) // ws.ROW - 1, -1, -1):
         a = ws.ROW * i
-        enter_cell(w.image, w, i, *cells.place_at_time(w.shift, w, i, 0.0))
+        enter_cell(w.image, w, i, *cells.place_at_time(w, i, 0.0))
         w.disk[a + ws.PAIR_TIME] = w.disk[a + ws.CHANGES] = w.event_time[ws.EVENT_ROW * i] = 0.0
         w.link[a + ws.EVENT], w.link[a + ws.PARTNER], w.link[a + ws.PARTNER_CHANGES] = ws.PAIR, i, 1
         calendar.insert_event(w, i, 0.0)

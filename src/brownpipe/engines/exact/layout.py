@@ -21,6 +21,7 @@ from brownpipe.engines.units import (
     rms_speed,
 )
 from brownpipe.scene import Scene
+from brownpipe.scene.sections import Box
 
 EVENTS_PER_BUCKET = 8.0  # at most, by estimate; the duration of a bucket is a power of two
 PREFETCHED_PER_BUCKET = 13.0  # the same where candidates of upcoming events are prefetched
@@ -53,10 +54,10 @@ def new_workspace(
     if pinned:
         mass[frame.back[0]] = np.inf
     are_equal = n < 2 or bool(np.all((radius == radius[0]) & (mass == mass[0])))
-    is_periodic = scene.box.periodic
+    box = scene.box
     common = common_radius(radius) if n else 0.5
     without_lists = _cell_grid(scene, frame, common, half=0.0)
-    big = _big_disks(without_lists, radius, common, is_periodic)
+    big = _big_disks(without_lists, radius, common, box)
     half = 0.0
     wide = None
     if big is None:
@@ -86,7 +87,7 @@ def new_workspace(
         (list_words * n + fours.SIZE, np.uint32),
     )
     disk[ws.RADIUS :: ws.ROW] = radius
-    image = np.zeros(2 * n, np.int32) if is_periodic else None
+    image = np.zeros(2 * n, np.int32) if box.has_images else None
     lists = ws.NeighbourLists(half, wide, centre, neighbour) if half else None
     candidate = np.zeros(_most_candidates(grid, big), np.uint32)
     return ws.Workspace(
@@ -97,8 +98,10 @@ def new_workspace(
         event_time=link.view(np.float64),
         mass=None if are_equal else mass,
         cell=cell,
+        wraps_x=True if box.periodic_x else None,
+        wraps_y=True if box.periodic_y else None,
         image=image,
-        shift=_shifts(grid) if is_periodic else None,
+        shift=_shifts(grid) if box.has_images else None,
         big=big,
         lists=lists,
         bucket=bucket,
@@ -298,17 +301,17 @@ def with_fitting_buckets(
     if width != scale.width:
         w = w._replace(calendar=scale._replace(width=width, per_time=1 / width))
         # one kernel for all scenes
-        queue_alone = w._replace(mass=None, image=None, shift=None, big=None, lists=None)
+        queue_alone = w._replace(
+            mass=None, wraps_x=None, wraps_y=None, image=None, shift=None, big=None, lists=None
+        )
         compile_all(partial(push_all, queue_alone))
     return w
 
 
-def _big_disks(
-    grid: ws.Grid, radius: np.ndarray, common: float, periodic: bool
-) -> ws.BigDisks | None:
+def _big_disks(grid: ws.Grid, radius: np.ndarray, common: float, box: Box) -> ws.BigDisks | None:
     """Return the cell patterns of the disks larger than the common radius; None if there are none.
 
-    None, too, in a periodic box so small that a pattern would overlap its own image.
+    None, too, in a box so short along a periodic axis that a pattern would overlap its own image.
     """
     number = int(np.count_nonzero(radius > common))
     if number == 0:
@@ -320,7 +323,8 @@ def _big_disks(
         listed.append(listing_cells)
         reach.append(cells_in_reach)
     widest = max(2 * np.abs(cells).max() + 1 for cells in reach)
-    if periodic and widest > min(grid.columns, grid.rows):
+    cells_along = np.array((grid.columns, grid.rows))
+    if np.any(widest > cells_along[box.periodic_axes]):
         return None
     return ws.BigDisks(
         number=number,

@@ -100,7 +100,7 @@ def set_partner(
 
 @kernel
 def leave_time(
-    shift: np.ndarray | None,
+    wraps: bool | None,
     position: float,
     velocity: float,
     since: float,
@@ -116,7 +116,7 @@ def leave_time(
     the opposite wall, that contact also lies ahead and must be ignored. If it overlaps the wall
     ahead by round-off, the time is before `since`.
     """
-    if shift is not None:
+    if wraps is not None:
         return since + wall_time(edge - position, velocity), False
     end = min(max(edge, low + radius), low + side - radius)
     return since + wall_time(end - position, velocity), (edge - end) * velocity > 0.0
@@ -149,10 +149,10 @@ def schedule(w: ws.Workspace, i: int, now: float, pair_time: float) -> None:
     vx, vy = disk[a + ws.VX], disk[a + ws.VY]
     x_edge, y_edge = edges_ahead(w.lists, w, i, vx, vy)
     x_time, x_wall = leave_time(
-        w.shift, disk[a + ws.X], vx, since, x_edge, box.x, box.width, radius
+        w.wraps_x, disk[a + ws.X], vx, since, x_edge, box.x, box.width, radius
     )
     y_time, y_wall = leave_time(
-        w.shift, disk[a + ws.Y], vy, since, y_edge, box.y, box.height, radius
+        w.wraps_y, disk[a + ws.Y], vy, since, y_edge, box.y, box.height, radius
     )
     x_event = ws.LEFT + (vx > 0.0) + ws.WALL * x_wall
     y_event = ws.DOWN + (vy > 0.0) + ws.WALL * y_wall

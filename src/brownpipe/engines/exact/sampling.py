@@ -64,6 +64,16 @@ def audit(w: ws.Workspace, i: int, now: float) -> None:
 
 
 @kernel
+def boxes_outside(wraps: bool | None, distance: float, side: float) -> int:
+    """Return how many boxes away a coordinate is, its `distance` from the lower side of the box: 0
+    between walls, where round-off may put it beyond one.
+    """
+    if wraps is None:
+        return 0
+    return math.floor(distance / side)
+
+
+@kernel
 def write_motion(
     image: np.ndarray | None,
     w: ws.Workspace,
@@ -80,10 +90,8 @@ def write_motion(
     """
     x, y = position(w, i, now)
     if image is not None:
-        across, up = (
-            math.floor((x - w.grid.x) / w.grid.width),
-            math.floor((y - w.grid.y) / w.grid.height),
-        )
+        across = boxes_outside(w.wraps_x, x - w.grid.x, w.grid.width)
+        up = boxes_outside(w.wraps_y, y - w.grid.y, w.grid.height)
         x, y = x - across * w.grid.width, y - up * w.grid.height
         track.image[sample, column, 0] = image[2 * i] + across
         track.image[sample, column, 1] = image[2 * i + 1] + up

@@ -160,9 +160,13 @@ class Workspace(NamedTuple):
     event_time: np.ndarray  # (4 N,) float64, a view of `link`
     mass: np.ndarray | None  # (N,) float64; None: all disks have mass 1 and the same radius
     cell: np.ndarray  # (cells * slots + 4,) uint32
-    # (2 N,) int32, how often each disk has left a periodic box to the right and upwards
+    # whether the box is periodic along x, and along y; None: walls there
+    wraps_x: bool | None
+    wraps_y: bool | None
+    # (2 N,) int32, how often each disk has left a periodic box to the right and upwards; None:
+    # walls on all sides
     image: np.ndarray | None
-    # (36,) float64, displacement (x, y, 0, 0) of each periodic image; None: walls
+    # (36,) float64, displacement (x, y, 0, 0) of each periodic image; None: walls on all sides
     shift: np.ndarray | None
     big: BigDisks | None
     lists: NeighbourLists | None

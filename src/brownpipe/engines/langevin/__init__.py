@@ -58,6 +58,8 @@ def refuse_unfit(
             f"--record {','.join(sorted(bath_records))}: the langevin engine has no bath; must be "
             "tracer or none"
         )
+    if scene.box.is_channel:
+        _refuse(scene, "needs a box with walls on all sides, or on none")
     if scene.has_one_state or scene.particles == 0:
         _refuse(scene, "needs disks whose velocities are drawn, of which the first is followed")
     if scene.particles == 1:

@@ -127,7 +127,7 @@ def folded(scene: Scene, path: np.ndarray) -> tuple[Track, bool]:
     """
     region = scene.box.accessible(float(scene.radius[0]))
     position, velocity = np.empty((2, len(path), 1, 2))
-    image = np.empty((len(path), 1, 2), np.int32) if scene.box.periodic else None
+    image = np.empty((len(path), 1, 2), np.int32) if scene.box.has_images else None
     known = fold(path, *region, position, velocity, image)
     return Track(position, velocity, image), known
 

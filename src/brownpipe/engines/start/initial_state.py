@@ -85,7 +85,7 @@ def _tracer_velocity(scene: Scene, seed: int) -> np.ndarray:
     velocity = _velocities(scene, drawn, _stream(ROOT_SEED, scene, seed))
     if zero_momentum and scene.equilibrate.time > 0:
         velocity = velocity * motion.speed_ratios(scene)[:, None]
-        velocity = remove_total_momentum(velocity, mass)
+        velocity = with_zero_momentum(scene, velocity)
     return velocity[0]
 
 
@@ -125,12 +125,12 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
 
 
 def with_zero_momentum(scene: Scene, velocity: np.ndarray) -> np.ndarray:
-    """Return velocities (N, 2) at t = 0 of zero total momentum; a tracer with a velocity of its own
-    keeps it.
+    """Return velocities (N, 2) at t = 0 of zero total momentum, in a channel along its periodic
+    axis; a tracer with a velocity of its own keeps it.
     """
-    if scene.tracer_velocity is None:
-        return remove_total_momentum(velocity, scene.mass)
-    return remove_total_momentum(velocity, scene.mass, first=1)
+    first = 0 if scene.tracer_velocity is None else 1
+    balanced = remove_total_momentum(velocity, scene.mass, first)
+    return np.where(motion.axes_of_zero_momentum(scene), balanced, velocity)
 
 
 def remove_total_momentum(velocity: np.ndarray, mass: np.ndarray, first: int = 0) -> np.ndarray:
@@ -211,8 +211,18 @@ def _places(
     grid = np.full(cells, -1, np.int64)
     following = np.full(len(radius), -1, np.int64)
     is_open = np.ones(FIELDS_PER_CELL * cells, np.bool_)
-    periodic = scene.box.periodic
-    return Places(position, radius, common, big, size, periodic, grid, following, is_open)
+    return Places(
+        position,
+        radius,
+        common,
+        big,
+        size,
+        scene.box.periodic_x,
+        scene.box.periodic_y,
+        grid,
+        following,
+        is_open,
+    )
 
 
 def _insert_at_random(scene: Scene, stream: np.random.Generator, scale: float = 1.0) -> np.ndarray:
@@ -268,9 +278,8 @@ def _grow(scene: Scene, stream: np.random.Generator) -> np.ndarray:
     fixed = scene.tracer_position
     small = math.sqrt(BEFORE_GROWTH / scene.packing_fraction)
     position = _insert_at_random(scene, stream, small) - scene.box.origin
-    size = np.array((scene.box.width, scene.box.height))
-    if not scene.box.periodic:
-        position = np.clip(position, scene.radius[:, None], size - scene.radius[:, None])
+    margins = scene.box.margins(scene.radius[:, None])
+    position = np.clip(position, margins, scene.box.size - margins)
     p = _places(scene, position, scene.radius.copy())
     held = -1 if fixed is None else 0
     room = math.sqrt(max(JAMMED / scene.packing_fraction, 1.0)) - 1.0
@@ -305,9 +314,8 @@ def separated(scene: Scene) -> Separation:
     given = scene.configuration.position
     if not scene.push_apart or not len(given):
         return Separation(given, 0, 0.0)
-    size = np.array((scene.box.width, scene.box.height))
     start = given - scene.box.origin
-    inside = _inside(scene, start, size)
+    inside = _inside(scene, start)
     number = len(given)
     p = _places(scene, inside.copy(), scene.radius.copy(), most=1 + math.isqrt(4 * number))
     sweeps = min(MOST_SWEEPS, math.ceil(MOST_PUSHES / number))
@@ -320,9 +328,7 @@ def separated(scene: Scene) -> Separation:
             f"(packing fraction {scene.packing_fraction:.3g}); must be fewer "
             "or smaller disks"
         )
-    step = p.position - start
-    if scene.box.periodic:
-        step -= size * np.rint(step / size)
+    step = scene.box.nearest_image(p.position - start)
     distance = np.hypot(*step.T)
     is_moved = np.any(p.position != start, axis=1)
     position = np.where(is_moved[:, None], p.position + scene.box.origin, given)
@@ -330,13 +336,14 @@ def separated(scene: Scene) -> Separation:
     return Separation(position, int(np.count_nonzero(distance)), float(distance.max()))
 
 
-def _inside(scene: Scene, position: np.ndarray, size: np.ndarray) -> np.ndarray:
+def _inside(scene: Scene, position: np.ndarray) -> np.ndarray:
     """Return centres (N, 2) relative to a corner of the box, those over its edge taken into it."""
-    if not scene.box.periodic:
-        margin = scene.radius[:, None]
-        return np.clip(position, margin, size - margin)
+    size = scene.box.size
     wrapped = position - size * np.floor(position / size)
-    return np.where(wrapped < size, wrapped, 0.0)  # round-off of a tiny negative coordinate
+    wrapped = np.where(wrapped < size, wrapped, 0.0)  # round-off of a tiny negative coordinate
+    margin = scene.radius[:, None]
+    clipped = np.clip(position, margin, size - margin)
+    return np.where(scene.box.periodic_axes, wrapped, clipped)
 
 
 def separation_in_words(scene: Scene) -> str | None:

@@ -49,7 +49,8 @@ class Places(NamedTuple):
     common: float  # the largest radius of the disks not in `big`
     big: np.ndarray  # int64, a few big disks, ascending numbers
     size: np.ndarray  # (2,) of the box
-    periodic: bool
+    periodic_x: bool
+    periodic_y: bool
     grid: np.ndarray  # (columns, rows) int64, the last disk inserted into each cell or -1
     # (N,) int64, the disk inserted into the same cell before each disk, or -1
     following: np.ndarray
@@ -76,8 +77,8 @@ def register(p: Places, i: int) -> None:
 
 @kernel
 def block_around(p: Places, i: int, reach: float) -> tuple[int, int, int, int]:
-    """Return the first and last column and row of the cells within reach of disk i; beyond the box
-    between walls, too.
+    """Return the first and last column and row of the cells within reach of disk i; beyond walls,
+    too.
 
     A cell of a small periodic box may be among them twice.
     """
@@ -91,11 +92,13 @@ def block_around(p: Places, i: int, reach: float) -> tuple[int, int, int, int]:
 
 @kernel
 def first_in_cell(p: Places, column: int, row: int) -> int:
-    """Return the disk that was listed last in a cell or, of a periodic box, its image; -1 for
-    none.
+    """Return the disk that was listed last in a cell or, beyond a periodic side, its image; -1
+    for none.
     """
     columns, rows = p.grid.shape
-    if not p.periodic and (column < 0 or column >= columns or row < 0 or row >= rows):
+    if not p.periodic_x and (column < 0 or column >= columns):
+        return -1
+    if not p.periodic_y and (row < 0 or row >= rows):
         return -1
     return p.grid[column % columns, row % rows]
 
@@ -122,13 +125,32 @@ def is_free(p: Places, i: int) -> bool:
 
 
 @kernel
+def margins(p: Places, i: int) -> tuple[float, float]:
+    """Return how far the centre of disk i must be from the sides in x and in y: its radius from
+    walls.
+    """
+    return 0.0 if p.periodic_x else p.radius[i], 0.0 if p.periodic_y else p.radius[i]
+
+
+@kernel
+def apart(p: Places, i: int, k: int) -> tuple[float, float]:
+    """Return the vector from disk i to disk k, or to its nearest periodic image."""
+    x, y = p.position[k, 0] - p.position[i, 0], p.position[k, 1] - p.position[i, 1]
+    if p.periodic_x:
+        x -= p.size[0] * math.floor(x / p.size[0] + 0.5)
+    if p.periodic_y:
+        y -= p.size[1] * math.floor(y / p.size[1] + 0.5)
+    return x, y
+
+
+@kernel
 def try_place(p: Places, i: int, u: float, v: float) -> None:
     """Set the centre of disk i to the point (u, v), each in [0, 1), of the rectangle accessible to
     it.
     """
-    margin = 0.0 if p.periodic else p.radius[i]
-    p.position[i, 0] = margin + u * (p.size[0] - 2.0 * margin)
-    p.position[i, 1] = margin + v * (p.size[1] - 2.0 * margin)
+    margin_x, margin_y = margins(p, i)
+    p.position[i, 0] = margin_x + u * (p.size[0] - 2.0 * margin_x)
+    p.position[i, 1] = margin_y + v * (p.size[1] - 2.0 * margin_y)
 
 
 @kernel
@@ -138,10 +160,7 @@ def coverage_by_disk(p: Places, i: int, k: int, half: float) -> int:
     COVERED: at every centre in it disk i overlaps disk k. UNDECIDED: at that in its middle. FREE:
     not at that.
     """
-    x, y = p.position[k, 0] - p.position[i, 0], p.position[k, 1] - p.position[i, 1]
-    if p.periodic:
-        x -= p.size[0] * math.floor(x / p.size[0] + 0.5)
-        y -= p.size[1] * math.floor(y / p.size[1] + 0.5)
+    x, y = apart(p, i, k)
     sigma, square = p.radius[i] + p.radius[k], x * x + y * y
     inside = (1.0 - SLACK) * sigma - half - ROUND_OFF * (p.size[0] + p.size[1])
     if inside > 0.0 and square < inside * inside:
@@ -185,8 +204,8 @@ def has_room(p: Places, i: int, column: int, row: int) -> bool:
     smallest ones are taken to have room.
     """
     columns, rows = p.is_open.shape
-    margin = 0.0 if p.periodic else p.radius[i]
-    width, height = (p.size[0] - 2.0 * margin) / columns, (p.size[1] - 2.0 * margin) / rows
+    margin_x, margin_y = margins(p, i)
+    width, height = (p.size[0] - 2.0 * margin_x) / columns, (p.size[1] - 2.0 * margin_y) / rows
     half = 0.5 * math.sqrt(width * width + height * height)
     # of the square: its column and row among parts x parts of the field
     x, y, level, parts = 0, 0, 0, 1
@@ -291,10 +310,7 @@ def separate(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
     that is 0).
     """
     position, radius, size = p.position, p.radius, p.size
-    x, y = position[k, 0] - position[i, 0], position[k, 1] - position[i, 1]
-    if p.periodic:
-        x -= size[0] * math.floor(x / size[0] + 0.5)
-        y -= size[1] * math.floor(y / size[1] + 0.5)
+    x, y = apart(p, i, k)
     sigma, square = radius[i] + radius[k], x * x + y * y
     wanted = stretch * sigma
     if square < wanted * wanted:
@@ -303,17 +319,18 @@ def separate(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
             x, distance = sigma, sigma
         away = (wanted - math.sqrt(square)) / distance
         of_i = share_of_path(radius, held, i, k)
+        step_of_i, step_of_k = -of_i * away, (1.0 - of_i) * away
         position[i, 0] = next_coordinate(
-            position[i, 0], -of_i * away * x, radius[i], size[0], p.periodic
+            position[i, 0], step_of_i * x, radius[i], size[0], p.periodic_x
         )
         position[i, 1] = next_coordinate(
-            position[i, 1], -of_i * away * y, radius[i], size[1], p.periodic
+            position[i, 1], step_of_i * y, radius[i], size[1], p.periodic_y
         )
         position[k, 0] = next_coordinate(
-            position[k, 0], (1.0 - of_i) * away * x, radius[k], size[0], p.periodic
+            position[k, 0], step_of_k * x, radius[k], size[0], p.periodic_x
         )
         position[k, 1] = next_coordinate(
-            position[k, 1], (1.0 - of_i) * away * y, radius[k], size[1], p.periodic
+            position[k, 1], step_of_k * y, radius[k], size[1], p.periodic_y
         )
     return square < sigma * sigma
 
@@ -351,5 +368,7 @@ def insert_nothing() -> None:
     """Insert no disk, so that the kernel is compiled."""
     no_disks, none = np.zeros((0, 2)), np.zeros(0, np.int64)
     grid, is_open = np.zeros((1, 1), np.int64), np.zeros((1, 1), np.bool_)
-    no_places = Places(no_disks, np.zeros(0), 1.0, none, np.ones(2), False, grid, none, is_open)
+    no_places = Places(
+        no_disks, np.zeros(0), 1.0, none, np.ones(2), False, False, grid, none, is_open
+    )
     insert_disks(no_places, no_disks, np.array(NOTHING_PLACED))

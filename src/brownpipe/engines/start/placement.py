@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.scene import Scene
+from brownpipe.scene import Box, Scene
 
 LIMIT = 0.547  # packing fraction that random insertion of equal disks approaches
 SATURATION = 0.541  # at which it ends here
@@ -47,8 +47,8 @@ def _insertions(scene: Scene) -> list[tuple[int, float]]:
     insertions = []
     larger: dict[float, int] = {}
     for radius, count in count_of_radius.items():
-        walls = 0.0 if scene.box.periodic else 2 * MARGIN * radius
-        area = (scene.box.width - walls) * (scene.box.height - walls)
+        walls = 2 * scene.box.margins(MARGIN * radius)
+        area = float(np.prod(scene.box.size - walls))
         area -= sum(n * math.pi * (big + MARGIN * radius) ** 2 for big, n in larger.items())
         places = SATURATION * area / (math.pi * radius**2)
         if larger or count > 1:  # the first disk always finds a place
@@ -176,7 +176,7 @@ def lattice_sites(scene: Scene) -> np.ndarray:
     wanted = len(free)
     sites = np.zeros((0, 2))
     while len(sites) < len(free):
-        lattice, nearest = _lattice(size, scene.box.periodic, wanted)
+        lattice, nearest = _lattice(scene.box, size, wanted)
         sites = low + lattice
         if nearest < 2 * largest * (1 - 1e-14):
             raise RequestError(
@@ -185,27 +185,25 @@ def lattice_sites(scene: Scene) -> np.ndarray:
                 f"{scene.packing_fraction:.4g}); must be fewer or smaller disks"
             )
         if fixed is not None:
-            separation = np.abs(sites - fixed)
-            if scene.box.periodic:
-                separation = np.minimum(separation, size - separation)
+            separation = scene.box.nearest_image(sites - fixed)
             sites = sites[np.hypot(*separation.T) >= radius[0] + largest]
         wanted += len(free) - min(len(sites), len(free))
     return sites
 
 
-def _lattice(size: np.ndarray, periodic: bool, n: int) -> tuple[np.ndarray, float]:
-    """Return the sites (at least n, 2) of a triangular lattice in a rectangle, and the distance of
-    nearest neighbours.
+def _lattice(box: Box, size: np.ndarray, n: int) -> tuple[np.ndarray, float]:
+    """Return the sites (at least n, 2) of a triangular lattice in a rectangle of a size (2,), and
+    the distance of nearest neighbours.
 
-    It has the number of rows for which this distance is greatest; in a periodic box this number is
-    even, as every other row is shifted. It is stretched along x or y to fill the rectangle: its
-    triangles need not be equilateral.
+    It has the number of rows for which this distance is greatest; between periodic sides this
+    number is even, as every other row is shifted. It is stretched along x or y to fill the
+    rectangle: its triangles need not be equilateral.
     """
-    step = 2 if periodic else 1
+    step = 2 if box.periodic_y else 1
     rows = np.arange(step, n + 1 + step, step)  # each possible number, of which one is chosen
     columns = -(-n // rows)
-    across = size[0] / (columns if periodic else np.maximum(columns - 0.5, 0.5))
-    up = size[1] / (rows if periodic else np.maximum(rows - 1, 0.5))
+    across = size[0] / (columns if box.periodic_x else np.maximum(columns - 0.5, 0.5))
+    up = size[1] / (rows if box.periodic_y else np.maximum(rows - 1, 0.5))
     # in the same row, in the next but one, and in the next
     nearest = np.minimum.reduce([across, 2 * up, np.hypot(across / 2, up)])
     best = np.argmax(nearest)

@@ -130,7 +130,7 @@ def run_steps(
 
 def _with_twice_the_capacity(w: Workspace) -> Workspace:
     """Return the workspace in its present state with lists of twice the capacity."""
-    return w._replace(**_empty_lists(2 * len(w.within.a), w.box.periodic))
+    return w._replace(**_empty_lists(2 * len(w.within.a), len(w.across.a) > 0))
 
 
 # -- the workspace of a scene ----------------------------------------------------------------------
@@ -148,7 +148,18 @@ def new_workspace(scene: Scene, frame: Frame, settings: Settings) -> Workspace:
     real_arrays = {name: np.zeros(n) for name in REAL_ARRAYS}
     int_arrays = {name: np.zeros(n, np.int32) for name in INT_ARRAYS}
     return Workspace(
-        box=EngineBox(x, y, width, height, x + width, y + height, box.periodic),
+        box=EngineBox(
+            x,
+            y,
+            width,
+            height,
+            left=-math.inf if box.periodic_x else x,
+            right=math.inf if box.periodic_x else x + width,
+            bottom=-math.inf if box.periodic_y else y,
+            top=math.inf if box.periodic_y else y + height,
+            periodic_x=box.periodic_x,
+            periodic_y=box.periodic_y,
+        ),
         step=settings.time_step / frame.time,
         late=settings.collisions == "late",
         skin=2 * common * skin_of(scene, settings.time_step),
@@ -161,7 +172,7 @@ def new_workspace(scene: Scene, frame: Frame, settings: Settings) -> Workspace:
         mass=scene.mass[frame.order] / frame.mass,
         straight_since=np.zeros(n),
         cell_start=np.zeros(4 * n + 9, np.int32),
-        **_empty_lists(16 * n + 64, box.periodic),
+        **_empty_lists(16 * n + 64, box.has_images),
         counters=np.zeros(ws.COUNTERS, np.int64),
         count=np.zeros(ws.COUNTS, np.int64),
         tally=np.zeros(ws.TALLY),
@@ -179,14 +190,14 @@ class Lists(TypedDict):
     contact_pair: np.ndarray
 
 
-def _empty_lists(capacity: int, periodic: bool) -> Lists:
-    """Return lists of so many pairs within the box and across its edges, and of twice as many
-    candidates.
+def _empty_lists(capacity: int, has_images: bool) -> Lists:
+    """Return lists of so many pairs within the box and across its periodic sides, and of twice as
+    many candidates.
     """
     candidates = 2 * capacity
     return {
         "within": _empty_pairs(capacity),
-        "across": _empty_pairs(capacity if periodic else 0),
+        "across": _empty_pairs(capacity if has_images else 0),
         "candidate": np.zeros(candidates, np.uint32),
         "contact_time": np.zeros(candidates),
         "contact_key": np.zeros(candidates, np.int64),
@@ -281,13 +292,13 @@ def report_of(
 
 
 def _none_escaped(w: Workspace) -> bool:
-    """Whether, between walls, no disk has escaped: REACHES."""
+    """Whether no disk has escaped beyond walls: REACHES."""
     box = w.box
     far = REACHES * w.tally[ws.FASTEST] * w.step + 1e-6 * max(box.width, box.height)
-    left = box.x - far
+    left = box.left - far
     right = box.right + far
-    bottom = box.y - far
+    bottom = box.bottom - far
     top = box.top + far
     has_escaped = reaches_beyond(w.x, w.y, w.radius, left, right, bottom, top)
     finite = np.isfinite(w.x + w.y + far)
-    return box.periodic or bool(np.all(finite & ~has_escaped))
+    return bool(np.all(finite & ~has_escaped))

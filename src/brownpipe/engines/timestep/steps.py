@@ -39,7 +39,7 @@ def fly(
     for i in range(len(x)):
         x[i] += vx[i] * dt
         y[i] += vy[i] * dt
-        beyond += reaches_beyond(x[i], y[i], radius[i], box.x, box.right, box.y, box.top)
+        beyond += reaches_beyond(x[i], y[i], radius[i], box.left, box.right, box.bottom, box.top)
     return beyond
 
 
@@ -47,7 +47,7 @@ def fly(
 def reaches_beyond(
     x: float, y: float, r: float, left: float, right: float, bottom: float, top: float
 ) -> bool:
-    """Return whether a disk reaches beyond a wall."""
+    """Return whether a disk reaches beyond a wall; those of a periodic axis are at infinity."""
     return (x - r < left) | (x + r > right) | (y - r < bottom) | (y + r > top)
 
 
@@ -254,7 +254,7 @@ def deflect(
     w.y[i] = w.y[i] + dy
     box = w.box
     w.counters[ws.BEYOND] += reaches_beyond(
-        w.x[i], w.y[i], w.radius[i], box.x, box.right, box.y, box.top
+        w.x[i], w.y[i], w.radius[i], box.left, box.right, box.bottom, box.top
     )
     return math.sqrt(dx * dx + dy * dy)
 
@@ -315,7 +315,7 @@ def step(w: ws.Workspace) -> None:
         sort_contacts(w, m)
         for j in range(m):
             collide(w, int(w.contact_pair[j]), now)
-    if w.counters[ws.BEYOND] > 0 and not box.periodic:
+    if w.counters[ws.BEYOND] > 0:
         for i in range(len(w.x)):
             x, y, r = w.x[i], w.y[i], w.radius[i]
             bounce(
@@ -323,14 +323,22 @@ def step(w: ws.Workspace) -> None:
                 w.x,
                 w.vx,
                 i,
-                box.x - (x - r),
+                box.left - (x - r),
                 x + r - box.right,
-                box.right - box.x - 2.0 * r,
+                box.right - box.left - 2.0 * r,
                 0,
                 now,
             )
             bounce(
-                w, w.y, w.vy, i, box.y - (y - r), y + r - box.top, box.top - box.y - 2.0 * r, 2, now
+                w,
+                w.y,
+                w.vy,
+                i,
+                box.bottom - (y - r),
+                y + r - box.top,
+                box.top - box.bottom - 2.0 * r,
+                2,
+                now,
             )
     w.tally[ws.BUDGET] -= w.tally[ws.FASTEST] * w.step
     w.counters[ws.STEP] += 1
@@ -346,16 +354,11 @@ def write_sample(
     vx, vy = w.vx[i], w.vy[i]
     x, y = w.x[i] + vx * rest, w.y[i] + vy * rest
     track.velocity[row, column, 0], track.velocity[row, column, 1] = vx, vy
-    if w.box.periodic:
-        across, up = (
-            verlet_lists.boxes_away(x, w.box.x, w.box.width),
-            verlet_lists.boxes_away(y, w.box.y, w.box.height),
-        )
+    if w.box.periodic_x or w.box.periodic_y:
+        across, up = verlet_lists.boxes_away(w, x, y)
         x, y = x - across * w.box.width, y - up * w.box.height
-        track.image[row, column, 0], track.image[row, column, 1] = (
-            w.image_x[i] + across,
-            w.image_y[i] + up,
-        )
+        track.image[row, column, 0] = w.image_x[i] + across
+        track.image[row, column, 1] = w.image_y[i] + up
     track.position[row, column, 0], track.position[row, column, 1] = x, y
 
 

@@ -61,8 +61,9 @@ def make(w: ws.Workspace) -> None:
     w.counters[ws.WITHIN] = w.counters[ws.ACROSS] = w.counters[ws.OVERFULL] = 0
     for row in range(rows):
         pairs_of_row(w, columns, rows, row)
-        for column in range(columns if w.box.periodic else 0):
-            if column == 0 or column == columns - 1 or row == rows - 1:
+        for column in range(columns):
+            is_at_side = column == 0 or column == columns - 1
+            if (w.box.periodic_x and is_at_side) or (w.box.periodic_y and row == rows - 1):
                 pairs_across_sides(w, columns, rows, column, row)
     for i in range(w.big):
         pairs_of_big(w, i)
@@ -105,14 +106,11 @@ def cells_along_side(w: ws.Workspace, side: float) -> int:
 
 @kernel
 def wrap(w: ws.Workspace) -> None:
-    """Move disks that left a periodic box to its opposite side."""
-    if not w.box.periodic:
+    """Move disks that left the box at a periodic side to its opposite side."""
+    if not (w.box.periodic_x or w.box.periodic_y):
         return
     for i in range(len(w.x)):
-        across, up = (
-            boxes_away(w.x[i], w.box.x, w.box.width),
-            boxes_away(w.y[i], w.box.y, w.box.height),
-        )
+        across, up = boxes_away(w, w.x[i], w.y[i])
         if across != 0 or up != 0:
             w.x[i] = w.x[i] - across * w.box.width
             w.y[i] = w.y[i] - up * w.box.height
@@ -121,9 +119,24 @@ def wrap(w: ws.Workspace) -> None:
 
 
 @kernel
-def boxes_away(place: float, low: float, side: float) -> int:
-    """Return how many boxes a coordinate is away from the box."""
-    return math.floor((place - low) / side)
+def boxes_away(w: ws.Workspace, x: float, y: float) -> tuple[int, int]:
+    """Return how many boxes to the right and above a point is; 0 between walls."""
+    across, up = 0, 0
+    if w.box.periodic_x:
+        across = math.floor((x - w.box.x) / w.box.width)
+    if w.box.periodic_y:
+        up = math.floor((y - w.box.y) / w.box.height)
+    return across, up
+
+
+@kernel
+def is_image(w: ws.Workspace, across: int, up: int) -> bool:
+    """Return whether a disk has an image so many boxes to the right and above, other than
+    itself.
+    """
+    if (across != 0 and not w.box.periodic_x) or (up != 0 and not w.box.periodic_y):
+        return False
+    return across != 0 or up != 0
 
 
 @kernel
@@ -222,7 +235,7 @@ def pairs_across_sides(w: ws.Workspace, columns: int, rows: int, column: int, ro
     for above in range(high + 1):
         for aside in range(-wide if above > 0 else 1, wide + 1):
             across, up = (column + aside) // columns, (row + above) // rows
-            if across != 0 or up != 0:
+            if is_image(w, across, up):
                 other = (row + above - up * rows) * columns + column + aside - across * columns
                 for i in range(cell_start[cell], cell_start[cell + 1]):
                     list_pairs(
@@ -249,7 +262,7 @@ def images_within_reach(distance: float, cells: int, side: float) -> int:
 def pairs_of_big(w: ws.Workspace, i: int) -> None:
     """List the pairs of big disk i with all disks after it, and with their periodic images."""
     list_pairs(w, w.within, ws.WITHIN, i, i + 1, len(w.x), 0, 0)
-    if not w.box.periodic:
+    if not (w.box.periodic_x or w.box.periodic_y):
         return
     largest = w.common_radius
     for k in range(w.big):
@@ -262,7 +275,7 @@ def pairs_of_big(w: ws.Workspace, i: int) -> None:
         for up in range(
             math.floor((y - far) / w.box.height), math.floor((y + far) / w.box.height) + 1
         ):
-            if across != 0 or up != 0:
+            if is_image(w, across, up):
                 list_pairs(w, w.across, ws.ACROSS, i, i + 1, len(w.x), across, up)
 
 

@@ -28,15 +28,18 @@ DONE, PAUSED, LISTS_FULL = range(3)  # why `advance` returned
 
 @by_reference
 class EngineBox(NamedTuple):
-    """The box in the engine's units."""
+    """The box in the engine's units, and its walls; those of a periodic axis are at infinity."""
 
     x: float  # lower left corner
     y: float
     width: float
     height: float
+    left: float  # x coordinates of walls
     right: float
+    bottom: float  # y coordinates of walls
     top: float
-    periodic: bool
+    periodic_x: bool
+    periodic_y: bool
 
 
 @by_reference
@@ -72,7 +75,9 @@ class Workspace(NamedTuple):
     vy: np.ndarray
     radius: np.ndarray  # (N,)
     disk: np.ndarray  # (N,) int32, the engine's number of the disk at each place
-    image_x: np.ndarray  # (N,) int32, net number of times it left a periodic box to the right
+    image_x: (
+        np.ndarray
+    )  # (N,) int32, net number of times it left the box at a periodic side to the right
     image_y: np.ndarray  # and at the top
     mass: np.ndarray  # (N,) float64, by the engine's number
     straight_since: np.ndarray  # (N,) float64, by the engine's number: time of the last collision
