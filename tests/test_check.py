@@ -264,6 +264,23 @@ def report(folder, mapping, name="scene"):
     return describe_scene_or_study(folder / f"{name}.yaml").splitlines()
 
 
+@pytest.mark.parametrize(
+    ("zero_momentum", "words"),
+    [
+        (True, "momentum    zero along y: D along y is "),
+        (False, "the centre of mass drifts along y"),
+    ],
+)
+def test_a_channel_is_described_with_its_axis(zero_momentum, words, tmp_path):
+    scene = crowd(20, boundary={"x": "reflecting", "y": "periodic"})
+    scene["velocities"] = {"temperature": 1.0, "zero_momentum": zero_momentum}
+    (tmp_path / "channel.yaml").write_text(json.dumps(scene))
+    report = describe_scene_or_study(str(tmp_path / "channel.yaml"))
+    assert "box         10 x 10, periodic in y, hard walls in x" in report
+    assert words in report
+    assert ("the total momentum along y is zero" in report) == zero_momentum
+
+
 def cautions(lines):
     """Cautions but those of windows of fits and of scenes that do not equilibrate: these are
     small.
