@@ -48,7 +48,7 @@ class BoundaryByAxis(Section):
     y: Boundary = key("hard walls, hit by a disk's edge, or periodic")
 
 
-def _form_of_boundary(value: Any) -> str | None:
+def _form_of_boundary(value: object) -> str | None:
     """Return which of the two forms of `boundary` a value has; None if neither."""
     if isinstance(value, Mapping | BoundaryByAxis):
         return BY_AXIS
