@@ -159,10 +159,9 @@ def wall_reduction(scene: Scene, average: str, msd: float) -> float:
     _, size = scene.box.accessible(scene.radius[0])
     if not size.any():
         return np.nan
+    largest = 2 * size.max() ** 2  # D t, at which the box is filled to 1e-8
     if scene.box.is_channel:
         largest = msd / 2  # D t, if the tracer moved along it alone
-    else:
-        largest = 2 * size.max() ** 2  # D t, at which the box is filled to 1e-8
 
     def excess(half_variance: float) -> float:
         msd_then, _ = _msd_between_walls(scene, average, half_variance)

@@ -35,9 +35,7 @@ PeriodicSides = tuple[tuple[float, float] | None, tuple[float, float] | None]
 WALLS: PeriodicSides = (None, None)
 
 
-def crowd(
-    position: np.ndarray, radius: np.ndarray, sides: PeriodicSides = WALLS
-) -> Crowd | None:
+def crowd(position: np.ndarray, radius: np.ndarray, sides: PeriodicSides = WALLS) -> Crowd | None:
     """Return the disk with most neighbours if disks are so crowded that their pairs cannot be
     listed; None if they are not. Arguments are those of `overlaps`.
 
