@@ -12,7 +12,7 @@ from scipy.special import j0, j1
 import brownpipe as bp
 from brownpipe import theory
 from brownpipe.study import read_study
-from validation import fundamental_measure, transport
+from validation import fundamental_measure, hard_rods, transfer_matrix, transport
 from validation.catalogue import RESULTS
 from validation.comparison import Comparison
 from validation.kinetic_theory import correlation, energy_decay, velocity_modes
@@ -25,6 +25,7 @@ from validation.pressure import (
     series,
 )
 from validation.single_runs import single_runs
+from validation.transfer_matrix import Channel, equilibrium
 from validation.walls import gas_profile
 
 ROOT = Path(__file__).parent.parent
@@ -214,3 +215,128 @@ def test_dilute_disks_have_the_pair_distribution_of_first_order():
     size = (weights * (near.pair_distribution.values - 1)).sum()
     error = np.hypot.reduce(weights * near.pair_distribution_standard_error.values)
     assert error < 0.12 and abs(size - 1) < 4 * error
+
+
+# -- narrow channels -------------------------------------------------------------------------------
+
+
+def test_disks_in_a_channel_without_height_are_hard_rods():
+    """Z_N = L (L - N)^(N - 1) a^N/N! on a ring; c differs from 1 by 1e-9."""
+    thin = equilibrium(Channel(20, 40.0, 1e-4))
+    assert thin.force == pytest.approx(1 / 40 + 19 / 20, abs=1e-8)
+    assert thin.wall_density == pytest.approx(20 / 40 / 1e-4, rel=1e-8)
+    assert transfer_matrix.force_in_long_channel(0.5, 1e-4) == pytest.approx(1.0, abs=1e-8)
+    assert transfer_matrix.speed_of_sound(0.5, 1e-4) == pytest.approx(math.sqrt(8), rel=1e-6)
+
+
+def accepted(channel, heights, random):
+    """Return the logarithm of L^N times the share of random configurations without overlap, its
+    standard error, and the share of the centres in the outer half of the strip there.
+    """
+    n, length, a = channel
+    x = random.random((400_000, n)) * length
+    y = heights * a
+    allowed = np.ones(len(x), bool)
+    for i in range(n):
+        for j in range(i):
+            apart = np.abs(x[:, i] - x[:, j])
+            apart = np.minimum(apart, length - apart)
+            allowed &= apart**2 + (y[:, i] - y[:, j]) ** 2 > 1
+    count = allowed.sum()
+    outer = np.abs(heights[allowed] - 0.5) > 0.25
+    return n * np.log(length) + np.log(count / len(x)), count**-0.5, outer.mean()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("particles", "height"), [(2, 0.5), (2, 1.4), (4, 0.8)])
+def test_force_and_profile_are_those_of_random_configurations(particles, height):
+    """Within 4 standard errors, which are below 0.01 in ln Z and in the share near the walls."""
+    random = np.random.default_rng(1993)
+    heights = random.random((400_000, particles))
+    short = Channel(particles, 5.5, height)
+    long = Channel(particles, 7.5, height)
+    at_short, error, outer = accepted(short, heights, random)
+    at_long, its_error, _ = accepted(long, heights, random)
+    node, weight = np.polynomial.legendre.leggauss(4)
+    force = [equilibrium(short._replace(length=6.5 + u)).force for u in node]
+    assert max(error, its_error) < 0.01
+    assert at_long - at_short == pytest.approx(weight @ force, abs=4 * np.hypot(error, its_error))
+    share = equilibrium(short).mean_density(0, height / 4) / (short.density / height) / 2
+    assert outer == pytest.approx(share, abs=4 * error)
+
+
+@pytest.mark.parametrize("particles", [2, 8])
+def test_force_and_density_at_the_walls_derive_from_one_partition_function(particles):
+    """d ln Z/da = n(0) L by the contact theorem, so that dF/da = d(n(0) L)/dL."""
+    h = 1e-4
+    channel = Channel(particles, particles * 1.2, 0.7)
+    higher, lower = (equilibrium(channel._replace(height=0.7 + u)).force for u in (h, -h))
+    longer, shorter = (channel._replace(length=channel.length + u) for u in (h, -h))
+    at_walls = [equilibrium(one).wall_density * one.length for one in (longer, shorter)]
+    assert (higher - lower) / (2 * h) == pytest.approx(
+        (at_walls[0] - at_walls[1]) / (2 * h), rel=1e-5
+    )
+
+
+def test_many_disks_have_the_force_of_a_long_channel_and_few_its_second_virial_coefficient():
+    long = transfer_matrix.force_in_long_channel(0.8, 0.7)
+    few, many = (equilibrium(Channel(n, n / 0.8, 0.7)).force - long for n in (100, 200))
+    assert few == pytest.approx(2 * many, rel=0.02)
+    assert abs(many) < 0.01 * long
+    thin = transfer_matrix.force_in_long_channel(1e-4, 0.7)
+    node, weight = np.polynomial.legendre.leggauss(20)
+    apart = 0.35 * (node[:, None] - node)
+    b2 = weight @ np.sqrt(1 - apart**2) @ weight / 4
+    assert (thin / 1e-4 - 1) / 1e-4 == pytest.approx(b2, rel=1e-3)
+
+
+def test_a_channel_in_which_disks_touch_the_next_neighbour_but_one_is_refused():
+    with pytest.raises(ValueError, match="not only neighbours touch"):
+        equilibrium(Channel(3, 9.0, 0.87))
+
+
+def colliding_points(position, velocity, time, ring):
+    """Return the positions of points that exchange velocities, collision by collision."""
+    while True:
+        gaps = np.append(position[1:], position[0] + ring) - position
+        closing = velocity - np.roll(velocity, -1)
+        wait = np.where(closing > 1e-12, np.maximum(gaps, 0) / np.maximum(closing, 1e-12), np.inf)
+        i = int(np.argmin(wait))
+        if wait[i] >= time:
+            return position + velocity * time
+        position = position + velocity * wait[i]
+        time -= wait[i]
+        j = (i + 1) % len(position)
+        velocity = velocity.copy()
+        velocity[[i, j]] = velocity[[j, i]]
+
+
+def test_points_in_free_flight_are_where_collisions_take_them():
+    random = np.random.default_rng(1965)
+    for time in (0.5, 3.0, 20.0):
+        start = np.sort(random.random((5, 4)) * 3.0, axis=1)
+        velocity = random.normal(size=(5, 4))
+        end = hard_rods.after_flights(start, velocity, time, 3.0)
+        for row in range(5):
+            naive = colliding_points(start[row], velocity[row], time, 3.0)
+            assert end[row] == pytest.approx(naive, abs=1e-9)
+
+
+def test_a_ring_of_many_rods_is_an_infinite_file_at_first_and_the_closed_form_in_the_end():
+    """Within 4 standard errors of 0.6 %, with the motion of the centre of mass at first."""
+    random = np.random.default_rng(8)
+    ring, error = hard_rods.ring_displacement(300, 300.0, 6.0, 1000, random)
+    infinite = hard_rods.displacement(1.0, 6.0)
+    assert ring + 36 / 300 == pytest.approx(infinite, abs=4 * error)
+    assert error < 0.006 * infinite
+    late, error = hard_rods.ring_displacement(6, 3.0, 100.0, 20_000, random)
+    assert late == pytest.approx(hard_rods.largest_displacement(6, 3.0), abs=4 * error)
+    assert error < 0.01 * late
+
+
+def test_displacement_of_a_rod_begins_as_a_flight_and_ends_as_diffusion():
+    """1 - MSD/t^2 begins as rho <|v - v'|^3> t/6 = 8 t/(6 sqrt(pi))."""
+    early = 1 - hard_rods.displacement(1.0, 1e-3) / 1e-6
+    assert early == pytest.approx(1e-3 * 8 / (6 * math.sqrt(math.pi)), rel=1e-2)
+    late = hard_rods.displacement(1.0, 3000.0) / 6000.0
+    assert late == pytest.approx(hard_rods.diffusion(1.0), rel=1e-3)
