@@ -11,6 +11,7 @@ standard errors.
 from validation import (
     brownian_limit,
     cages,
+    channels,
     contact,
     equation_of_state,
     hexatic_order,
@@ -30,6 +31,7 @@ RESULTS = {
         long_time_tail,
         brownian_limit,
         walls,
+        channels,
         cages,
         hexatic_order,
     )
