@@ -31,7 +31,13 @@ from brownpipe.analysis.resampling import resample
 from brownpipe.analysis.variables import Variable as Variable
 from brownpipe.engines import DEFINITIONS, engine_of_request, read_record
 from brownpipe.engines.definition import REFERENCE_NAME, Definition
-from brownpipe.engines.ensemble import Ensemble, failures, join_ensembles, select
+from brownpipe.engines.ensemble import (
+    Ensemble,
+    failures,
+    join_ensembles,
+    select,
+    stopped_in_words,
+)
 from brownpipe.errors import BrownpipeError, FigureError, RequestError, RunError
 from brownpipe.figures.figure import Figure
 from brownpipe.figures.looks import Looks
@@ -54,7 +60,7 @@ from brownpipe.scene.reading import (
     plain,
     validated,
 )
-from brownpipe.scene.seeds import Seeds
+from brownpipe.scene.seeds import Seeds, seed_text
 from brownpipe.scene.variation import Vary, combinations, scene_with
 from brownpipe.storage.configurations import read_configuration as configuration_in
 from brownpipe.storage.configurations import read_scene as scene_of_file
@@ -460,6 +466,85 @@ def mean(array: DataArray) -> Dataset:
     for name, estimate in zip(("value", "standard_error", "low", "high"), estimates, strict=True):
         variables[name] = template.copy(data=estimate)
     return Dataset(variables)
+
+
+def path(runs: DataTree, seed: int | None = None, disk: int = 0) -> Dataset:
+    """Return the exact path of a disk in a run that has its collisions: the disk moves straight
+    between them.
+
+    runs: what `simulate` or `open` returns, with `record="velocity,events"` for the path of the
+    tracer, with `record="all,events"` for those of all disks.
+    seed: of the run, by default the smallest.
+    disk: 0 is the tracer.
+
+    Returns `time` (event) [time], and `position` [length] and `velocity` [length/time] (event,
+    component) of the disk at t = 0, at each of its collisions, and at the end of the run. Positions
+    are those of `unwrapped`, which go on where a periodic box ends; velocities those just after the
+    collision. They are exact to round-off: between two of these times positions are interpolated
+    linearly. The attributes `scene`, `seed` and `disk` say which path it is.
+
+    Raises RequestError for runs without collisions, or without the velocity of this disk at t = 0,
+    and for a seed or a disk that they do not have.
+
+    >>> with_events = bp.simulate(scene, seeds=20, record="velocity,events", quiet=True)
+    >>> path = bp.path(with_events, seed=17)
+    >>> path.position.dims, path.attrs
+    (('event', 'component'), {'scene': 'heavy', 'seed': 17, 'disk': 0})
+    >>> x = np.interp(runs.time, path.time, path.position.sel(component="x"))
+    >>> bool(np.allclose(x, runs.unwrapped.sel(seed=17, component="x"), rtol=0, atol=1e-12))
+    True
+    """
+    trajectories = from_tree(runs)
+    number = validated(int, plain(disk), key="disk")
+    chosen_seed = _seed_of_path(trajectories, validated(int | None, plain(seed), key="seed"))
+    scene = trajectories.scene
+    if not 0 <= number < scene.particles:
+        raise RequestError(f"disk: must be from 0 to {scene.particles - 1}, not {number}")
+    ensemble = trajectories.ensemble
+    is_known = bool(ensemble.whole) or (number == 0 and "velocity" in trajectories.record)
+    if not is_known:
+        needed = "all,events" if number else "velocity,events"
+        raise RequestError(
+            f"runs: hold no velocity of disk {number} at t = 0; record it: "
+            f"brownpipe.simulate(..., record={needed!r})"
+        )
+    points = ensemble.run_of(chosen_seed).path(scene, number)
+    meanings = {
+        "time": ("time", "times of the start, of the disk's collisions, and of the end"),
+        "position": ("length", "position of the disk's centre, not brought back into the box"),
+        "velocity": ("length/time", "velocity, just after the collision"),
+    }
+    variables = {}
+    for name, values in points._asdict().items():
+        units, long_name = meanings[name]
+        dims = ("event", "component")[: values.ndim]
+        variables[name] = (dims, values, {"units": units, "long_name": long_name})
+    attributes = {"scene": scene.name, "seed": chosen_seed, "disk": number}
+    path_of_disk = Dataset(variables, {"component": ["x", "y"]}, attributes)
+    return path_of_disk.set_coords("time")
+
+
+def _seed_of_path(trajectories: Trajectories, seed: int | None) -> int:
+    """Return the seed of a run with collisions, by default the smallest. Raises RequestError as
+    `path` does.
+    """
+    scene = trajectories.scene
+    ensemble = trajectories.ensemble
+    if not scene.particles:
+        raise RequestError("runs: hold no disks")
+    stopped = f"; {stopped_in_words(ensemble.stopped)}" if ensemble.stopped else ""
+    if not ensemble.events:
+        trajectories.engine.refuse_unfit(scene, frozenset({"events"}))
+        raise RequestError(
+            "runs: hold no collisions; record them: "
+            f"brownpipe.simulate(..., record='velocity,events'){stopped}"
+        )
+    if seed is None:
+        return min(ensemble.events)
+    if seed not in ensemble.events:
+        seeds = seed_text(sorted(ensemble.events))
+        raise RequestError(f"seed: must be of {seeds}, not {seed}{stopped}")
+    return seed
 
 
 def table(result: Dataset) -> "DataFrame":

@@ -48,6 +48,19 @@ class Ensemble(NamedTuple):
         """
         return self.seeds[self.observables["failed"] > 0]
 
+    def run_of(self, seed: int) -> Run:
+        """Return what is recorded of the run of a seed, which has all disks or the tracer's track.
+        Raises ValueError if it has neither.
+        """
+        whole = self.whole.get(seed)
+        if whole is not None:
+            return Run(whole.select(slice(1)), whole, self.events.get(seed))
+        if self.tracer is None:
+            raise ValueError(f"seed {seed}: has no track")
+        column = self.seeds.tolist().index(seed)
+        tracer = self.tracer.select(slice(column, column + 1))
+        return Run(tracer, None, self.events.get(seed))
+
 
 class Batch(NamedTuple):
     """An ensemble to be filled, and what is recorded and measured of every run."""

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from brownpipe.scene import Scene
+
 
 class Track(NamedTuple):
     """The trajectories of M disks of a run, sampled at T times, which engines return."""
@@ -73,6 +75,15 @@ def displacement(
     return difference + crossings * np.asarray(size, float)
 
 
+def unwrapped(track: Track, size: tuple[float, float]) -> np.ndarray:
+    """Return positions (T, M, 2) as if the disks were not brought back into a periodic box of this
+    size.
+    """
+    if track.image is None:
+        return track.position
+    return track.position + track.image * np.asarray(size, float)
+
+
 class Events(NamedTuple):
     """The E collisions of one run, in order of time."""
 
@@ -80,6 +91,17 @@ class Events(NamedTuple):
     a: np.ndarray  # (E,) int32, the disk
     b: np.ndarray  # (E,) int32, the other disk, or a wall: -1 left, -2 right, -3 bottom, -4 top
     impulse: np.ndarray  # (E, 2) given to disk a [mass length/time]
+
+
+class DiskPath(NamedTuple):
+    """The exact path of one disk, which moves straight between its P points: its place at t = 0,
+    those of its collisions, and that at the last sample time.
+    """
+
+    time: np.ndarray  # (P,) [time]
+    # (P, 2) of its centre, as if not brought back into a periodic box [length]
+    position: np.ndarray
+    velocity: np.ndarray  # (P, 2) just after [length/time]
 
 
 class Run(NamedTuple):
@@ -99,3 +121,27 @@ class Run(NamedTuple):
         if self.whole is None:
             raise ValueError("run: has no tracks of all disks")
         return self.whole
+
+    def path(self, scene: Scene, disk: int = 0) -> DiskPath:
+        """Return the exact path of a disk, from its state at t = 0 and the impulses that it gets.
+
+        Raises ValueError for a run without collisions, and if that state is not recorded: in the
+        tracks of all disks, or for disk 0 in that of the tracer.
+        """
+        if self.events is None:
+            raise ValueError("run: has no collisions")
+        if disk and self.whole is None:
+            raise ValueError("run: has no tracks of all disks")
+        tracks = self.tracer if self.whole is None else self.whole
+        track = tracks.select(slice(disk, disk + 1))
+        velocity_at_start = track.known_velocity[0]
+        is_a = self.events.a == disk
+        is_of_disk = is_a | (self.events.b == disk)
+        impulse = np.where(is_a[:, None], self.events.impulse, -self.events.impulse)
+        changes = impulse[is_of_disk] / scene.mass[disk]
+        velocities = np.cumsum(np.concatenate([velocity_at_start, changes]), axis=0)
+        time = np.concatenate([[0.0], self.events.time[is_of_disk], scene.times[-1:]])
+        straight_pieces = velocities * np.diff(time)[:, None]
+        start = unwrapped(track, (scene.box.width, scene.box.height))[0]
+        position = np.cumsum(np.concatenate([start, straight_pieces]), axis=0)
+        return DiskPath(time, position, np.concatenate([velocities, velocities[-1:]]))
