@@ -1,5 +1,5 @@
-"""Plans: so many runs for a tolerance, the same each time; the cheapest engine; what cannot be is
-refused.
+"""Plans: so many runs for a tolerance, the same each time; the cheapest engine; what a CPU time
+buys; what cannot be is refused.
 """
 
 import math
@@ -14,12 +14,15 @@ from brownpipe.analysis.resampling import resample
 from brownpipe.engines import Engine, engine_of_request
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.engines.forecast import START_UP, Cost
-from brownpipe.errors import DONE, WRONG_REQUEST, AnalysisError, RequestError, StorageError
+from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, AnalysisError, RequestError, StorageError
 from brownpipe.observables.displacement import squared
-from brownpipe.study import plan, read_study
+from brownpipe.scene.seeds import MOST_SEEDS
+from brownpipe.study import budget, plan, read_study
+from brownpipe.study.budget import Budget
 from brownpipe.study.plan import MOST_PILOT_RUNS, Performance, offers
 from brownpipe.study.run_sets import files_of, run_sets
 from brownpipe.study.study import read_keys
+from brownpipe.verbs.options import typed
 from ensembles import make_scene
 from pipeline import FEW_DISKS
 
@@ -368,6 +371,90 @@ def test_engines_are_used_where_and_as_often_as_they_are_told(study_file, tmp_pa
         )
 
 
+# -- a CPU time in place of a tolerance ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("60s", 60.0), ("5min", 300.0), ("2h", 7200.0), (".5 h", 1800.0)]
+)
+def test_a_budget_is_a_time_with_its_unit(text, seconds):
+    assert typed(Budget)(text) == seconds
+
+
+def test_a_budget_pays_jobs_and_as_many_runs_of_each_case():
+    """Two cases with jobs of START_UP, 0.5 s, and 2 s for one run of each: 9 s pay four of them."""
+    costs = [Cost(0.0, 0.0, seconds, 0.0, 0.0, 0.0) for seconds in (0.5, 1.5)]
+    assert [budget.affordable_runs(time, costs) for time in (0.0, 2.9, 3.0, 8.9, 9.0)] == [
+        0,
+        0,
+        1,
+        3,
+        4,
+    ]
+    assert budget.affordable_runs(1e300, costs) == MOST_SEEDS
+
+
+def test_a_tolerance_that_is_the_error_of_a_budget_needs_its_runs(study_file, here):
+    """For MSD and D, with the exact engine and one that has a bias."""
+    study = read_study(
+        study_file(seeds=5, engines=["exact", {"name": "timestep", "time_step": 0.01}])
+    )
+    paid, pilots = budget.errors_within(study, budget.paid_offers(study, 60.0), "d")
+    assert [runs.offer.engine.name for runs in paid] == ["exact", "timestep"]
+    assert len({runs.offer.runs for runs in paid}) == 2, "the engines differ in cost"
+    assert all(pilot.made == MOST_PILOT_RUNS for pilot in pilots)
+    for target in ("msd", "d"):
+        for runs in paid:
+            performances, again = plan.performance_of(study, target, runs.errors[target])
+            needed = {one.engine: one.runs for one in performances}
+            assert needed[runs.offer.engine] == pytest.approx(runs.offer.runs, abs=1)
+            assert not any(pilot.made for pilot in again), "the pilot runs are the same"
+
+
+def test_the_best_engine_of_a_budget_has_the_smallest_error_in_its_worst_case(study_file):
+    cheap = plan.Offer(COARSE, 200, 9.0)
+    good = plan.Offer(EXACT, 100, 9.0)
+    study = read_study(study_file(seeds=5, particles=[9, 12]))
+    first, second = study.cases
+
+    def paid(scene, offer, error):
+        return budget.PaidRuns(scene, offer, 0.1, {"msd": error, "d": math.nan})
+
+    good_runs = [paid(first, good, 0.03), paid(second, good, 0.03)]
+    cheap_runs = [paid(first, cheap, 0.01), paid(second, cheap, 0.05)]
+    assert budget.best_offer(study, [*good_runs, *cheap_runs], "msd") == good
+    assert budget.best_offer(study, [good_runs[0], *cheap_runs], "msd") == cheap
+    assert budget.best_offer(study, [*good_runs, *cheap_runs], "d") is None
+    assert budget.best_offer(study, [good_runs[0], cheap_runs[1]], "msd") is None
+
+
+def test_a_budget_names_engines_that_it_does_not_pay_and_writes_the_best(study_file, here, capsys):
+    engines = ["exact", {"name": "timestep", "time_step": 1e-9}]  # 9 s of CPU a run
+    path = str(study_file(seeds="7-9", engines=engines))
+    assert cli.main(["plan", path, "--budget", "2s", "--write", "my.yaml"]) == DONE
+    said = capsys.readouterr().out
+    assert "\ntimestep-1e-09: not one run of each case\n" in said
+    assert "\n2 s of CPU for all cases of an engine:\n" in said
+    assert "400 pilot runs made" in said, "none of an engine that is not paid"
+    planned = read_study("my.yaml")
+    runs = len(planned.seeds)
+    assert f"\nuse exact: {runs:,} runs in each case; 2 s of CPU\n" in said
+    assert (planned.seeds[0], [use.engine for use in planned.uses]) == (7, [EXACT])
+
+
+def test_a_budget_gives_no_error_of_a_d_that_is_none(study_file, here, capsys):
+    (here / "scenes" / "few.yaml").write_text(CONFINED.replace("RADIUS", "0.3"))
+    path = str(study_file(seeds=5))
+    assert cli.main(["plan", path, "--budget", "10s"]) == DONE
+    heading, row, *_ = capsys.readouterr().out.splitlines()
+    assert heading.endswith("error of msd  error of d")
+    assert row.endswith("%        not told from zero")
+    words = ["--budget", "10s", "--target", "d", "--write", "my.yaml"]
+    assert cli.main(["plan", path, *words]) == FAILED
+    assert "no engine with an error of d in all cases" in capsys.readouterr().out
+    assert not Path("my.yaml").exists()
+
+
 # -- the command -----------------------------------------------------------------------------------
 
 
@@ -399,10 +486,24 @@ def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, 
         ([], "--tolerance: missing; must be given, as the study has none"),
         (["--tolerance", "2%", "--target", "energy"], "--target: must be 'msd', 'd' or"),
         (["--count", "p.yaml", "--write", "my.yaml"], "--write: must not be given with --count"),
+        (["--count", "p.yaml", "--budget", "1h"], "--budget: must not be given with --count"),
+        (["--budget", "1h", "--tolerance", "2%"], "--budget: must not be given with --tolerance"),
+        *(
+            (
+                [f"--budget={time}"],
+                "--budget: must be a CPU time above zero, such as 60s, 5min or 2h",
+            )
+            for time in ("60", "0s", "-1s", "nan", "1d", "1 2s", "9" * 400 + "h")
+        ),
+        (
+            ["--budget", "0.4s"],
+            "--budget: 400 ms of CPU do not pay one run of each case; must be at least 1s",
+        ),
     ],
 )
 def test_wishes_that_cannot_be_are_refused(study_file, here, capsys, monkeypatch, words, message):
     monkeypatch.setattr("brownpipe.verbs.studies.performance_of", None)
+    monkeypatch.setattr("brownpipe.verbs.studies.errors_within", None)
     try:
         status = cli.main(["plan", str(study_file(seeds=5)), *words])
     except SystemExit as end:

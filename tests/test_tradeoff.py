@@ -253,6 +253,11 @@ def test_runs_for_a_tolerance():
     assert front.runs_for(0.02, 0.0, 1.0, 0.25) == 4 * 2500, "failing ones are added"
 
 
+@pytest.mark.parametrize("terms", [(0.0, 1.0), (0.01**2, 1.2), (0.01**2, 1.2, 0.25, 10)])
+def test_the_error_of_a_number_of_runs_is_the_tolerance_that_needs_them(terms):
+    assert front.runs_for(front.error_of(2500, *terms), *terms) == 2500
+
+
 # -- from trajectory files to a dataset ------------------------------------------------------------
 
 STEP = {"time_step": 0.01, "collisions": "at_contact"}

@@ -108,13 +108,27 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     return Pilot(runs, cost, len(missing), drifts)
 
 
+def pilots_of(study: Study, case: Scene, target: str) -> dict[Engine, Pilot]:
+    """Return the pilots of the exact engine and of the study's engines in a case."""
+    engines = dict.fromkeys([REFERENCE, *study.engines_of(case)])
+    return {engine: pilot_of(study, case, engine, target) for engine in tracked(engines, "engines")}
+
+
+def tells_from_zero(runs: tradeoff.EngineRuns, window: tuple[float, float]) -> bool:
+    """Whether pilot runs tell D in a fit window from zero; NaN, of fewer than three samples, is
+    not told.
+    """
+    mean, error = tradeoff.diffusion_of(runs, window)
+    return mean > RESOLVED * error
+
+
 def refuse_unresolved(runs: tradeoff.EngineRuns, window: tuple[float, float]) -> None:
     """Raise RequestError if D of exact pilot runs in a fit window is not told from zero, or is
     negative: the number of runs for a relative error is then noise.
     """
-    mean, error = tradeoff.diffusion_of(runs, window)
-    if mean > RESOLVED * error:
+    if tells_from_zero(runs, window):
         return
+    mean, error = tradeoff.diffusion_of(runs, window)
     start, end = window
     pilot = counted(len(runs.seeds), "pilot run")
     value = f"{plus_minus(mean, error)} in the window [{start:g}, {end:g}]"
@@ -122,6 +136,14 @@ def refuse_unresolved(runs: tradeoff.EngineRuns, window: tuple[float, float]) ->
         f"{runs.scene.title}: the {pilot} do not tell D from zero, {value}, and a tolerance "
         "is relative to it; choose a fit window in which the MSD grows, target: msd, or seeds"
     )
+
+
+def drifts_of(pilots: Sequence[Pilot]) -> list[str]:
+    """Return lines that say of each case whether its pilot runs drift, as far as that is tested."""
+    lines: list[str] = []
+    for pilot in pilots:
+        lines += [f"{pilot.runs.scene.title}: {drift}" for drift in pilot.drifts]
+    return lines
 
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
@@ -196,6 +218,28 @@ def with_planned_seeds(study: Study, path: str | Path | None) -> Study:
 # -- engines for a tolerance
 
 
+class Precision(NamedTuple):
+    """What decides the error of a target in a number of runs, relative to the exact mean."""
+
+    bias: float  # 0 for the exact engine
+    bias_error: float  # standard error of the bias
+    spread: float  # standard deviation over runs
+    share_sound: float  # of runs that do not fail
+    pilot_runs: float  # that the spread is from; inf if it is known without any
+
+    def runs_for(self, tolerance: float) -> int | None:
+        """Return the number of runs with this error; None if the bias or its error is too large."""
+        return tradeoff.runs_for(tolerance, *self._terms())
+
+    def error_of(self, runs: int) -> float:
+        """Return the error of this number of runs."""
+        return tradeoff.error_of(runs, *self._terms())
+
+    def _terms(self) -> tuple[float, float, float, float]:
+        bias_square = self.bias**2 + self.bias_error**2
+        return bias_square, self.spread, self.share_sound, self.pilot_runs
+
+
 class Performance(NamedTuple):
     """Errors of the target by an engine in a case, relative to the exact mean; number and cost of
     runs it takes.
@@ -228,7 +272,6 @@ def performance_of(
     without it. Raises AnalysisError, before any run, for D without three samples in its window,
     RequestError for one that the pilot does not tell from zero.
     """
-    quantity = "displacement" if target == DISTRIBUTION else target
     window = study.fit_windows[0]
     performances: list[Performance] = []
     pilots: list[Pilot] = []
@@ -236,28 +279,40 @@ def performance_of(
         for case in study.cases:
             refuse_windows([window], [case.times])
     for case in tracked(study.cases, "cases"):
-        engines = [use.engine for use in study.uses if use.case is case]
-        compared = [*dict.fromkeys([REFERENCE, *engines])]
-        by_engine: dict[Engine, Pilot] = {}
-        for engine in tracked(compared, "engines"):
-            by_engine[engine] = pilot_of(study, case, engine, target)
-        exact = by_engine[REFERENCE].runs
+        by_engine = pilots_of(study, case, target)
+        exact = by_engine[REFERENCE]
         if target == "d":
-            refuse_unresolved(exact, window)
-        for engine in engines:
-            runs = by_engine[engine].runs
-            cost = by_engine[engine].cost
-            values = tradeoff.compare(runs, exact, window, cost.seconds)
-            bias = float(values[f"{quantity}_bias"])
-            error = float(values[f"{quantity}_bias_standard_error"])
-            spread = float(values[f"{quantity}_spread"])
-            pilot_runs = np.inf if target == DISTRIBUTION else len(runs.seeds)
-            needed = tradeoff.runs_for(
-                tolerance, bias**2 + error**2, spread, runs.share_sound, pilot_runs
+            refuse_unresolved(exact.runs, window)
+        for engine in study.engines_of(case):
+            pilot = by_engine[engine]
+            precision = precisions_of(pilot, exact, window, [target])[target]
+            needed = precision.runs_for(tolerance)
+            performances.append(
+                Performance(case, engine, precision.bias, precision.bias_error, needed, pilot.cost)
             )
-            performances.append(Performance(case, engine, bias, error, needed, cost))
         pilots += by_engine.values()
     return performances, pilots
+
+
+def precisions_of(
+    pilot: Pilot, exact: Pilot, window: tuple[float, float], targets: Sequence[str]
+) -> dict[str, Precision]:
+    """Return the precision of targets by target, from pilot runs and exact ones; D is that in a fit
+    window.
+    """
+    runs = pilot.runs
+    values = tradeoff.compare(runs, exact.runs, window, pilot.cost.seconds)
+    precisions: dict[str, Precision] = {}
+    for target in targets:
+        quantity = "displacement" if target == DISTRIBUTION else target
+        precisions[target] = Precision(
+            bias=float(values[f"{quantity}_bias"]),
+            bias_error=float(values[f"{quantity}_bias_standard_error"]),
+            spread=float(values[f"{quantity}_spread"]),
+            share_sound=runs.share_sound,
+            pilot_runs=np.inf if target == DISTRIBUTION else len(runs.seeds),
+        )
+    return precisions
 
 
 def offers(performances: Sequence[Performance]) -> list[Offer]:
@@ -289,13 +344,12 @@ def recommendation(
         cases.append(performance.scene.title)
         engines.append(performance.engine.label)
         cpu_times.append(in_time(performance.cost.seconds))
-        biases.append(f"{_percent(performance.bias)} +- {_percent(performance.bias_error)}")
+        biases.append(f"{percent(performance.bias)} +- {percent(performance.bias_error)}")
         number = performance.runs
         runs.append(f"{number:,}" if number else "bias or its error too large")
     lines = aligned([cases, engines, cpu_times, biases, runs])
-    for pilot in pilots:
-        lines += [f"{pilot.runs.scene.title}: {drift}" for drift in pilot.drifts]
-    lines.append(f"{target} to {_percent(tolerance)}:")
+    lines += drifts_of(pilots)
+    lines.append(f"{target} to {percent(tolerance)}:")
     cheapest = offers(performances)[:2]
     for word, offer in zip(("use", "or"), cheapest, strict=False):
         workload = f"{offer.engine.label}: {offer.runs:,} runs in each case"
@@ -305,8 +359,10 @@ def recommendation(
     return in_lines(lines)
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
+def percent(share: float) -> str:
+    """Return a share with two digits: 1.2 % for 0.0123, 120 % for 1.234."""
+    two_digits = float(f"{100 * share:.2g}")
+    return f"{two_digits:g} %"
 
 
 def write_study(

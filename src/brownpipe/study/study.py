@@ -238,6 +238,10 @@ class Study(Section):
         """The engines, case by case."""
         return self._uses
 
+    def engines_of(self, case: Scene) -> list[Engine]:
+        """Return the engines of a case, in their order."""
+        return [use.engine for use in self.uses if use.case is case]
+
     def with_uses(self, uses: Sequence[EngineUse]) -> "Study":
         """Return the study with other uses of engines."""
         study = self.model_copy()

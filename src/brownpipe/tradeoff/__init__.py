@@ -7,12 +7,13 @@ cost of a run.
 
 from brownpipe.tradeoff.compare import EngineRuns, compare, diffusion_of, runs_of
 from brownpipe.tradeoff.dataset import is_tradeoff, measure
-from brownpipe.tradeoff.front import runs_for
+from brownpipe.tradeoff.front import error_of, runs_for
 
 __all__ = [
     "EngineRuns",
     "compare",
     "diffusion_of",
+    "error_of",
     "is_tradeoff",
     "measure",
     "runs_for",

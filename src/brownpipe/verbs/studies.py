@@ -5,7 +5,10 @@ tolerance needs.
 import json
 import shlex
 from argparse import Namespace
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from brownpipe import progress
 from brownpipe.errors import DONE, FAILED, RequestError
@@ -14,8 +17,17 @@ from brownpipe.scene import Scene
 from brownpipe.scene.reading import AtLeastOne, Name, validated
 from brownpipe.storage.files import write_file
 from brownpipe.study import Study, read_study
+from brownpipe.study.budget import (
+    Budget,
+    best_offer,
+    describe_budget,
+    errors_within,
+    paid_offers,
+)
 from brownpipe.study.check import describe_scene_or_study
 from brownpipe.study.plan import (
+    Offer,
+    Pilot,
     offers,
     performance_of,
     recommendation,
@@ -105,6 +117,14 @@ def run_workflow(arguments: Namespace) -> int:
     return run_study(arguments.study, arguments.cores, arguments.profile, arguments.further)
 
 
+class Choice(NamedTuple):
+    """What a plan recommends, and why."""
+
+    offer: Offer | None
+    description: str  # a table of engines and cases, and the recommendation
+    pilots: list[Pilot]
+
+
 def _plan_options(add: AddOption) -> None:
     add("study", metavar="STUDY", help="study file (YAML)")
     add(
@@ -113,9 +133,15 @@ def _plan_options(add: AddOption) -> None:
         metavar="ERROR",
         help="relative error that is allowed: 2%% or 0.02",
     )
+    add(
+        "--budget",
+        type=typed(Budget),
+        metavar="TIME",
+        help="CPU time to spend, in place of a tolerance: 60s, 5min or 2h",
+    )
     target = (
-        "quantity with this error: msd (at the end; default), d, or displacement_distribution (at "
-        "the end)"
+        "quantity with this error, or the smallest one: msd (at the end; default), d, or "
+        "displacement_distribution (at the end)"
     )
     add("--target", type=typed(Target), metavar="QUANTITY", help=target)
     add_config(add)
@@ -130,23 +156,30 @@ def _plan_options(add: AddOption) -> None:
 def plan_study(arguments: Namespace) -> int:
     """Find the engine of a study, and the number of runs, that meet a tolerance at the lowest cost.
 
+    With --budget: the number of runs that a CPU time pays in each case, with each engine alone, and
+    the errors of MSD and D that they should have.
+
     From pilot runs, up to 4 s of CPU or 400 of them for each engine, scene and number of disks.
     They are the first runs of the study, which uses them again: they are stored in `results/runs`
-    of this folder.
+    of this folder. There are ten or more, for D a hundred, also where these take longer than the
+    budget.
 
     example: brownpipe plan config/harrison2020.yaml --tolerance 2% --write my_study.yaml
     """
-    for option in ("tolerance", "target", "write"):
+    for option in ("tolerance", "budget", "target", "write"):
         refuse_together(arguments, option, "count")
+    refuse_together(arguments, "budget", "tolerance")
     config = dict(arguments.config)
     study = read_study(arguments.study, config)
     if arguments.count is not None:
         _count_runs(study, arguments)
         return DONE
     target = arguments.target or study.target
-    tolerance = arguments.tolerance or study.tolerance
-    if tolerance is None:
-        raise RequestError("--tolerance: missing; must be given, as the study has none")
+    choose: Callable[[], Choice]
+    if arguments.budget is None:
+        choose = partial(_meet, study, _asked_tolerance(study, arguments), target)
+    else:
+        choose = partial(_spend, study, arguments.budget, target)
     reason = why_no_relative_error(study.cases)
     if reason:
         raise RequestError(
@@ -156,16 +189,42 @@ def plan_study(arguments: Namespace) -> int:
     if output:
         validated(Name, Path(output).stem, key="--write")  # of the new study
         output = writable(absent(output, "choose another name"), suffixes=YAML)
+    choice = choose()
+    show(*choice.description.split("\n"))
+    if output and choice.offer is not None:
+        comment = f"brownpipe plan {shlex.join(arguments.argv[1:])}"
+        keys = read_keys(arguments.study, config)
+        write_study(study, keys, output, choice.offer, comment)
+        show(f"{output}: a study with this engine and number of runs")
+    show(spent_on(choice.pilots))
+    return FAILED if choice.offer is None else DONE
+
+
+def _asked_tolerance(study: Study, arguments: Namespace) -> float:
+    """Return the tolerance of the command line or, without one, of the study."""
+    tolerance: float | None = arguments.tolerance or study.tolerance
+    if tolerance is None:
+        raise RequestError("--tolerance: missing; must be given, as the study has none")
+    return tolerance
+
+
+def _meet(study: Study, tolerance: float, target: str) -> Choice:
+    """Return the cheapest engine and number of runs for a tolerance."""
     with progress.shown("plan"):
         performances, pilots = performance_of(study, target, tolerance)
-    show(*recommendation(performances, pilots, target, tolerance).split("\n"))
     best = next(iter(offers(performances)), None)
-    if output and best is not None:
-        comment = f"brownpipe plan {shlex.join(arguments.argv[1:])}"
-        write_study(study, read_keys(arguments.study, config), output, best, comment)
-        show(f"{output}: a study with this engine and number of runs")
-    show(spent_on(pilots))
-    return FAILED if best is None else DONE
+    description = recommendation(performances, pilots, target, tolerance)
+    return Choice(best, description, pilots)
+
+
+def _spend(study: Study, budget: float, target: str) -> Choice:
+    """Return the engine and number of runs with the smallest error in a CPU time [s]."""
+    paid_for = paid_offers(study, budget)
+    with progress.shown("plan"):
+        paid, pilots = errors_within(study, paid_for, target)
+    best = best_offer(study, paid, target)
+    description = describe_budget(study, budget, paid_for, paid, pilots, target)
+    return Choice(best, description, pilots)
 
 
 def _count_runs(study: Study, arguments: Namespace) -> None:
