@@ -9,6 +9,7 @@ import pytest
 import xarray
 from scipy import stats
 
+import brownpipe as bp
 from brownpipe import observables
 from brownpipe.analysis.displacement import squared_of, tracer_square_displacement
 from brownpipe.analysis.estimator import Case
@@ -24,6 +25,7 @@ from brownpipe.observables import (
     orientation,
     pairs,
 )
+from brownpipe.observables.average import AVERAGES
 from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import read_trajectories, write_trajectories
@@ -229,7 +231,7 @@ def plain_mean_over(scene, average, product_of):
     means = []
     for lag in range(last + 1):
         origins = 1
-        if average == "origins" and lag < last:
+        if "origins" in average and lag < last:
             origins = equidistant - lag
         products = [product_of(origin, origin + lag) for origin in range(origins)]
         means.append(np.mean(products))
@@ -271,7 +273,7 @@ def test_density_profile_is_that_of_plain_loops(boundary, number, axes):
     np.testing.assert_allclose(found, expected / len(scene.times), rtol=1e-13)
 
 
-@pytest.mark.parametrize("average", observables.AVERAGES)
+@pytest.mark.parametrize("average", AVERAGES)
 @pytest.mark.parametrize("boundary", BOUNDARIES)
 def test_averages_are_those_of_plain_loops(boundary, average):
     # others have this radius, or this mass
@@ -285,7 +287,7 @@ def test_averages_are_those_of_plain_loops(boundary, average):
     unwrapped = run.whole.position
     if boundary != W:
         unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
-    followed = [*range(13), 28, 29] if average == "disks" else [0]
+    followed = [*range(13), 28, 29] if "disks" in average else [0]
     both = np.stack([unwrapped, run.whole.velocity], axis=2)  # (T, N, 2, 2)
     for name, disks, tracks, product_of in (
         ("square_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2)),
@@ -782,3 +784,42 @@ def test_what_a_scene_does_not_have_is_refused(more, names, average, message):
         simulate(scene, [0], {"none"}, observables=names, average=average)
     assert str(refusal.value).startswith("made: ")
     assert message in str(refusal.value)
+
+
+# -- averages over time origins and disks ----------------------------------------------------------
+
+
+FLUID = {
+    "box": {"x": [0.0, 6.0], "y": [0.0, 6.0], "boundary": P},
+    "disks": {"species": [{"name": "a", "count": 12, "radius": 0.5, "mass": 1.0}]},
+    "velocities": {"temperature": 1.0},
+    "equilibrate": {"time": 1.0, "tracer": "free"},
+    "duration": 2.0,
+    "sample_interval": 0.1,
+}
+
+
+def test_an_average_over_both_is_the_mean_of_all_disks_over_origins():
+    """Averages over origins of each disk alone, as if it were the tracer."""
+    scene = parse_scene(FLUID, "fluid.yaml")
+    names = ("square_displacement", "velocity_autocorrelation")
+    run = made_up(scene)
+    both = observe(scene, run, names, "origins,disks")
+    by_disk = []
+    for disk in range(scene.particles):
+        alone = Run(run.whole.select([disk]), run.whole)
+        by_disk.append(observe(scene, alone, names, "origins"))
+    for name in ("square_displacement", "velocity_autocorrelation"):
+        mean = np.mean([arrays[name] for arrays in by_disk], axis=0)
+        np.testing.assert_allclose(both[name], mean, rtol=1e-12, atol=1e-12)
+
+
+def test_both_are_one_average_however_they_are_written():
+    scene = bp.Scene(**FLUID, name="fluid")
+    asked = {"observables": "square_displacement", "record": "none", "quiet": True}
+    listed = bp.simulate(scene, 2, average=["disks", "origins"], **asked)
+    text = bp.simulate(scene, 2, average="origins, disks", **asked)
+    assert listed.attrs["average"] == "origins,disks"
+    assert np.array_equal(listed.square_displacement, text.square_displacement)
+    with pytest.raises(RequestError, match="'origins,runs' is unknown; must be runs or origins or"):
+        bp.simulate(scene, 2, average=["origins", "runs"], **asked)

@@ -45,6 +45,7 @@ from brownpipe.figures.render import draw, draw_into
 from brownpipe.figures.style import image_bytes
 from brownpipe.figures.summary import SHAPE, summary_table
 from brownpipe.needs import FIGURES
+from brownpipe.observables.average import average_named
 from brownpipe.observables.own import OwnFunction, observable_name
 from brownpipe.processes import calculated
 from brownpipe.provenance import source_digest
@@ -190,7 +191,7 @@ def simulate(
     engine: str | Definition = REFERENCE_NAME,
     record: str | Iterable[str] = "tracer",
     observables: Collection[str | OwnFunction] = (),
-    average: str = "runs",
+    average: str | Sequence[str] = "runs",
     cores: int = 1,
     quiet: bool = False,
     **settings: object,
@@ -208,8 +209,8 @@ def simulate(
     studies; or a `brownpipe.Definition` of your own, whose runs are never those of a study.
     record: "tracer", "velocity" (of the tracer, too), "all", "events", "none", or several of them.
     observables: names or functions of your own, measured in each run.
-    average: "runs", or what displacements are averaged over within each run, too: "origins" or
-    "disks".
+    average: "runs", or what displacements are averaged over within each run, too: "origins",
+    "disks" or ["origins", "disks"].
     cores: processes that share the seeds (on Linux); the runs are the same, to the bit.
     quiet: no progress on stderr.
 
@@ -696,7 +697,7 @@ def _request(
     engine: str | Definition = REFERENCE_NAME,
     record: str | Iterable[str] = "tracer",
     observables: Collection[str | OwnFunction] = (),
-    average: str = "runs",
+    average: str | Sequence[str] = "runs",
     cores: int = 1,
     **settings: object,
 ) -> Request:
@@ -717,7 +718,8 @@ def _request(
         seeds = f"{seeds[0]}-{seeds[-1]}"  # never expanded, as it may be long
     numbers = validated(Seeds, plain(seeds), key="seeds")
     processes = validated(AtLeastOne, plain(cores), key="cores")
-    request = Request(scene_record, numbers, chosen, recorded, names, average, processes)
+    over = average_named(average)
+    request = Request(scene_record, numbers, chosen, recorded, names, over, processes)
     request.forecast()
     return request
 

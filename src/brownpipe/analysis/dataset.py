@@ -54,6 +54,7 @@ from brownpipe.engines.ensemble import HEALTH
 from brownpipe.engines.windows import Window, candidate_windows, window_labels
 from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES
+from brownpipe.observables.average import over_disks
 from brownpipe.observables.observable import RunArray
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
@@ -335,8 +336,9 @@ def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
 
 def _followed(runs: Trajectories) -> str:
     """Return in words whose squared displacement is averaged."""
-    over_disks = runs.ensemble.average == "disks" and "square_displacement" in (runs.measured or ())
-    return "all disks equal to the tracer" if over_disks else "the tracer"
+    is_measured = "square_displacement" in (runs.measured or ())
+    follows_all = is_measured and over_disks(runs.ensemble.average)
+    return "all disks equal to the tracer" if follows_all else "the tracer"
 
 
 def refuse_windows(windows: Sequence[tuple[float, float]], times: Sequence[np.ndarray]) -> None:

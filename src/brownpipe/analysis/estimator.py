@@ -29,7 +29,7 @@ class Case(NamedTuple):
     scene: Scene
     engine: Engine
     times: np.ndarray  # (T,) [time]
-    # what displacements and autocorrelations are averaged over (observables.AVERAGES)
+    # what displacements and autocorrelations are averaged over (observables.average.AVERAGES)
     average: str = "runs"
     windows: Sequence[tuple[float, float]] = ()  # (start, end) of the straight-line fits [time]
     # of the displacement distribution [time]; empty for the end of the run

@@ -174,6 +174,6 @@ def labels_of_cases(dataset: "Dataset") -> list[str]:
 
 def average_of(dataset: "Dataset") -> str:
     """Return what displacements and autocorrelations of a dataset are averaged over, of
-    `observables.AVERAGES`.
+    `observables.average.AVERAGES`.
     """
     return str(dataset.attrs.get("average", "runs"))

@@ -24,6 +24,7 @@ from brownpipe.analysis.variables import (
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import partners_of
 from brownpipe.observables import AXES
+from brownpipe.observables.average import over_origins
 from brownpipe.scene import Scene, motion
 
 # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
@@ -125,7 +126,7 @@ def expected_slope(case: Case, averages: Averages) -> float:
     partners = np.unique(scene.mass[1:])
     is_free = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
     begins_apart = scene.tracer_position is not None and not is_free
-    at_walls = scene.box.has_walls and (case.average == "origins" or not begins_apart)
+    at_walls = scene.box.has_walls and (over_origins(case.average) or not begins_apart)
     has_own_velocity = scene.tracer_velocity is not None
     if (
         partners.size != 1

@@ -38,7 +38,7 @@ class Ensemble(NamedTuple):
     stopped: dict[int, str]
     # descriptions of the arrays of a user's own functions in `observables`
     own: dict[str, RunArray]
-    # what displacements and autocorrelations are averaged over, of observables.AVERAGES
+    # what displacements and autocorrelations are averaged over, of observables.average.AVERAGES
     average: str = "runs"
 
     @property

@@ -21,6 +21,7 @@ from brownpipe.engines.friction import DENSEST, bath_of, partners_of
 from brownpipe.engines.start.placement import is_grown, placement_caution, tries_to_place
 from brownpipe.engines.units import SMALLEST_NORMAL, cell_width, common_radius
 from brownpipe.errors import RequestError
+from brownpipe.observables.average import over_disks, over_origins
 from brownpipe.observables.equilibrium import claims_equilibrium, is_stationary
 from brownpipe.scene import Scene, motion
 from brownpipe.scene.species import equal_disks, kinds_of
@@ -173,11 +174,11 @@ def _seconds_of_observable(scene: Scene, name: str, average: str) -> float:
     samples = len(scene.times)
     disks = scene.particles * observable.relative_cost(scene)
     if observable.tracks_needed == "tracer":
-        disks = len(equal_disks(scene)) if average == "disks" else 1
+        disks = len(equal_disks(scene)) if over_disks(average) else 1
     elif observable.is_over_samples and not is_stationary(scene):
         samples = 1
     seconds = samples * disks * observable.seconds_per_disk_sample
-    if average == "origins" and observable.tracks_needed != "all":
+    if over_origins(average) and observable.tracks_needed != "all":
         return min(samples, LAGS_ONE_BY_ONE) * SECONDS_TO_MEASURE + TRANSFORMS * seconds
     return max(SECONDS_TO_MEASURE, seconds)
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from brownpipe.engines.friction import DECAY_TIMES, not_diffusive_before
+from brownpipe.observables.average import over_origins
 from brownpipe.scene import Scene
 from brownpipe.scene.times import decimal_of
 
@@ -47,7 +48,7 @@ def longest_end(scenes: Sequence[Scene], average: str) -> float:
     With averages over time `origins`, with its first half: of the longest times there are few.
     """
     shortest = min(scene.duration for scene in scenes)
-    return shortest / 2 if average == "origins" else shortest
+    return shortest / 2 if over_origins(average) else shortest
 
 
 def earlier_ends(scenes: Sequence[Scene], average: str) -> list[float]:

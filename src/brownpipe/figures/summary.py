@@ -40,6 +40,7 @@ from brownpipe.figures.cases import (
     title_of,
 )
 from brownpipe.figures.marks import power_in_words, reasons_in_words
+from brownpipe.observables.average import over_origins
 from brownpipe.scene.seeds import brief_seed_text
 from brownpipe.text import counted, in_lines
 from brownpipe.tradeoff import is_tradeoff
@@ -300,11 +301,17 @@ def time_shown(case: Dataset, name: str) -> int:
     at the end of the first fit window: it is chosen for a D, and later there are few origins.
     """
     known = np.flatnonzero(case[name].notnull())
-    if name == "green_kubo" or (name in OF_LAG and average_of(case) == "origins"):
+    if _is_shown_at_window_end(case, name):
         end = case.window_end.values[0] * (1 + SAME_TIME)
         inside = known[case.time.values[known] <= end]
         known = inside if len(inside) else known
     return int(known[-1])
+
+
+def _is_shown_at_window_end(dataset: Dataset, name: str) -> bool:
+    """Return whether a function of time is shown at the end of the first fit window."""
+    is_of_origins = name in OF_LAG and over_origins(average_of(dataset))
+    return name == "green_kubo" or is_of_origins
 
 
 def _cell(part: Dataset | None, quantity: Quantity) -> str:
@@ -387,9 +394,8 @@ def _place_of(dataset: Dataset, name: str) -> str:
     meaning.
     """
     dims = dataset[name].dims
-    is_at_window_end = name == "green_kubo" or (name in OF_LAG and average_of(dataset) == "origins")
     place = ""
-    if "time" in dims and is_at_window_end:
+    if "time" in dims and _is_shown_at_window_end(dataset, name):
         place += f", at t = {dataset.window_end.values[0]:g}"
     elif "time" in dims:
         place += ", at the end"

@@ -26,14 +26,13 @@ from brownpipe.observables import (
     profile,
     velocity,
 )
+from brownpipe.observables.average import AVERAGES, over_disks, over_origins
 from brownpipe.observables.equilibrium import is_stationary, why_not_stationary
 from brownpipe.observables.observable import Axis, Observable, RunArray
 from brownpipe.observables.trajectory import Run, Track
 from brownpipe.scene import Scene
 from brownpipe.scene.species import equal_disks, species_table
 
-# over runs alone, and within each run over time origins or equal disks
-AVERAGES = ("runs", "origins", "disks")
 OBSERVABLES: dict[str, Observable] = {
     "square_displacement": displacement.SQUARE_DISPLACEMENT,
     "velocity_autocorrelation": velocity.AUTOCORRELATION,
@@ -81,7 +80,7 @@ def observe(
 def _track_for(observable: Observable, scene: Scene, run: Run, average: str) -> Track:
     """Return the track that an observable is measured from."""
     if observable.tracks_needed == "tracer":
-        return run.every_disk.select(equal_disks(scene)) if average == "disks" else run.tracer
+        return run.every_disk.select(equal_disks(scene)) if over_disks(average) else run.tracer
     if observable.is_over_samples and not is_stationary(scene):
         return run.every_disk.last_sample()
     return run.every_disk
@@ -91,7 +90,7 @@ def needs_every_disk(names: Collection[str], average: str = "runs") -> bool:
     """Return whether these observables need the tracks of all disks; otherwise the tracer's is
     enough.
     """
-    if average == "disks":
+    if over_disks(average):
         return bool(names)
     return len(tracer_observables(names)) < len(names)
 
@@ -146,14 +145,15 @@ def problems(
         return
     if average not in AVERAGES:
         yield "average", f"{average!r} is unknown; must be {' or '.join(AVERAGES)}"
+        return
     if not tracer_observables(names):
         averaged = " or ".join(tracer_observables(OBSERVABLES))
         yield "average", f"{average} needs {averaged} among the observables"
     if why := why_not_stationary(scene):
         yield "average", f"{average} needs runs that are stationary from t = 0, but {why}"
-    if average == "disks" and len(equal_disks(scene)) < 2:
+    if over_disks(average) and len(equal_disks(scene)) < 2:
         yield "average", "disks needs disks of the tracer's radius and mass, and there is no other"
-    if average == "origins" and scene.samples is not None:
+    if over_origins(average) and scene.samples is not None:
         yield (
             "average",
             "origins needs sample_interval, not samples: lags are differences of sample times",

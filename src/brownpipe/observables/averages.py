@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brownpipe.observables.average import over_origins
 from brownpipe.observables.trajectory import Track, displacement
 from brownpipe.scene import Scene
 from brownpipe.scene.scene import SAME
@@ -110,10 +111,10 @@ class Product(NamedTuple):
 
 
 def averaged(scene: Scene, track: Track, average: str, products: Sequence[Product]) -> np.ndarray:
-    """Return the means (K, T) of K products over the M disks of a track and, for `origins`, over
-    time origins; otherwise the earlier sample is that at t = 0.
+    """Return the means (K, T) of K products over the M disks of a track and, if `average` says so,
+    over time origins; otherwise the earlier sample is that at t = 0.
     """
-    if average == "origins":
+    if over_origins(average):
         return averaged_over_origins(scene, track, products)
     pairs = Pairs(track, _size(scene), slice(0, 1), slice(None))
     return np.stack([product.values(pairs).mean(axis=1) for product in products])

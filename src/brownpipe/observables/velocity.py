@@ -4,6 +4,7 @@ species.
 
 import numpy as np
 
+from brownpipe.observables.average import over_origins
 from brownpipe.observables.averages import (
     Factors,
     Product,
@@ -32,7 +33,7 @@ def autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.nd
     The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half
     its mean (Green-Kubo). `average` as in `displacement.square_displacement`.
     """
-    if average == "origins":
+    if over_origins(average):
         products = (VELOCITY_PRODUCT, VELOCITY_DISPLACEMENT)
         correlation, integral = averaged_over_origins(scene, track, products)
     else:
@@ -48,7 +49,7 @@ def bath_autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, 
     `average`: from t = 0, or for `origins` from every sample as time origin.
     """
     disks = bath_disks(scene)
-    if average == "origins":
+    if over_origins(average):
         (correlation,) = averaged_over_origins(scene, track.select(disks), (VELOCITY_PRODUCT,))
     else:
         correlation = _correlation_with_start(track.known_velocity[:, disks])

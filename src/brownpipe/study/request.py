@@ -21,7 +21,7 @@ class Request(NamedTuple):
     engine: Engine
     record: frozenset[str]  # names in engines.RECORDS
     observables: tuple[str, ...]  # names in observables.OBSERVABLES, or of the user's own functions
-    average: str  # of observables.AVERAGES
+    average: str  # of observables.average.AVERAGES
     cores: int = 1  # processes that share the seeds
 
     @property

@@ -30,6 +30,7 @@ from brownpipe.engines.units import rms_speed
 from brownpipe.engines.windows import default_windows, times_in_window
 from brownpipe.errors import RequestError
 from brownpipe.needs import DISPLACEMENTS, FIGURES, SPREADING, RunContents
+from brownpipe.observables.average import AVERAGES, average_named
 from brownpipe.observables.own import is_own, relative_name
 from brownpipe.provenance import digest_of
 from brownpipe.scene import Scene, reading
@@ -99,6 +100,11 @@ def _ascending(window: tuple[float, float]) -> tuple[float, float]:
     return window
 
 
+def _as_average(value: object) -> object:
+    """Return a list of words, of what is averaged over, as the one text that stands for them."""
+    return average_named(value) if isinstance(value, list | tuple) else value
+
+
 def _own_name(name: str) -> str:
     return name if is_own(name) else refuse("must be my_module:my_function")
 
@@ -127,7 +133,14 @@ Engines = Annotated[tuple[Section, ...], As(one_or_more(EngineKey)), Field(valid
 OwnName = Annotated[str, AfterValidator(_own_name), Field(json_schema_extra={"pattern": ".:."})]
 Measure: Any = choice_of(measures.OBSERVABLES) | OwnName
 Observables = Annotated[tuple[str, ...], As(one_or_more(Measure, min_length=0))]
-Average = Annotated[str, As(choice_of(measures.AVERAGES))]
+Average = Annotated[
+    str,
+    As(choice_of(AVERAGES)),
+    BeforeValidator(
+        _as_average,
+        json_schema_input_type=choice_of(AVERAGES) | list[Literal["origins", "disks"]],
+    ),
+]
 Figures = Annotated[tuple[str, ...], As(one_or_more(choice_of(FIGURES)))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, min_length=0))]
 Window = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ascending)]
@@ -184,7 +197,9 @@ class Study(Section):
     )
     observables: Observables = key("quantities measured in each run, from all of its disks", ())
     average: Average = key(
-        "average over runs alone, or also over time origins or equal disks", "runs"
+        "average over runs alone, or in each run also over time origins, over disks equal to the "
+        "tracer, or both, [origins, disks]",
+        "runs",
     )
     title: Text | None = key("of the study, above its answer and its page", None)
     note: Text | None = key("what the study is about, at the top of its page", None)

@@ -20,6 +20,7 @@ from brownpipe.engines.definition import REFERENCE_NAME, BatchCheckpoints, Check
 from brownpipe.engines.ensemble import Ensemble, failures
 from brownpipe.errors import DONE, FAILED, RequestError
 from brownpipe.observables import OBSERVABLES
+from brownpipe.observables.average import average_named
 from brownpipe.observables.own import identity
 from brownpipe.provenance import made_with
 from brownpipe.scene.reading import Count, Positive, validated
@@ -72,7 +73,7 @@ def _simulate_options(add: AddOption) -> None:
     some = f"some of {', '.join(OBSERVABLES)}, or a function of your own, my_module:my_function"
     measured = f"what to measure in each run: names joined by commas, {some}"
     add("--observables", type=several(str), default=[], metavar="NAMES", help=measured)
-    over = "runs (default), or all time origins or equal disks of a run"
+    over = "runs (default), or in each run time origins, equal disks, or both: origins,disks"
     add("--average", default="runs", metavar="OVER", help=over)
     add(
         "--output",
@@ -152,7 +153,8 @@ def _request_of(arguments: Namespace) -> Request:
     mapping = read_scene_file(arguments.scene)
     scene = scene_with(mapping, arguments.scene, dict(arguments.values), arguments.particles)
     names = tuple(arguments.observables)
-    return Request(scene, seeds, engine, record, observables=names, average=arguments.average)
+    average = average_named(arguments.average)
+    return Request(scene, seeds, engine, record, observables=names, average=average)
 
 
 def _summary(output: str, ensemble: Ensemble, seconds: float) -> str:
