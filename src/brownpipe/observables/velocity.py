@@ -84,7 +84,8 @@ def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
     """Return the kinetic energy per disk (T, K) of each species: kT in equilibrium for any mass
     (equipartition).
 
-    Where the total momentum is zero it is kT (1 - m/M), with the mass m of a disk and M of all.
+    Where the total momentum is zero it is kT (1 - m/M), with the mass m of a disk and M of all; in
+    a channel, along which alone it is zero, kT (1 - m/2M).
     """
     species = species_table(scene)
     square = np.sum(track.known_velocity**2, axis=-1)
@@ -174,7 +175,8 @@ BATH_AUTOCORRELATION = Observable(
     ),
 )
 EQUIPARTITION = (
-    "kinetic energy per disk (kT in equilibrium; kT (1 - m/M) where the total momentum is zero)"
+    "kinetic energy per disk (kT in equilibrium; kT (1 - m/M) where the total momentum is zero, "
+    "kT (1 - m/2M) where that along a channel is)"
 )
 ENERGY = Observable(
     species_energy,
