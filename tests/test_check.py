@@ -144,6 +144,29 @@ def test_expected_collisions_in_a_channel_are_near_those_found(count, width, phi
     assert found["wall_collisions"].mean() == pytest.approx(expected.wall_collisions, rel=tolerance)
 
 
+@pytest.mark.parametrize(("height", "passes"), [(1.9, False), (2.1, True)])
+def test_disks_that_cannot_pass_each_other_are_said(height, passes, tmp_path):
+    box = {"x": [0, 20], "y": [0, height], "boundary": {"x": "periodic", "y": "reflecting"}}
+    lines = report(tmp_path, crowd(8) | {"box": box})
+    said = [line for line in lines if line.startswith("single file")]
+    expected = (
+        "single file disks cannot pass the tracer: 0.9 of the channel is free beside it, and the "
+        "smallest has a diameter of 1"
+    )
+    assert said == ([] if passes else [expected])
+
+
+def test_nothing_is_said_of_diffusion_where_its_start_is_not_known(tmp_path):
+    """Of given velocities there is no friction rate."""
+    disks = [
+        {"position": [x, 5.0], "velocity": [1.0, 0.0], "radius": 0.5, "mass": 1.0}
+        for x in (2.0, 6.0)
+    ]
+    box = {"x": [0, 10], "y": [0, 10], "boundary": "periodic"}
+    lines = report(tmp_path, {"box": box, "disks": disks, "duration": 1.0})
+    assert not [line for line in lines if line.startswith("diffusion")]
+
+
 @pytest.mark.parametrize("phi", [0.75, 0.85])
 def test_expected_collisions_of_a_crystal_are_near_those_found(phi):
     """Free volumes have them within 4 %; 8 runs of 144 disks on a lattice that fits the box scatter

@@ -42,7 +42,10 @@ FOLLOWED_DISK = Need("a disk to follow", lambda runs: runs.has_disks)
 COUNTED_COLLISIONS = Need(
     "disks, and an engine that counts their collisions", lambda runs: runs.counts_collisions
 )
-SCANNED_KEY = Need("two particle counts or more, or a varied key", lambda runs: runs.is_scan)
+SCANNED_KEY = Need(
+    "two particle counts or more, or a varied key whose values are numbers",
+    lambda runs: runs.is_scan,
+)
 SPREADING = Need(
     "record: tracer, or square_displacement among the observables",
     lambda runs: runs.has_spreading,

@@ -392,7 +392,7 @@ VARIABLES = {
     "window_drift_diffusion": Variable(
         WINDOW, RATE, "what the drift of all disks adds to the diffusion coefficient in the window"
     ),
-    "box_width": Variable(CASE_DIMS, "length", "width of the box"),
+    "box_width": Variable(CASE_DIMS, "length", "width of the box, along x"),
     "duration": Variable(CASE_DIMS, "time", "duration of a run"),
     "packing_fraction": Variable(
         CASE_DIMS, "1", "packing fraction, share of the area covered by disks"

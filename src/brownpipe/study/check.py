@@ -52,6 +52,7 @@ def _scene_report(scene: Scene) -> list[str]:
         "velocities": velocities_in_words(scene),
         "run": times_in_words(scene),
         "diffusion": _diffusion(start),
+        "single file": _single_file(scene),
         "collisions": _collisions(scene, cost),
         "cost": _tracer_run_cost(cost),
         "record": _all_disks_run_cost(cost_of_all_disks),
@@ -73,10 +74,27 @@ def _disks(scene: Scene) -> str:
 
 
 def _diffusion(start: float) -> str | None:
-    """Return when the tracer's motion can be diffusive at the earliest; None if from t = 0 on."""
-    if start <= 0:
+    """Return when the tracer's motion can be diffusive at the earliest; None if from t = 0 on, and
+    where it is not known (NaN).
+    """
+    if not start > 0:
         return None
     return f"not before t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"
+
+
+def _single_file(scene: Scene) -> str | None:
+    """Return that no disk can pass the tracer in a channel; None where one can."""
+    if not scene.box.is_channel or scene.particles < 2:
+        return None
+    (height,) = scene.box.size[~scene.box.periodic_axes]
+    beside_tracer = height - 2 * scene.radius[0]
+    smallest = 2 * scene.radius[1:].min()
+    if beside_tracer >= smallest:
+        return None
+    return (
+        f"disks cannot pass the tracer: {beside_tracer:.3g} of the channel is free beside it, and "
+        f"the smallest has a diameter of {smallest:.3g}"
+    )
 
 
 def _collisions(scene: Scene, cost: forecast.Cost) -> str:
