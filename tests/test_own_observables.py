@@ -87,6 +87,37 @@ def test_the_example_of_the_guide_is_measured_and_averaged_without_reading_its_m
     assert bp.plot(result, "own_observables").axes
 
 
+PATHS = """
+import numpy as np
+
+def free_path(scene, run):
+    "Mean length of the tracer's straight pieces, and its collisions."
+    path = run.path(scene)
+    lengths = np.hypot(*np.diff(path.position, axis=0).T)
+    assert not run.events.time.flags.writeable
+    return {"free_path": lengths.mean(), "events_of_tracer": len(path.time) - 2.0}
+"""
+OF_PATHS = "scenes: few.yaml\nseeds: 4\nobservables: my_paths:free_path\n"
+
+
+def test_functions_have_exact_paths_where_collisions_are_recorded(here, capsys):
+    Path("sub/my_paths.py").write_text(PATHS)
+    Path("sub/without.yaml").write_text(OF_PATHS)
+    assert cli.main(["check", "sub/without.yaml"]) == WRONG_REQUEST
+    message = "my_paths:free_path: ValueError: run: has no collisions, which record: events keeps"
+    assert message in capsys.readouterr().err
+    Path("sub/study.yaml").write_text(OF_PATHS + "record: [velocity, events]\n")
+    assert cli.main(["check", "sub/study.yaml"]) == DONE
+    (file,) = make_files(read_study("sub/study.yaml"))
+    runs = bp.open(file)
+    for seed in runs.seed.values.tolist():
+        path = bp.path(runs, seed)
+        lengths = np.hypot(*np.diff(path.position, axis=0).T)
+        assert runs.free_path.sel(seed=seed) == lengths.mean()
+        assert runs.events_of_tracer.sel(seed=seed) == path.sizes["event"] - 2
+    assert bp.analyse(file).free_path.item() == pytest.approx(runs.free_path.mean().item())
+
+
 def test_an_edited_function_makes_other_runs_wherever_the_study_is_called_and_must_be_there(
     here, monkeypatch
 ):

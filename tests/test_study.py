@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from brownpipe.engines import Engine, forecast
+from brownpipe.errors import RequestError
 from brownpipe.needs import FIGURES
 from brownpipe.provenance import source_digest
 from brownpipe.scene.reading import validated
@@ -122,7 +123,7 @@ OTHERS = {  # keys with another value than in config/small.yaml, and what is mad
     "engines": ([{"name": "timestep", "time_step": 0.001}], ALL),
     "target": ("d", LATER),
     "batch": (7, set()),
-    "record": ("none", ALL),
+    "record": (("none",), ALL),
     "observables": ("species_energy", ALL),
     "average": ("origins", ALL),
     "title": ("A", FIGURE),
@@ -223,6 +224,9 @@ def test_what_is_measured_in_the_runs(tmp_path):
         )
 
     assert told(small()) == "tracer"
+    assert told(small(record=["events", "velocity"])) == "tracer,events,velocity"
+    assert told(small(record="all")) == "tracer,all"
+    assert small(record="all").figures == small().figures
     study = small(observables=["square_displacement", "species_energy"], record="none")
     assert told(study) == "none --observables square_displacement,species_energy --average runs"
     of_tracer = ("msd", "displacement_distribution", "diffusion")
@@ -250,6 +254,32 @@ def test_what_is_measured_in_the_runs(tmp_path):
         record="none",
     )
     assert "displacement_distribution" not in without_trajectories.figures
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"record": ["none", "events"]}, "record: must be none alone, or others"),
+        ({"record": ["events", "events"]}, "record: must be values that differ"),
+        (
+            {"record": "events", "engines": ALL_ENGINES[:2]},
+            r"engines\[1\]: --record events: the ti",
+        ),
+        ({"record": "all", "engines": ALL_ENGINES[3]}, r"engines\[0\]: --record all: the langevin"),
+    ],
+)
+def test_what_cannot_be_recorded(keys, message):
+    with pytest.raises(RequestError, match=message):
+        small(**keys)
+
+
+def test_what_is_recorded_decides_the_forecast_of_its_size():
+    sizes = []
+    for record in ("none", "tracer", ["velocity", "events"], ["all", "events"]):
+        first = run_sets(small(record=record, fit_windows=None))[0]
+        sizes.append(first.cost.bytes_in_file)
+    assert sizes == sorted(sizes)
+    assert len({*sizes}) == 4
 
 
 # -- keys replaced by `snakemake --config` ---------------------------------------------------------

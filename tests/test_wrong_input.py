@@ -524,7 +524,7 @@ def test_a_value_of_the_command_line_has_no_line(tmp_path):
     ):
         read_study(path, {"batch": -1})
     path.write_text(STUDY.replace("record: tracer", "record: trace"))
-    with pytest.raises(RequestError, match=r"study.yaml: line 10: record: must be"):
+    with pytest.raises(RequestError, match=r"study.yaml: line 10: record\[0\]: must be"):
         read_study(path, {"batch": 3})
     (tmp_path / "scene.yaml").write_text(LISTED)
     with pytest.raises(RequestError, match=r"scene.yaml \(replaced\): particles: must be 2"):

@@ -1,10 +1,10 @@
 """The user's own observables: functions in a module, named `folder/my_module:my_function`.
 
 A function of scene and run, with the tracks `run.tracer` (M = 1) and `run.whole` (M = N) of
-`observable.Track`, returns named arrays as xarray takes variables: a number, `(dims, values)`, or
-`(dims, values, attributes)` with `units` and `long_name`. The bytes of the module's file are part
-of what determines the runs. Files of runs describe these arrays completely: reading a file runs no
-module.
+`trajectory.Track` and, if they are recorded, the collisions `run.events`, returns named arrays as
+xarray takes variables: a number, `(dims, values)`, or `(dims, values, attributes)` with `units` and
+`long_name`. The bytes of the module's file are part of what determines the runs. Files of runs
+describe these arrays completely: reading a file runs no module.
 """
 
 import hashlib
@@ -23,7 +23,7 @@ import numpy as np
 from brownpipe.errors import RequestError
 from brownpipe.observables.observable import Axis, Observable, RunArray
 from brownpipe.observables.reserved_names import RESERVED_NAMES
-from brownpipe.observables.trajectory import Run, Track
+from brownpipe.observables.trajectory import Events, Run
 from brownpipe.scene import Scene
 
 # CPU, of a few operations of NumPy; what a function really takes is not known before
@@ -178,7 +178,7 @@ def measure(
     function = _find_function(name)
     arrays: dict[str, np.ndarray] = {}
     try:
-        returned = function.call(scene, Run(_read_only(run.tracer), _read_only(run.every_disk)))
+        returned = function.call(scene, _read_only(run))
         if not isinstance(returned, Mapping):
             raise TypeError(f"must return a mapping of names to arrays, not {returned!r:.40}")
         for array, value in returned.items():
@@ -204,9 +204,17 @@ def measure(
     return arrays
 
 
-def _read_only(track: Track) -> Track:
-    """Return a track whose arrays cannot be written to."""
-    return track.transformed(lambda values: np.broadcast_to(values, values.shape))
+def _read_only(run: Run) -> Run:
+    """Return the tracks and collisions of a run in arrays that cannot be written to."""
+    tracer = run.tracer.transformed(_not_writable)
+    whole = run.every_disk.transformed(_not_writable)
+    events = None if run.events is None else Events(*map(_not_writable, run.events))
+    return Run(tracer, whole, events)
+
+
+def _not_writable(values: np.ndarray) -> np.ndarray:
+    """Return a view of an array that cannot be written to."""
+    return np.broadcast_to(values, values.shape)
 
 
 def _refuse_misfit(name: str, variable: Variable, scene: Scene, axes: Mapping[str, Axis]) -> None:

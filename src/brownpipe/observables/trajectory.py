@@ -129,7 +129,7 @@ class Run(NamedTuple):
         tracks of all disks, or for disk 0 in that of the tracer.
         """
         if self.events is None:
-            raise ValueError("run: has no collisions")
+            raise ValueError("run: has no collisions, which record: events keeps")
         if disk and self.whole is None:
             raise ValueError("run: has no tracks of all disks")
         tracks = self.tracer if self.whole is None else self.whole

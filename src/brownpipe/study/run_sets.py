@@ -140,7 +140,7 @@ def commands(study: Study) -> dict[str, str]:
     """Return the words of `brownpipe simulate` for each set of runs, by the digits at the end of
     its folder.
     """
-    recording = f"--record {study.record}"
+    recording = f"--record {','.join(study.record)}"
     if study.observables:
         names = shell_path(",".join(study.observables))
         recording += f" --observables {names} --average {study.average}"

@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from brownpipe import observables as measures
-from brownpipe.engines import DEFINITIONS, Engine, forecast, settings_section
+from brownpipe.engines import DEFINITIONS, RECORDS, Engine, forecast, settings_section
 from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.engines.units import rms_speed
 from brownpipe.engines.windows import default_windows, times_in_window
@@ -105,6 +105,15 @@ def _as_average(value: object) -> object:
     return average_named(value) if isinstance(value, list | tuple) else value
 
 
+def _with_tracer(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what to record, in the order of RECORDS, and the tracer except with `none`."""
+    if words == ("none",):
+        return words
+    if "none" in words:
+        refuse("must be none alone, or others")
+    return tuple(word for word in RECORDS if word in {"tracer", *words})
+
+
 def _own_name(name: str) -> str:
     return name if is_own(name) else refuse("must be my_module:my_function")
 
@@ -141,6 +150,8 @@ Average = Annotated[
         json_schema_input_type=choice_of(AVERAGES) | list[Literal["origins", "disks"]],
     ),
 ]
+Recorded: Any = Annotated[one_or_more(choice_of(RECORDS)), AfterValidator(_with_tracer)]
+Record = Annotated[tuple[str, ...], As(Recorded)]
 Figures = Annotated[tuple[str, ...], As(one_or_more(choice_of(FIGURES)))]
 Times = Annotated[tuple[float, ...], As(one_or_more(Positive, min_length=0))]
 Window = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ascending)]
@@ -192,8 +203,10 @@ class Study(Section):
     batch: AtLeastOne | Literal["auto"] = key(
         "seeds per job; auto: from the forecast; results are the same", "auto"
     )
-    record: Literal["tracer", "none"] = key(
-        "the trajectory of the tracer, or only the observables", "tracer"
+    record: Record = key(
+        "trajectory of the tracer, its velocity, tracks of all disks, collisions (events); none: "
+        "only the observables",
+        ("tracer",),
     )
     observables: Observables = key("quantities measured in each run, from all of its disks", ())
     average: Average = key(
@@ -321,7 +334,7 @@ class Study(Section):
                 if case.name not in scenes:
                     continue
                 try:
-                    engine.refuse_unfit(case)
+                    engine.refuse_unfit(case, self.record)
                 except RequestError as error:
                     refuse(str(error), "engines", k)
                 if any(use.engine == engine and use.case is case for use in uses):
@@ -392,7 +405,7 @@ class Study(Section):
             observables=frozenset(measured),
             has_own_observable=any(map(is_own, measured)),
             has_disks=any(case.particles for case in self.cases),
-            records_tracer=self.record == "tracer",
+            records_tracer="tracer" in self.record,
             averages_over_runs=self.average == "runs",
             counts_collisions=counts_collisions,
             has_walls=any(case.box.has_walls for case in self.cases),
@@ -456,7 +469,7 @@ class Study(Section):
         """What each run records, what it measures, and the average: the last arguments of
         `Engine.forecast`.
         """
-        return {self.record}, self.observables, self.average
+        return {*self.record}, self.observables, self.average
 
     @property
     def compared_cases(self) -> list[Scene]:
@@ -472,7 +485,7 @@ class Study(Section):
         exact = [use.case for use in self.uses if use.engine == REFERENCE]
         fewest = min(len(use.seeds or self.seeds) for use in self.uses)
         lacks_exact = len(exact) < len(self.cases)
-        if self.record == "none" or fewest < 2 or lacks_exact or not self.compared_cases:
+        if "tracer" not in self.record or fewest < 2 or lacks_exact or not self.compared_cases:
             raise RequestError(
                 f"the study {self.name}: has no trade-off; must have record: tracer, two seeds or "
                 "more, the engine exact in every case, and another one"

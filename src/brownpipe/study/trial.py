@@ -24,11 +24,11 @@ def refuse_mistakes(study: Study) -> None:
     if not own or not cases:
         return
     exact = Engine(REFERENCE_NAME)
-    seconds = [exact.forecast(case, (), own, study.average).seconds for case in cases]
+    seconds = [exact.forecast(case, study.record, own, study.average).seconds for case in cases]
     cheapest = seconds.index(min(seconds))
     scene = shortened(cases[cheapest], LONGEST / seconds[cheapest])
     with suppress(PlacementError):
-        exact.simulate(scene, study.seeds[:1], (), observables=own, average=study.average)
+        exact.simulate(scene, study.seeds[:1], study.record, observables=own, average=study.average)
 
 
 def shortened(scene: Scene, share: float) -> Scene:
