@@ -156,6 +156,15 @@ def test_disks_that_cannot_pass_each_other_are_said(height, passes, tmp_path):
     assert said == ([] if passes else [expected])
 
 
+@pytest.mark.parametrize(("height", "fills"), [(1.0, True), (1.001, False)])
+def test_a_disk_that_touches_both_walls_is_said(height, fills, tmp_path):
+    """Its first run stops at t = 0."""
+    box = {"x": [0, 20], "y": [0, height], "boundary": {"x": "periodic", "y": "reflecting"}}
+    lines = cautions(report(tmp_path, crowd(8) | {"box": box}))
+    said = [line for line in lines if "touches two opposite walls" in line]
+    assert len(said) == fills
+
+
 def test_nothing_is_said_of_diffusion_where_its_start_is_not_known(tmp_path):
     """Of given velocities there is no friction rate."""
     disks = [

@@ -339,11 +339,13 @@ def disks_in_cells(scene: Scene) -> float:
 def caution(scene: Scene) -> str | None:
     """Return one line of caution on runs of all disks of a scene; otherwise None.
 
-    If random placement is expected to fail, or if the mean free path between collisions with disks,
-    mean speed over mean collision rate of all disks, is longer than the shorter side of the box, or
-    than a channel.
+    If random placement is expected to fail, if a disk fills the box between two walls, or if the
+    mean free path between collisions with disks, mean speed over mean collision rate of all disks,
+    is longer than the shorter side of the box, or than a channel.
     """
     if line := placement_caution(scene):
+        return line
+    if line := _caution_of_filled_box(scene):
         return line
     rate = 2 * pair_rate(scene)
     if scene.has_one_state or scene.particles < 2 or not rate > 0:
@@ -359,6 +361,21 @@ def caution(scene: Scene) -> str | None:
     return (
         f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: "
         f"{too_long}"
+    )
+
+
+def _caution_of_filled_box(scene: Scene) -> str | None:
+    """Return one line of caution if a disk touches two opposite walls and may have a velocity
+    across; otherwise None.
+    """
+    if scene.has_one_state or not scene.particles or not motion.moves(scene):
+        return None
+    room = scene.box.size - 2 * scene.radius.max()
+    if np.all(scene.box.periodic_axes | (room > 0)):
+        return None
+    return (
+        f"{scene.name}: a disk of radius {scene.radius.max():g} touches two opposite walls: moving "
+        "across, it collides with them for ever at one time; must be smaller"
     )
 
 
