@@ -161,13 +161,131 @@ def test_a_checkpoint_keeps_what_is_said_of_the_arrays(here):
     from brownpipe.engines.ensemble import new_batch
     from brownpipe.engines.exact.simulation import pack, resume
 
+    Path("heights.py").write_text(
+        "def places(scene, run):\n    return {'mine': ('x', [1, 2]), 'x': ('x', [0.1, 0.7])}\n"
+    )
     scene = bp.read_scene("sub/few.yaml")
-    names = ("sub/my_module:my_function",)
+    names = ("sub/my_module:my_function", "heights:places")
     ensemble = Engine("exact").simulate(scene, [0, 1], {"tracer"}, observables=names)
     batch = new_batch(scene, [0, 1, 2], {"tracer"}, names, "runs")
     assert resume(pack(ensemble, 2, None), batch)[0] == 2
     assert batch.ensemble.own == ensemble.own
+    assert ensemble.own["x"].coordinates == (0.1, 0.7)
 
+
+# -- coordinates of one's own ----------------------------------------------------------------------
+
+
+def profile_of_heights(scene, run):
+    """Disks between heights at the end, with the middle of each interval."""
+    edges = np.linspace(*scene.box.y, 7)
+    counts, _ = np.histogram(run.whole.position[-1, :, 1], edges)
+    return {
+        "disks_at_height": ("height", counts, {"units": "1", "long_name": "disks at a height"}),
+        "height": ("height", (edges[1:] + edges[:-1]) / 2, {"units": "length"}),
+    }
+
+
+HEIGHTS = [-2.5, -1.5, -0.5, 0.5, 1.5, 2.5]  # the box is [-3, 3]
+
+
+def runs_with_heights(**keys):
+    scene = bp.read_scene("sub/few.yaml").replace(**keys)
+    return bp.simulate(scene, 12, observables=[profile_of_heights])
+
+
+def test_a_coordinate_of_ones_own_is_in_runs_files_and_datasets(here):
+    runs = runs_with_heights()
+    bp.save(runs, "runs.h5")
+    for tree in (runs, bp.open("runs.h5"), xr.open_datatree("runs.h5")):
+        assert tree.disks_at_height.dims == ("seed", "height")
+        np.testing.assert_allclose(tree.height, HEIGHTS, rtol=1e-14)
+        assert tree.height.dims == ("height",)
+        assert tree.height.attrs == {"units": "length", "long_name": "height"}
+    result = bp.analyse("runs.h5")
+    assert "height" in result.coords
+    assert result.height.attrs == {"units": "length", "long_name": "height"}
+    mean = runs.disks_at_height.mean("seed")
+    xr.testing.assert_allclose(result.disks_at_height.squeeze(drop=True), mean)
+    assert cli.main(["inspect", "runs.h5"]) == DONE
+    bp.save(bp.open("runs.h5"), "again.h5")
+    xr.testing.assert_equal(bp.open("again.h5").height, runs.height)
+
+
+def test_scenes_may_differ_in_the_values_of_a_coordinate(here):
+    whole = runs_with_heights()
+    half = runs_with_heights(**{"box.y": [-1.5, 1.5]}, name="half")
+    result = bp.analyse([whole, half])
+    shared = {*HEIGHTS, *(height / 2 for height in HEIGHTS)}
+    np.testing.assert_allclose(result.height, sorted(shared), rtol=1e-14)
+    for runs, scene in ((whole, "few"), (half, "half")):
+        values = result.disks_at_height.sel(scene=scene).squeeze(drop=True).dropna("height")
+        np.testing.assert_allclose(values.height, runs.height, rtol=1e-14)
+        np.testing.assert_allclose(values, runs.disks_at_height.mean("seed"), rtol=1e-14)
+
+
+def test_an_array_is_drawn_against_its_coordinate_with_its_band(here):
+    result = bp.analyse(runs_with_heights())
+    (axes,) = bp.plot(result, "own_observables").axes
+    assert axes.get_xlabel() == "height [length]"
+    assert axes.get_ylabel() == "disks at height"
+    (line,) = axes.lines
+    np.testing.assert_allclose(line.get_xdata(), HEIGHTS, rtol=1e-14)
+    np.testing.assert_allclose(line.get_ydata(), result.disks_at_height.values.ravel())
+    (band,) = axes.collections
+    x, y = band.get_paths()[0].vertices.T
+    assert (x.min(), x.max()) == pytest.approx((-2.5, 2.5))
+    assert y.max() == pytest.approx(result.disks_at_height_high.max().item())
+    table = own_observables.table_of_own_observables(cases_of(result))
+    np.testing.assert_allclose(table.height, HEIGHTS, rtol=1e-14)
+
+
+def test_a_second_dimension_with_coordinates_labels_the_curves(here):
+    def counts(scene, run):
+        return {
+            "count": (("height", "moment"), np.ones((2, 2))),
+            "height": ("height", [0.5, 1.5], {"units": "length", "long_name": "height y"}),
+            "moment": ("moment", [0.0, 0.25], {"units": "time"}),
+        }
+
+    result = bp.analyse(bp.simulate("sub/few.yaml", 12, observables=[counts]))
+    (axes,) = bp.plot(result, "own_observables").axes
+    assert axes.get_xlabel() == "height y [length]"
+    labels = [line.get_label() for line in axes.lines]
+    assert labels == ["moment = 0", "moment = 0.25"]
+
+
+def test_runs_of_a_case_have_one_coordinate(here):
+    def mine(scene, run):
+        return {"mine": ("place", [1.0, 2.0]), "place": ("place", [0.0, next(ends)])}
+
+    ends = iter([1.0] * 3 + [2.0] * 3)
+    runs = [bp.simulate("sub/few.yaml", seeds, observables=[mine]) for seeds in ("0-2", "3-5")]
+    with pytest.raises(ValueError, match="place: must be alike in all runs of a case"):
+        bp.analyse(runs)
+    for selection in ({"place": [0]}, {"place": slice(None, None, -1)}):
+        with pytest.raises(ValueError, match="of place it must hold all 2 in order"):
+            bp.analyse(runs[0].isel(selection))
+
+
+def test_functions_may_share_a_coordinate(here):
+    def first(scene, run):
+        return {"first": ("place", [1.0, 2.0]), "place": ("place", [0.0, 1.0])}
+
+    def second(scene, run):
+        return {"second": ("place", [3.0, 4.0]), "place": ("place", [0.0, 1.0])}
+
+    def third(scene, run):
+        return {"third": ("place", [3.0, 4.0, 5.0])}
+
+    runs = bp.simulate("sub/few.yaml", 3, observables=[first, second])
+    assert runs.second.dims == runs.first.dims == ("seed", "place")
+    wrong = r"third: must have \(2,\) values along \('place',\), not \(3,\)"
+    with pytest.raises(RequestError, match=wrong):
+        bp.simulate("sub/few.yaml", 3, observables=[first, third])
+
+
+# -- mistakes --------------------------------------------------------------------------------------
 
 FUNCTION = "def f(scene, run):\n    return "
 
@@ -223,6 +341,25 @@ FUNCTION = "def f(scene, run):\n    return "
         (
             "n = []\n" + FUNCTION + "{'mine': ('x', n.append(1) or n)}",
             r"seed 1: my:f: ValueError: mine: must be al",
+        ),
+        (
+            "n = [2]\n" + FUNCTION + "{'x': ('x', [1, n.append(n[-1] + 1) or n[-1]])}",
+            r"seed 1: my:f: ValueError: x: must be alike in all runs; its values have changed",
+        ),
+        (
+            FUNCTION + "{'mine': ('x', [1, 2, 3]), 'x': ('x', [1, 2])}",
+            r"my:f: ValueError: mine: must have \(2,\) values along \('x',\), not \(3,\)",
+        ),
+        *(
+            (
+                FUNCTION + f"{{'x': ('x', [1.0, {end}])}}",
+                r"my:f: ValueError: x: must be finite and ascending, as the coordinate of x",
+            )
+            for end in ("1.0", "0.0", "float('nan')")
+        ),
+        (
+            FUNCTION + "{'x': (('x', 'y'), [[1, 2]])}",
+            r"my:f: ValueError: x: must be \(dims, values\) with a dim",
         ),
     ],
 )

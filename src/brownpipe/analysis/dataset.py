@@ -56,6 +56,7 @@ from brownpipe.errors import AnalysisError
 from brownpipe.observables import AXES
 from brownpipe.observables.average import over_disks
 from brownpipe.observables.observable import RunArray
+from brownpipe.observables.own import OwnArrays, is_coordinate, own_coordinates
 from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.scene.variation import short_name, unit_of, value_of
@@ -216,8 +217,11 @@ def _schema_of(groups: Sequence[Group], estimators: Sequence[Estimator]) -> Sche
 
     Raises AnalysisError for an estimator whose names are taken or whose dimensions are not known.
     """
-    table = ALL_VARIABLES | with_uncertainties(_own_variables(groups))
+    own = _own_arrays(groups)
+    table = ALL_VARIABLES | with_uncertainties(_own_variables(own))
     coordinates = {**ALL_COORDINATES}
+    for name, array in own_coordinates(own).items():
+        coordinates[name] = Variable(array.dims, array.units, array.long_name)
     for estimator in estimators:
         refuse_unfit(estimator, table, coordinates)
         table |= with_uncertainties(estimator.variables)
@@ -315,18 +319,38 @@ def _difference(array: RunArray, other: RunArray) -> str:
     return f"must be alike in all runs; has {other[:3]}, in other runs {array[:3]}"
 
 
-def _own_variables(groups: Sequence[Group]) -> dict[str, Variable]:
-    """Return the variables of the user's own functions. Raises AnalysisError if arrays differ in
-    more than shape.
+def _without_lengths(array: RunArray) -> RunArray:
+    """Return the description of an array without what differs between cases."""
+    return array._replace(shape=(), coordinates=())
+
+
+def _own_arrays(groups: Sequence[Group]) -> OwnArrays:
+    """Return the arrays of the user's own functions.
+
+    Raises AnalysisError if they differ in more than shape and values of coordinates, or within a
+    case in these values.
     """
     own: dict[str, RunArray] = {}
     for file in chain.from_iterable(group.files for group in groups):
         for name, array in file.contents.ensemble.own.items():
             first = own.setdefault(name, array)
-            if first._replace(shape=()) != array._replace(shape=()):
+            if _without_lengths(first) != _without_lengths(array):
                 raise AnalysisError(f"{file.path}: {name}: {_difference(first, array)}")
+    for group in groups:
+        coordinates = own_coordinates(group.pattern.contents.ensemble.own)
+        for file in group.files:
+            for name, array in own_coordinates(file.contents.ensemble.own).items():
+                if coordinates.get(name, array) != array:
+                    raise AnalysisError(f"{file.path}: {name}: must be alike in all runs of a case")
+    return own
+
+
+def _own_variables(own: OwnArrays) -> dict[str, Variable]:
+    """Return the variables of the user's own functions."""
     table = {}
     for name, array in own.items():
+        if is_coordinate(name, array):
+            continue
         attributes = {"observable": array.observable}
         table[name] = Mean(
             (*CASE_DIMS, *array.dims), array.units, array.long_name, extra=attributes
@@ -437,11 +461,12 @@ def _labels_of(case: Case) -> Values:
 def _missing_coordinates(case: Case, values: Values, table: Table) -> Values:
     """Return the coordinates, such as species and bins, of dimensions for which a case has none.
 
-    Along dimensions of the user's own arrays they are 0, 1, ...
+    Along dimensions of the user's own arrays they are 0, 1, ... unless these have coordinates.
     """
     own_sizes: dict[str, int] = {}
     for array in case.own.values():
         own_sizes |= zip(array.dims, array.shape, strict=True)
+    coordinates_of_own = own_coordinates(case.own)
     dims = set(own_sizes)
     for name in values.keys() & table.keys():
         dims.update(table[name].dims)
@@ -449,6 +474,8 @@ def _missing_coordinates(case: Case, values: Values, table: Table) -> Values:
     for dim in dims - values.keys():
         if dim in AXES:
             coordinates[dim] = AXES[dim].coordinates(case.scene)
+        elif dim in coordinates_of_own:
+            coordinates[dim] = np.array(coordinates_of_own[dim].coordinates)
         elif dim in own_sizes:
             coordinates[dim] = np.arange(own_sizes[dim])
     return coordinates

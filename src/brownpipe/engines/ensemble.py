@@ -234,7 +234,10 @@ def join_ensembles(ensembles: Sequence[Ensemble]) -> Ensemble:
         ensemble.events.update(runs.events)
         ensemble.stopped.update(runs.stopped)
         for name, description in runs.own.items():
-            if ensemble.own.setdefault(name, description) != description:
+            known = ensemble.own.setdefault(name, description)
+            if known.shape == description.shape and known != description:
+                raise RequestError(f"{name}: must be alike in all runs")
+            if known != description:
                 raise RequestError(
                     f"{name}: must have one shape in all runs, not {description.shape} in some"
                 )

@@ -31,11 +31,12 @@ from brownpipe.figures.style import (
     put_titles_and_legends,
     styled_cases,
 )
+from brownpipe.observables.reserved_names import RESERVED_NAMES
 
 
 def draw_own_observables(cases: list[Dataset]) -> matplotlib_figure.Figure:
-    """Draw each array of all cases against its first dimension, with its 95 % band; numbers as
-    points.
+    """Draw each array of all cases against its first dimension, at the coordinates of this, with
+    its 95 % band; numbers as points.
 
     Of a case are shown at most MOST_CURVES, those at the first places along the other dimensions.
     """
@@ -53,7 +54,7 @@ def draw_own_observables(cases: list[Dataset]) -> matplotlib_figure.Figure:
                 mark: Looks = {"linestyle": "none", "marker": MARKS[k % 36]["marker"]}
                 points(panel, [k], [part], name, **replaced(line, mark))
                 panel.set_xticks([])
-        panel.set(xlabel=along, ylabel=axis_label(cases[0], name))
+        panel.set(xlabel=_dimension_label(cases[0], along), ylabel=axis_label(cases[0], name))
     arrays = [cases[0][name] for name in shown]
     put_titles_and_legends(
         axes[:, 0], [f"{array.observable}: {array.long_name}" for array in arrays]
@@ -66,8 +67,20 @@ def _all_parts(cases: list[Dataset], name: str) -> list[Dataset]:
     parts: list[Dataset] = []
     for case in cases:
         if has(case, name):
-            parts += _parts(case, name)
+            # other cases may have other coordinates
+            parts += [part for part in _parts(case, name) if has(part, name)]
     return parts
+
+
+def _dimension_label(case: Dataset, dim: str) -> str:
+    """Return the label of the axis of a dimension: the meaning and the unit of coordinates of the
+    user's own, the name of any other dimension.
+    """
+    if dim in RESERVED_NAMES or dim not in case.coords:
+        return dim
+    coordinate = case[dim]
+    unit = coordinate.units
+    return coordinate.long_name if unit == "1" else f"{coordinate.long_name} [{unit}]"
 
 
 def _parts(case: Dataset, name: str) -> Iterator[Dataset]:

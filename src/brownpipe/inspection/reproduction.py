@@ -60,6 +60,8 @@ def _changes(original: Trajectories) -> str:
     here["source"] = source_digest("simulate", original.engine.name)
     stored["source"] = original.source
     for array in original.ensemble.own.values():
+        if not array.observable:  # a coordinate
+            continue
         here[array.observable] = identity(array.observable).rpartition(" ")[2]
         stored[array.observable] = array.source
     changes = []

@@ -32,6 +32,8 @@ class RunArray(NamedTuple):
     shape: tuple[int, ...] = ()
     observable: str = ""  # my_module:my_function
     source: str = ""  # what tells it from others: SHA-256 of its module
+    # of a coordinate of the user's own, which is along the dimension of its name
+    coordinates: tuple[float, ...] = ()
 
 
 class Observable(NamedTuple):

@@ -3,8 +3,9 @@
 A function of scene and run, with the tracks `run.tracer` (M = 1) and `run.whole` (M = N) of
 `trajectory.Track` and, if they are recorded, the collisions `run.events`, returns named arrays as
 xarray takes variables: a number, `(dims, values)`, or `(dims, values, attributes)` with `units` and
-`long_name`. The bytes of the module's file are part of what determines the runs. Files of runs
-describe these arrays completely: reading a file runs no module.
+`long_name`. An array along the dimension of its own name is the coordinate of this dimension, and
+the same in all runs. The bytes of the module's file are part of what determines the runs. Files of
+runs describe these arrays completely: reading a file runs no module.
 """
 
 import hashlib
@@ -43,8 +44,22 @@ def own_arrays(attributes: Mapping) -> dict[str, RunArray]:
     arrays = {}
     for name, fields in stored.items():
         array = RunArray(*fields)  # with lists, as JSON has no tuples
-        arrays[name] = array._replace(dims=tuple(array.dims), shape=tuple(array.shape))
+        arrays[name] = array._replace(
+            dims=tuple(array.dims),
+            shape=tuple(array.shape),
+            coordinates=tuple(array.coordinates),
+        )
     return arrays
+
+
+def is_coordinate(name: str, array: RunArray) -> bool:
+    """Return whether an array is the coordinate of the dimension of its name."""
+    return array.dims == (name,)
+
+
+def own_coordinates(arrays: OwnArrays) -> dict[str, RunArray]:
+    """Return the coordinates of the user's own among arrays."""
+    return {name: array for name, array in arrays.items() if is_coordinate(name, array)}
 
 
 class Function(NamedTuple):
@@ -184,24 +199,52 @@ def measure(
         for array, value in returned.items():
             variable = _as_variable(array, value)
             _refuse_misfit(array, variable, scene, axes)
-            arrays[array] = variable.values
             description = RunArray(
-                variable.dims,
-                variable.units,
-                variable.long_name,
-                averaged=True,
-                shape=variable.values.shape,
-                observable=title_of(name),
-                source=function.source,
+                variable.dims, variable.units, variable.long_name, shape=variable.values.shape
             )
+            if is_coordinate(array, description):  # several functions may have it
+                description = description._replace(coordinates=_as_coordinates(array, variable))
+            else:
+                arrays[array] = variable.values
+                description = description._replace(
+                    averaged=True, observable=title_of(name), source=function.source
+                )
             before = known.setdefault(array, description)
             if before != description:
                 raise ValueError(
-                    f"{array}: must be alike in all runs; was {before[:5]}, is {description[:5]}"
+                    f"{array}: must be alike in all runs; {_change(before, description)}"
                 )
+        _refuse_lengths(known)
     except Exception as error:
         raise RequestError(f"{title_of(name)}: {_describe_error(error, function.file)}") from error
     return arrays
+
+
+def _change(before: RunArray, description: RunArray) -> str:
+    """Return how an array is described differently from a run before."""
+    if before[:5] == description[:5] and before.coordinates:
+        return "its values have changed"
+    return f"was {before[:5]}, is {description[:5]}"
+
+
+def _as_coordinates(name: str, variable: Variable) -> tuple[float, ...]:
+    """Return the values of a coordinate. Raises ValueError if they do not ascend."""
+    values = variable.values
+    if not np.isfinite(values).all() or np.any(np.diff(values) <= 0):
+        raise ValueError(f"{name}: must be finite and ascending, as the coordinate of {name}")
+    return tuple(values.tolist())
+
+
+def _refuse_lengths(arrays: OwnArrays) -> None:
+    """Raise ValueError for an array that is not as long as the coordinate of a dimension."""
+    for coordinate, values in own_coordinates(arrays).items():
+        for name, array in arrays.items():
+            lengths = dict(zip(array.dims, array.shape, strict=True))
+            if lengths.get(coordinate) not in (None, *values.shape):
+                raise ValueError(
+                    f"{name}: must have {values.shape} values along ('{coordinate}',), not "
+                    f"{array.shape}"
+                )
 
 
 def _read_only(run: Run) -> Run:
@@ -245,7 +288,8 @@ def _as_variable(name: object, value: object) -> Variable:
         raise ValueError(
             f"{name}: names of arrays and dimensions must be words of letters, digits and _"
         )
-    if len(dims) != array.ndim or len({*dims, name}) != len(dims) + 1:
+    is_misnamed = name in dims and dims != (name,)
+    if len(dims) != array.ndim or len({*dims}) != len(dims) or is_misnamed:
         raise ValueError(
             f"{name}: must be (dims, values) with a dimension for each of {array.ndim} axes, not "
             f"{dims}"

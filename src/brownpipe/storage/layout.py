@@ -7,7 +7,7 @@ import numpy as np
 from brownpipe import observables
 from brownpipe.engines.ensemble import Ensemble, Events, Track, blank_array
 from brownpipe.observables.observable import Axis
-from brownpipe.observables.own import NO_OWN_ARRAYS, OwnArrays
+from brownpipe.observables.own import NO_OWN_ARRAYS, OwnArrays, own_coordinates
 from brownpipe.scene import Scene
 
 AXES = {
@@ -94,6 +94,8 @@ Groups = dict[str, dict[str, np.ndarray]]  # {group: {variable: values}}, the ro
 
 def dims_of(group: str, name: str, own: OwnArrays = NO_OWN_ARRAYS) -> tuple[str, ...]:
     """Return the dimensions of a variable in a group, `/`, `/disks` or `/events`."""
+    if name in own_coordinates(own):
+        return (name,)
     if name in own:
         return ("seed", *own[name].dims)
     _, _, *dims = VARIABLES[name]
@@ -109,7 +111,9 @@ def described(name: str, own: OwnArrays = NO_OWN_ARRAYS) -> dict[str, str]:
     if name in own:
         array = own[name]
         meaning = {"units": array.units, "long_name": array.long_name}
-        return meaning | {"observable": array.observable}
+        if array.observable:  # a coordinate has none
+            meaning["observable"] = array.observable
+        return meaning
     units, long_name, *_ = VARIABLES[name]
     return {"units": units, "long_name": long_name}
 
@@ -122,6 +126,8 @@ def variables_by_group(scene: Scene, ensemble: Ensemble) -> Groups:
     for name in ensemble.observables:
         dims.update(dims_of("/", name, ensemble.own))
     root = {dim: np.asarray(axis.coordinates(scene)) for dim, axis in AXES.items() if dim in dims}
+    for name, array in own_coordinates(ensemble.own).items():
+        root[name] = np.array(array.coordinates)
     root["time"] = ensemble.times
     root["seed"] = ensemble.seeds
     root |= _arrays_of_track(ensemble.tracer)
@@ -195,7 +201,11 @@ def ensemble_of(groups: Groups, average: str, own: OwnArrays = NO_OWN_ARRAYS) ->
     if "/events" in groups:
         events = {seed: _collisions_of_run(groups["/events"], row) for seed, row in ended.items()}
     tracer = _track_of(root) if "position" in root else None
-    observables = {name: values for name, values in root.items() if name not in PLACES["/"]}
+    arrays = dict(own)
+    for name, array in own_coordinates(own).items():
+        arrays[name] = array._replace(coordinates=tuple(root[name].tolist()))
+    others = {*PLACES["/"], *own_coordinates(own)}
+    observables = {name: values for name, values in root.items() if name not in others}
     return Ensemble(
         seeds=root["seed"],
         times=root["time"],
@@ -204,7 +214,7 @@ def ensemble_of(groups: Groups, average: str, own: OwnArrays = NO_OWN_ARRAYS) ->
         whole=whole,
         events=events,
         stopped=stopped,
-        own=dict(own),
+        own=arrays,
         average=average,
     )
 

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypedDict
 
 import h5py
 import numpy as np
@@ -18,7 +18,7 @@ from brownpipe.engines.definition import OwnEngine
 from brownpipe.engines.ensemble import Ensemble, Track, stopped_in_words
 from brownpipe.errors import RequestError
 from brownpipe.observables import OBSERVABLES
-from brownpipe.observables.own import OwnArrays, own_arrays
+from brownpipe.observables.own import OwnArrays, own_arrays, own_coordinates
 from brownpipe.provenance import source_digest, versions
 from brownpipe.scene import Scene, parse_scene
 from brownpipe.scene.seeds import seed_text
@@ -79,7 +79,8 @@ class Trajectories(NamedTuple):
             first_array = next(iter(observable.arrays))  # measured in every scene
             if first_array in arrays:
                 listed.append(name)
-        own = dict.fromkeys(array.observable for array in self.ensemble.own.values())
+        own_arrays = self.ensemble.own.values()
+        own = dict.fromkeys(array.observable for array in own_arrays if array.observable)
         return (*listed, *own)
 
     @property
@@ -107,7 +108,10 @@ class Trajectories(NamedTuple):
         attributes["source_digest"] = self.source or source_digest("simulate", engine.name)
         attributes[TRAJECTORIES] = self.header.get(TRAJECTORIES, "")
         if ensemble.own:
-            attributes["own_arrays"] = json.dumps(ensemble.own)
+            without_values = {
+                name: array._replace(coordinates=()) for name, array in ensemble.own.items()
+            }
+            attributes["own_arrays"] = json.dumps(without_values)
         stored_versions = {
             name: version for name, version in self.header.items() if name.endswith("_version")
         }
@@ -179,7 +183,8 @@ def write_trajectories(
         file.attrs.update(attributes | {TRAJECTORIES: digest})
         for place, variables in variables_by_group(scene, ensemble).items():
             group = file.require_group(place)
-            scales_first = sorted(variables, key=lambda name: (name not in SCALES, name))
+            scales = {*SCALES, *own_coordinates(ensemble.own)}
+            scales_first = sorted(variables, key=lambda name: (name not in scales, name))
             for name in scales_first:
                 values = variables.pop(name)  # whole runs are copies: one variable at a time
                 _write_variable(group, name, values, ensemble.own)
@@ -195,7 +200,7 @@ def _write_variable(group: h5py.Group, name: str, values: np.ndarray, own: OwnAr
     filters = _filters(dims, values) if is_compressed else {}
     dataset = group.create_dataset(name, data=values, **filters)
     dataset.attrs.update(described(name, own))
-    if name in SCALES:
+    if dims == (name,):
         dataset.make_scale(name)
         return
     for axis, dim in enumerate(dims):
@@ -343,6 +348,8 @@ def from_tree(tree: "DataTree", strict: bool = False) -> Trajectories:
         measured = json.loads(tree.attrs["variables"])
         for node in tree.subtree:
             names = {*PLACES.get(node.path, ()), *measured}
+            if node.path == "/":
+                names |= own_coordinates(own).keys()
             added = sorted(map(str, node.data_vars.keys() - {*names, "unwrapped"}))
             if strict and added:
                 raise ValueError(
@@ -353,7 +360,7 @@ def from_tree(tree: "DataTree", strict: bool = False) -> Trajectories:
                 dims = dims_of(node.path, name, own)
                 groups[node.path][name] = node[name].transpose(*dims).values
         runs = _trajectories_from(tree.attrs, groups)
-        _refuse_incomplete(runs.scene, groups)
+        _refuse_incomplete(runs.scene, groups, own)
     except MALFORMED as error:
         wrong = (
             "runs: must be what simulate or open returns, or a selection of its seeds, as in "
@@ -363,7 +370,13 @@ def from_tree(tree: "DataTree", strict: bool = False) -> Trajectories:
     return runs
 
 
-def _refuse_incomplete(scene: Scene, groups: Groups) -> None:
+def _refuse_selection(dim: str, number: int) -> NoReturn:
+    raise ValueError(
+        f"of {dim} it must hold all {number} in order; select from the analysis instead"
+    )
+
+
+def _refuse_incomplete(scene: Scene, groups: Groups, own: OwnArrays) -> None:
     """Raise ValueError for a selection of other things than seeds, for a part of the collisions,
     and for positions without the images they need.
     """
@@ -371,11 +384,11 @@ def _refuse_incomplete(scene: Scene, groups: Groups) -> None:
         for dim in (name for name in group if name in AXES):
             complete = AXES[dim].coordinates(scene)
             if not np.array_equal(group[dim], complete):
-                raise ValueError(
-                    f"of {dim} it must hold all {len(complete)} in order; select from the analysis "
-                    "instead"
-                )
+                _refuse_selection(dim, len(complete))
     root = groups["/"]
+    for dim, array in own_coordinates(own).items():
+        if root[dim].shape != array.shape or np.any(np.diff(root[dim]) <= 0):
+            _refuse_selection(dim, *array.shape)
     seeds = root["seed"]
     if seeds.dtype != np.int64 or not 0 < len(seeds) == len(np.unique(seeds)):
         raise ValueError("its seeds must be one or several different integers")
