@@ -1,16 +1,7 @@
-"""Web pages from templates (jinja2): one HTML file each, that needs neither network nor other
-files.
+"""The page of a dataset: the answer, all figures, and how to make it again."""
 
-`page.html` shows all results of a dataset, `replay.html` (`replay.py`) one run.
-"""
-
-import base64
-import math
 from collections.abc import Sequence
-from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader
-from markupsafe import Markup
 from xarray import Dataset
 
 from brownpipe.figures.origin import Record
@@ -18,31 +9,8 @@ from brownpipe.figures.render import Drawing
 from brownpipe.figures.summary import Answer, answer
 from brownpipe.provenance import PACKAGE
 from brownpipe.report.description import setup_in_words
-from brownpipe.text import counted, printable
-
-
-def _in_words(value: object) -> object:
-    """Return a value that a template shows as one line of text, a number with six digits."""
-    if isinstance(value, float):
-        return "-" if math.isnan(value) else f"{value:.6g}"
-    return value if isinstance(value, Markup) else printable(value)
-
-
-ENVIRONMENT = Environment(
-    loader=FileSystemLoader(Path(__file__).parent),
-    autoescape=True,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    finalize=_in_words,
-)
-ENVIRONMENT.filters["base64"] = lambda contents: base64.b64encode(contents).decode()
-
-
-def filled(template: str, **contents: object) -> bytes:
-    """Return a page: the template of this name with its contents, which are escaped and shown as
-    one line each.
-    """
-    return ENVIRONMENT.get_template(template).render(contents).strip().encode() + b"\n"
+from brownpipe.report.templates import filled
+from brownpipe.text import counted
 
 
 def page_of_results(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:

@@ -4,6 +4,8 @@
   const section = document.currentScript.closest(".brownpipe-replay");
   const part = (name) => section.querySelector(".brownpipe-replay-" + name);
   const run = JSON.parse(part("data").textContent);
+  const isSmall = section.classList.contains("brownpipe-replay-small");  // beside other things on its page
+  section.classList.add("brownpipe-replay-moves");  // in place of the picture of the start
 
   // --- the run
 
@@ -119,7 +121,8 @@
   function drawBox(state) {
     const room = part("stage").clientWidth - 2 * margin, places = inBox(state.x);
     follow(places[0]);
-    scale = Math.min(room / seen.width, 0.68 * Math.max(500, window.innerHeight) / seen.height);
+    const highest = isSmall ? 320 : 0.68 * Math.max(500, window.innerHeight);
+    scale = Math.min(room / seen.width, highest / seen.height);
     const pixels = [seen.width * scale + 2 * margin, seen.height * scale + 2 * margin], pen = fitted(box, ...pixels);
     const whole = [toX(left), toY(top), width * scale, height * scale];
     [box.style.width, box.style.height] = pixels.map((side) => side + "px");
@@ -187,9 +190,7 @@
       bath: disks > 1 ? digits(energy - tracer) : "none",
       square: digits(squareAt(now)),
     };
-    for (const [name, text] of Object.entries(values)) {
-      section.querySelector(`[data-number="${name}"]`).textContent = text;
-    }
+    for (const cell of section.querySelectorAll("[data-number]")) cell.textContent = values[cell.dataset.number];
   }
 
   const steps = Array.from({length: 301}, (_, k) => (run.end * k) / 300);
@@ -273,6 +274,7 @@
     show();
   }
 
+  if (isSmall) box.addEventListener("click", () => setPlaying(!playing));
   play.addEventListener("click", () => setPlaying(!playing));
   part("restart").addEventListener("click", () => go(0));
   scrub.addEventListener("input", () => go((run.end * Number(scrub.value)) / 1000));
@@ -288,7 +290,7 @@
   });
   new ResizeObserver(() => requestAnimationFrame(show)).observe(part("panes"));  // later: `show` changes the size
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", show);
-  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches) {
+  if (!isSmall && !window.matchMedia("(prefers-reduced-motion: reduce)").matches) {
     const watch = new IntersectionObserver(([seen]) => {
       if (!seen.isIntersecting) return;
       watch.disconnect();

@@ -1,17 +1,20 @@
-"""The replay of one run as a web page: every collision, and straight flight between them, at any
-speed.
+"""The replay of one run, a web page or a part of one: every collision, and straight flight between
+them, at any speed.
 
 Disks move straight from one collision to the next, so that the state at t = 0 and the log of
 collisions determine every position at every time. The page gets these numbers, and `replay.js`
 computes the positions.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from brownpipe.errors import RequestError
-from brownpipe.figures.movie import legend_entries, shades_of
+from brownpipe.figures.movie import legend_entries, shades_of, with_images
 from brownpipe.figures.origin import movie_record
-from brownpipe.report.page import filled
+from brownpipe.report.templates import filled
+from brownpipe.scene import Scene
 from brownpipe.storage.trajectories import Trajectories, chosen_seed, runs_record
 from brownpipe.text import counted
 
@@ -19,6 +22,54 @@ from brownpipe.text import counted
 MOST_COLLISIONS = 5000
 # What `--record` must be given
 RECORD = "all,events"
+# Longer side of the picture over the shorter one at most, as in `replay.js`
+ELONGATION = 6
+MARGIN = 0.012  # around the box, for its sides, in longer sides of the picture
+
+
+class Circle(NamedTuple):
+    """A disk, or an image of it across a periodic side, in a picture whose y points down."""
+
+    x: float
+    y: float
+    radius: float
+    shade: int
+
+
+class Rectangle(NamedTuple):
+    """A rectangle in a picture whose y points down."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+
+class Side(NamedTuple):
+    """A side of the box from one corner to another, in a picture whose y points down."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    periodic: bool
+
+
+class Still(NamedTuple):
+    """The picture of a run at t = 0, for print and where scripts do not run."""
+
+    picture: Rectangle  # with a margin
+    window: Rectangle  # the part of the box that is shown
+    sides: list[Side]
+    circles: list[Circle]  # the tracer last, on top
+
+
+class Replay(NamedTuple):
+    """What `replay_section.html` shows of one run."""
+
+    title: str
+    extent: str  # how many of its collisions it has, in words
+    legend: list[tuple[int, str]]  # shade and meaning
+    data: dict[str, object]  # from which `replay.js` computes all positions
+    still: Still
 
 
 def replay_page(
@@ -31,26 +82,61 @@ def replay_page(
 
     Raises RequestError for a file without this run, its tracks or its collisions.
     """
-    scene = trajectories.scene
     seed = _seed_of(trajectories, path, seed)
+    replay = replay_of(trajectories, seed)
+    page = filled(
+        "replay.html",
+        replay=replay,
+        record=movie_record(trajectories, RECORD, seed),
+    )
+    return page, replay.extent
+
+
+def replay_of(trajectories: Trajectories, seed: int) -> Replay:
+    """Return the replay of the run of a seed, which has its tracks and its collisions."""
+    scene = trajectories.scene
     events = trajectories.ensemble.events[seed]
-    title = f"{scene.title}, seed {seed}"
     shades = shades_of(scene)
     end = scene.duration
     extent = counted(len(events.time), "collision")
     if len(events.time) > MOST_COLLISIONS:
         end = float(events.time[MOST_COLLISIONS])
         extent = f"the first {MOST_COLLISIONS:,} of {extent}, until t = {end:.3g}"
-    motion = _motion(trajectories, seed, shades)
-    page = filled(
-        "replay.html",
-        title=title,
+    return Replay(
+        title=f"{scene.title}, seed {seed}",
         extent=extent,
         legend=legend_entries(scene, shades),
-        record=movie_record(trajectories, RECORD, seed),
-        data=motion | {"end": end},
+        data=_motion(trajectories, seed, shades) | {"end": end},
+        still=still_of(scene, trajectories.ensemble.whole[seed].position[0], shades),
     )
-    return page, extent
+
+
+def still_of(scene: Scene, position: np.ndarray, shades: np.ndarray) -> Still:
+    """Return the picture of disks at positions (N, 2) with their `shades` (N,): all of the box or,
+    of a very long one, the part around the tracer.
+    """
+    box = scene.box
+    longest = ELONGATION * min(box.width, box.height)
+    size = np.minimum(box.size, longest)
+    low = np.array(box.origin)
+    corner = np.clip(position[0] - size / 2, low, low + box.size - size)
+    left, bottom = corner.tolist()
+    width, height = size.tolist()
+    window = Rectangle(left, -bottom - height, width, height)
+    margin = MARGIN * max(width, height)
+    picture = Rectangle(
+        window.left - margin, window.top - margin, width + 2 * margin, height + 2 * margin
+    )
+    centres, disks = with_images(scene, position)
+    circles = [
+        Circle(x, -y, scene.radius[disk].item(), shades[disk].item())
+        for (x, y), disk in zip(centres.tolist(), disks.tolist(), strict=True)
+    ]
+    sides = [
+        *(Side((x, x), (-box.y[0], -box.y[1]), box.periodic_x) for x in box.x),
+        *(Side(box.x, (-y, -y), box.periodic_y) for y in box.y),
+    ]
+    return Still(picture, window, sides, circles)
 
 
 def _motion(trajectories: Trajectories, seed: int, shades: np.ndarray) -> dict[str, object]:
