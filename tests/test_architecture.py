@@ -125,7 +125,7 @@ MAKERS = {  # what makes and writes the results of a step
     ),
     "aggregate": ("brownpipe.analysis", "brownpipe.storage.datasets"),
     "tradeoff": ("brownpipe.tradeoff", "brownpipe.storage.datasets"),
-    "figures": ("brownpipe.report.products",),
+    "figures": ("brownpipe.report.products", "brownpipe.engines.exact.simulation"),
 }
 
 

@@ -134,6 +134,7 @@ def test_the_page_is_well_formed_and_loads_nothing(written):
     assert "N = 10, 20; 72 runs" in written  # 18 of 20 in each of four cases
     elements = check(written)
     assert [text for _, text in elements.named("h2")] == [
+        "What is simulated",
         "Answer: MSD(t = 1), D, eq. (18)",
         "Figures",
         "Make it again",
@@ -272,8 +273,13 @@ def test_the_page_of_a_trade_off(tmp_path, monkeypatch):
     elements = check(Path("figures/report.html").read_text(encoding="utf-8"))
     assert [text for _, text in elements.named("h1")] == [dataset.title]
     headings = [text for _, text in elements.named("h2")]
-    assert headings[0].startswith("Answer: ms/run, cost, MSD bias, front, ")
-    assert headings[1:] == ["Figures", "Make it again"]
+    assert headings[0] == "What is simulated"
+    assert headings[1].startswith("Answer: ms/run, cost, MSD bias, front, ")
+    assert headings[2:] == ["Figures", "Make it again"]
+    sentences = [text for known, text in elements.named("p") if known.get("class") == "sentence"]
+    assert [text.partition(":")[0] for text in sentences] == ["full, N = 20", "few, N = 10"]
+    best = ": the expected error of the MSD is smallest with langevin-enskog, for any CPU time."
+    assert all(text.endswith(best) for text in sentences)
     (answer_rows, numbers) = [text for _, text in elements.named("table")]
     for rows in (answer_rows, numbers):
         assert all(name in rows for name in ("full", "few", "exact", "langevin-enskog"))

@@ -35,7 +35,15 @@ STEPS = {
     "simulate": (*RUNS, "engines/exact/*"),
     "aggregate": (*RUNS, "analysis/*"),
     "tradeoff": (*RUNS, "analysis/*", "tradeoff/*"),
-    "figures": (*RUNS, "needs.py", "analysis/*", "tradeoff/*", "figures/*", "report/*"),
+    "figures": (
+        *RUNS,
+        "needs.py",
+        "engines/exact/*",  # of the run in motion
+        "analysis/*",
+        "tradeoff/*",
+        "figures/*",
+        "report/*",
+    ),
 }
 
 

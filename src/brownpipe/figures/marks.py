@@ -88,6 +88,13 @@ WORDS = {
 }
 
 
+def reasons_of_case(fit: Dataset, bits: int) -> list[str]:
+    """Return reasons against the D of a case in one fit window in words, those with these bits."""
+    return [
+        f"{reason.statement}, {reason.number(fit)}" for bit, reason in WORDS.items() if bits & bit
+    ]
+
+
 def reasons_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
     """Yield lines that say why D in the first fit window is marked, with the worst case of each
     reason and what to do about it; none without a mark.

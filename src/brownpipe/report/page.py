@@ -1,4 +1,6 @@
-"""The page of a dataset: the answer, all figures, and how to make it again."""
+"""The page of a dataset: what is simulated, in words and in motion, the answer, all figures, and
+how to make it again.
+"""
 
 from collections.abc import Sequence
 
@@ -8,13 +10,16 @@ from brownpipe.figures.origin import Record
 from brownpipe.figures.render import Drawing
 from brownpipe.figures.summary import Answer, answer
 from brownpipe.provenance import PACKAGE
+from brownpipe.report.answer import answer_in_words
 from brownpipe.report.description import setup_in_words
 from brownpipe.report.templates import filled
+from brownpipe.report.typical_run import scenes_in_motion
 from brownpipe.text import counted
 
 
 def page_of_results(dataset: Dataset, drawings: Sequence[Drawing], record: Record) -> bytes:
-    """Return the page of a dataset: the answer and its figures."""
+    """Return the page of a dataset: what is simulated, the answer and its figures."""
+    particles = record.get("particles")
     results = answer(dataset, record.get("figures", ()))
     scenes = ", ".join(map(str, dataset.scene.values))
     counts = ", ".join(map(str, dataset.particles.values))
@@ -28,6 +33,8 @@ def page_of_results(dataset: Dataset, drawings: Sequence[Drawing], record: Recor
         title=record.get("title", dataset.attrs["title"]),
         asked=asked_in_words(results),
         setup=setup_in_words(dataset),
+        in_motion=scenes_in_motion(dataset, particles),
+        sentences=answer_in_words(dataset, particles),
         lead=lead,
         answer=rows,
         warnings=warnings,

@@ -1,0 +1,137 @@
+"""The answer of a dataset in sentences, for readers who do not know its quantities: how far the
+tracer has moved, and whether that is diffusion; of a trade-off, which engine pays for which CPU
+time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from brownpipe.analysis import diffusive
+from brownpipe.analysis.variables import average_of
+from brownpipe.figures.cases import (
+    at_equal_steps,
+    cases_of,
+    drifts,
+    estimate_of,
+    fits_of,
+    labels_in_words,
+    one_count,
+    plus_minus,
+    title_of,
+    with_value,
+)
+from brownpipe.figures.marks import reasons_of_case
+from brownpipe.figures.summary import time_shown
+from brownpipe.figures.tradeoff import setting_of
+from brownpipe.text import counted, in_time
+from brownpipe.tradeoff import is_tradeoff
+from brownpipe.tradeoff.front import Interval, pareto_front
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+MOST_CASES = 2  # of a scene and an engine with sentences of their own
+MOST_SCENES = 6  # with their engines
+WHOLE_TRACER = "the tracer"  # `msd_of` of a dataset where no other disk is averaged
+
+
+def answer_in_words(dataset: Dataset, particles: int | None = None) -> list[str]:
+    """Return a paragraph for each case, which begins with its labels if there are several.
+
+    Of a scene and an engine with many cases the first and the last have one, of many scenes the
+    first; a line has the number of the others. None of cases without displacements.
+    particles: of the cases with this many disks; by default each scene's largest number.
+    """
+    cases = cases_of(dataset)
+    if is_tradeoff(dataset):
+        return [*_tradeoffs_in_words(cases)]
+    moving = with_value(one_count(cases, particles), "msd")
+    shown: list[Dataset] = []
+    for cases_of_scene in _by_labels(moving, "scene", "engine")[:MOST_SCENES]:
+        shown += at_equal_steps(cases_of_scene, MOST_CASES)
+    paragraphs = []
+    for case in shown:
+        text = " ".join([*_sentences_of(case)])
+        paragraphs.append(f"{title_of(case)}: {text}" if len(cases) > 1 else text)
+    others = len(cases) - len(shown)
+    if shown and others:
+        paragraphs.append(f"The table has {counted(others, 'further case')}.")
+    return paragraphs
+
+
+def _by_labels(cases: Sequence[Dataset], *names: str) -> list[list[Dataset]]:
+    """Group the cases that have the same labels of these names, in order of appearance."""
+    groups: dict[str, list[Dataset]] = {}
+    for case in cases:
+        groups.setdefault(labels_in_words(case, names), []).append(case)
+    return [*groups.values()]
+
+
+def _sentences_of(case: Dataset) -> Iterator[str]:
+    """Yield how far the tracer has moved, and its D or why there is none."""
+    yield _distance_in_words(case)
+    fits = fits_of(case)
+    if fits:
+        yield _diffusion_in_words(fits[0])
+    if drifts(case):
+        yield "The runs are found not to be in equilibrium: the numbers are of a changing state."
+
+
+def _distance_in_words(case: Dataset) -> str:
+    """Return the root of the MSD with its standard error, at the time of the summary."""
+    last = case.isel(time=time_shown(case, "msd"))
+    msd = float(last.msd)
+    root = np.sqrt(msd)
+    error = float(last.msd_standard_error) / (2 * root) if root > 0 else np.nan
+    disk = WHOLE_TRACER if case.attrs.get("msd_of") == WHOLE_TRACER else "a disk like the tracer"
+    time = float(last.time)
+    unit = "time unit" if time == 1 else "time units"
+    when = "Within" if average_of(case) == "origins" else "After"
+    return (
+        f"{when} {time:g} {unit} {disk} has moved by {plus_minus(root, error)} on average "
+        "(root of the MSD)."
+    )
+
+
+def _diffusion_in_words(fit: Dataset) -> str:
+    """Return D in a fit window, or what speaks against one."""
+    mark = fit.diffusion_mark.item()
+    window = f"between t = {float(fit.window_start):g} and {float(fit.window_end):g}"
+    if not mark:
+        return f"It diffuses: D = {estimate_of(fit, 'diffusion_coefficient')} {window}."
+    reasons = reasons_of_case(fit, mark & ~diffusive.EARLY)
+    if mark & diffusive.EARLY:
+        forgets = f"t = {float(fit.not_diffusive_before):.3g} (3/gamma)"
+        reasons.insert(0, f"it remembers its initial velocity until {forgets}")
+    because = "; ".join(reasons)
+    if mark == diffusive.UNTESTED:
+        return f"Whether it diffuses {window} cannot be told from these runs: {because}."
+    if mark & diffusive.EARLY:
+        return f"It is not yet diffusive {window}, and has no D there: {because}."
+    return f"It is not diffusive {window}, and has no D there: {because}."
+
+
+def _tradeoffs_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
+    """Yield for each scene and number of disks which engine has the smallest expected error of the
+    MSD for which CPU time.
+    """
+    scenes = _by_labels(cases, "scene", "particles")
+    for engines in scenes[:MOST_SCENES]:
+        front = pareto_front([setting_of(case, careful=True) for case in engines])
+        if front:
+            name = labels_in_words(engines[0], ("scene", "particles"))
+            yield f"{name}: the expected error of the MSD is smallest {front_in_words(front)}."
+    if len(scenes) > MOST_SCENES:
+        yield f"The table has {counted(len(scenes) - MOST_SCENES, 'further scene')}."
+
+
+def front_in_words(front: Sequence[Interval]) -> str:
+    """Return which setting of a Pareto front is the best for which CPU time."""
+    if len(front) == 1:
+        return f"with {front[0].label}, for any CPU time"
+    limited = [f"with {label} up to {in_time(end)} of CPU" for label, _, end in front[:-1]]
+    return f"{', '.join(limited)}, then with {front[-1].label}"
