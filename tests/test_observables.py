@@ -37,7 +37,7 @@ CHANNELS = [pytest.param(CHANNEL_X, id="channel-x"), pytest.param(CHANNEL_Y, id=
 BOUNDARIES = [W, P, *CHANNELS]
 SQUARE = ("square_displacement",)
 QUARTIC = ("quartic_displacement",)
-TRACER_ALONE = (*SQUARE, "velocity_autocorrelation", *QUARTIC)
+TRACER_ALONE = observables.tracer_observables(OBSERVABLES)
 ALL = tuple(OBSERVABLES)
 REPORTED = {"quarter_collisions", "quarter_virial", "quarter_energy"}  # by the exact engine itself
 MEASURED = [name for name in ARRAYS if name not in REPORTED]
@@ -289,14 +289,16 @@ def test_averages_are_those_of_plain_loops(boundary, average):
         unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
     followed = [*range(13), 28, 29] if "disks" in average else [0]
     both = np.stack([unwrapped, run.whole.velocity], axis=2)  # (T, N, 2, 2)
-    for name, disks, tracks, product_of in (
+    rows = (
         ("square_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2)),
         ("quartic_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2) ** 2),
         ("displacement_velocity", followed, both, lambda a, b: np.vdot(b[1], b[0] - a[0])),
         ("velocity_autocorrelation", followed, run.whole.velocity, np.vdot),
         ("velocity_displacement", followed, both, lambda a, b: np.vdot(a[1], b[0] - a[0])),
         ("bath_velocity_autocorrelation", range(16, 28), run.whole.velocity, np.vdot),
-    ):
+    )
+    assert {name for name, *_ in rows} == {*found}, "each array needs a row"
+    for name, disks, tracks, product_of in rows:
         by_disk = []
         for disk in disks:
             values = tracks[:, disk]
