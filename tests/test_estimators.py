@@ -24,6 +24,7 @@ from brownpipe.scene import parse_scene
 from brownpipe.storage.trajectories import write_trajectories
 from ensembles import make_scene
 from scenes import CHANNEL_X, CHANNEL_Y
+from validation.transport import fluid
 
 SIGMAS = 4.5
 EVERYTHING = tuple(observables.OBSERVABLES)
@@ -92,10 +93,10 @@ def dataset(tmp_path_factory):
 
 @pytest.mark.slow
 def test_every_variable_is_there(dataset):
-    """And says its unit. A run that could not go on, a drift, and 200 runs have variables of their
-    own.
+    """And says its unit. A run that could not go on, a drift, 200 runs, and large fluids have
+    variables of their own.
     """
-    others = ("stopped", "drift_diffusion", "non_gaussian_parameter_controlled")
+    others = ("stopped", "drift_diffusion", "non_gaussian_parameter_controlled", "vacf_tail")
     expected = {name for name in analysis.dataset.ALL_VARIABLES if not name.startswith(others)}
     assert {*dataset.data_vars} == expected
     for variable in dataset.data_vars.values():
@@ -807,3 +808,54 @@ def test_enskogs_theory_of_a_mixture():
     assert found["enskog_contact_value"] == pytest.approx(chi[0, 2])
     assert pytest.approx(chi[0, 2]) != pytest.approx(chi[0, 1])
     assert thermodynamics.enskog(make_scene()) == {}, "it needs a temperature"
+
+
+def equal_disks(particles=4000, phi=0.3, diameter=0.5, mass=2.0, kt=3.0, **keys):
+    """A periodic fluid, sampled up to 40 of the times in which diameter, mass and kT are 1."""
+    side = np.sqrt(particles * np.pi * diameter**2 / (4 * phi))
+    unit = diameter * np.sqrt(mass / kt)
+    disks = {"name": "disk", "count": particles, "radius": diameter / 2, "mass": mass}
+    box = {"x": [0.0, side], "y": [0.0, side], "boundary": "periodic"}
+    scene = {
+        "box": box,
+        "disks": {"species": [disks]},
+        "velocities": {"temperature": kt},
+        "duration": 40 * unit,
+        "sample_interval": 0.25 * unit,
+    }
+    return parse_scene(scene, "fluid.yaml").replace(None, **keys), unit
+
+
+def tail_of(scene):
+    return velocity.tail_of_fluid(estimator.Case(scene, Engine("exact"), scene.times))
+
+
+def test_the_tail_is_that_of_mode_coupling_theory_in_the_window_of_the_validation():
+    """In any units; with zero total momentum it lacks the motion of the centre of mass."""
+    for zero_momentum in (True, False):
+        scene, unit = equal_disks(**{"velocities.zero_momentum": zero_momentum})
+        expected = fluid(0.3)
+        t = scene.times / unit
+        tail = tail_of(scene)
+        inside = (t > 30 / expected.rate) & (t < 0.7 * expected.crossing(4000))
+        assert np.array_equal(np.isfinite(tail), inside) and inside.any()
+        centre = 1 / 4000 if zero_momentum else 0.0
+        correlation = tail[inside] / (2 * 3.0 / 2.0) + centre
+        np.testing.assert_allclose(correlation * t[inside], expected.tail, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"box.boundary": "reflecting"},
+        {"box.boundary": {"x": "periodic", "y": "reflecting"}},
+        {"duration": 2.0},  # too short
+        {"disks.tracer": {"radius": 0.25, "mass": 30.0}},
+    ],
+)
+def test_other_scenes_and_short_runs_have_no_tail(keys):
+    scene, _ = equal_disks()
+    assert tail_of(scene) is not None
+    assert tail_of(scene.replace(None, **keys)) is None
+    small, _ = equal_disks(particles=100)  # sound crosses the box before
+    assert tail_of(small) is None

@@ -611,6 +611,26 @@ def test_a_correlation_at_rest_has_no_initial_slope_and_cases_without_a_common_l
     )
 
 
+def test_the_tail_of_theory_is_drawn_in_place_of_a_slope(dataset):
+    case = dataset.sel(scene=["thermal"], particles=[20], engine=["exact"])
+    curve = case.velocity_autocorrelation
+    theory_of_tail = (0.1 / case.time).where(case.time > 0.5) + 0 * curve
+    data = case.assign(vacf_tail=theory_of_tail)
+    for of_case, label, other in (
+        (data, "mode coupling, $a/t$ (lower panel)", "decay as $1/t$ (lower panel)"),
+        (case, "decay as $1/t$ (lower panel)", "mode coupling, $a/t$ (lower panel)"),
+    ):
+        upper, lower = draw_figure(of_case, "velocity_autocorrelation").axes
+        labels = [line.get_label() for line in upper.lines]
+        assert label in labels and other not in labels
+        if of_case is data:
+            later = case.time.values[case.time.values > 0.5]
+            drawn = [line for line in lower.lines if len(line.get_xdata()) == len(later)]
+            first = float(curve.isel(time=0).squeeze())
+            np.testing.assert_allclose(drawn[-1].get_xdata(), later)
+            np.testing.assert_allclose(drawn[-1].get_ydata(), 0.1 / later / first)
+
+
 def test_of_many_cases_some_are_drawn_unless_the_figure_is_that_of_a_scan(dataset):
     of_three = replace(RECORDS["msd"], most_cases=3)
     some, scan = (draw_figure(in_densities(dataset, 5), name) for name in (of_three, "scan"))

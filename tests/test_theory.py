@@ -13,7 +13,6 @@ from numpy.polynomial.legendre import leggauss
 from scipy.special import eval_genlaguerre, roots_genlaguerre
 
 from brownpipe import theory
-from validation import transport
 
 SIGMAS = 4.5
 
@@ -385,8 +384,8 @@ def test_sonine_factors_of_disks():
         return c[0] * eval_genlaguerre(p, 1, square)
 
     for trial, second, converged in (
-        (stress, 51 / 50, transport.SONINE_VISCOSITY),
-        (current, 43 / 42, transport.SONINE_DIFFUSION),
+        (stress, 51 / 50, theory.SONINE_VISCOSITY),
+        (current, 43 / 42, theory.SONINE_DIFFUSION),
     ):
         factors = sonine_factors(trial)
         assert factors[0] == pytest.approx(second, rel=1e-12)
@@ -403,7 +402,7 @@ def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
     m = 1.3
     kt = 2.1
     kinetic = 1.022 * np.sqrt(m * kt / np.pi) / (2 * s)
-    thin = transport.enskog_viscosity(1e-9, s, 1.0, m, kt)
+    thin = theory.enskog_viscosity(1e-9, s, 1.0, m, kt)
     assert thin == pytest.approx(kinetic, rel=1e-8)
     k = np.arange(64) * 2 * np.pi / 64
     shear = 1e-4
@@ -416,5 +415,5 @@ def test_enskog_viscosity_is_that_of_a_thin_gas_and_of_colliding_disks():
     over_directions = (np.cos(k) * np.sin(k) * square).sum() * 2 * np.pi / 64
     flux = n**2 * chi * s**2 * m / 2 * over_directions
     carried = kinetic * (1 + np.pi / 4 * n * s**2 * chi) ** 2 / chi
-    collisional = transport.enskog_viscosity(n, s, chi, m, kt) - carried
+    collisional = theory.enskog_viscosity(n, s, chi, m, kt) - carried
     assert collisional == pytest.approx(-flux / shear, rel=1e-6)

@@ -85,7 +85,7 @@ def test_velocity_autocorrelation_begins_with_enskogs_friction_and_gives_all_son
     rates, weights = velocity_modes(1.0)
     assert weights.sum() == pytest.approx(1.0)
     assert (rates * weights).sum() == pytest.approx(1.0)
-    assert (weights / rates).sum() == pytest.approx(transport.SONINE_DIFFUSION, abs=2e-4)
+    assert (weights / rates).sum() == pytest.approx(theory.SONINE_DIFFUSION, abs=2e-4)
     assert correlation(100.0, 1.0) == pytest.approx(np.exp(-1), rel=1e-5)
 
 

@@ -9,11 +9,6 @@ import numpy as np
 
 from brownpipe import theory
 
-# Factors by which all further Sonine orders correct the first, for equal disks: of the viscosity of
-# a dilute gas, of D
-SONINE_VISCOSITY = 1.022
-SONINE_DIFFUSION = 1.027
-
 
 class Fluid(NamedTuple):
     """A fluid of packing fraction phi in reduced units."""
@@ -30,37 +25,11 @@ class Fluid(NamedTuple):
         """Return t C(t) of mode-coupling theory at late times, 1/(8 pi n (D + nu)), with C(0) =
         1.
         """
-        return 1 / (8 * np.pi * self.density * (self.diffusion + self.viscosity))
+        return theory.tail_amplitude(self.density, self.diffusion, self.viscosity)
 
     def crossing(self, particles: int) -> float:
         """Return the time that sound takes across the periodic square box of so many disks."""
         return np.sqrt(particles / self.density) / self.sound
-
-
-def enskog_viscosity(
-    number_density: float, diameter: float, contact: float, mass: float, temperature: float
-) -> float:
-    """Return Enskog's shear viscosity [mass/time], 1.022 eta_B (1 + phi chi)^2/chi + n^2 s^3 chi
-    sqrt(pi m kT)/4.
-
-    For equal disks of packing fraction phi. eta_B = sqrt(m kT/pi)/(2 s) is Boltzmann's in the first
-    Sonine order, n the `number_density` [1/length^2], s the `diameter` [length], chi the `contact`
-    value. The first term is the momentum that disks carry, the second that exchanged in collisions.
-    Enskog's theory, D. M. Gass, J. Chem. Phys. 54, 1898 (1971); docs/theory.md, section 3.
-    """
-    crowding = np.pi / 4.0 * number_density * np.square(diameter) * contact
-    momentum = np.sqrt(mass * temperature / np.pi)
-    carried = SONINE_VISCOSITY * momentum / (2.0 * diameter) * np.square(1.0 + crowding) / contact
-    return (
-        carried
-        + np.pi
-        / 4.0
-        * np.square(number_density)
-        * diameter
-        * np.square(diameter)
-        * contact
-        * momentum
-    )
 
 
 def fluid(phi: float) -> Fluid:
@@ -70,9 +39,9 @@ def fluid(phi: float) -> Fluid:
         phi,
         n,
         rate=theory.collision_rate(n, 1.0, chi, 0.5, 1.0),
-        diffusion=SONINE_DIFFUSION / theory.enskog_friction(n, 1.0, chi, 0.5, 1.0),
-        viscosity=enskog_viscosity(n, 1.0, chi, 1.0, 1.0) / n,
-        sound=np.sqrt(_slope_of_pressure(phi) + theory.compressibility(phi, chi) ** 2),
+        diffusion=theory.SONINE_DIFFUSION / theory.enskog_friction(n, 1.0, chi, 0.5, 1.0),
+        viscosity=theory.enskog_viscosity(n, 1.0, chi, 1.0, 1.0) / n,
+        sound=theory.sound_speed(phi, 1.0, 1.0),
     )
 
 
@@ -94,15 +63,4 @@ def fixed_number(mean: Callable[[float], float], phi: float, particles: int) -> 
     """
     step = 1e-3
     low, middle, high = (x * mean(x) for x in (phi - step, phi, phi + step))
-    return -phi * (low - 2 * middle + high) / step**2 / (2 * particles * _slope_of_pressure(phi))
-
-
-def _slope_of_pressure(phi: float) -> float:
-    """Return d(phi Z)/d phi at constant temperature. With c_V = k per disk, c^2 = (kT/m) [d(phi
-    Z)/d phi + Z^2].
-    """
-    step = 1e-5
-    low, high = (
-        x * theory.compressibility(x, theory.contact_value(x)) for x in (phi - step, phi + step)
-    )
-    return (high - low) / (2 * step)
+    return -phi * (low - 2 * middle + high) / step**2 / (2 * particles * theory.pressure_slope(phi))

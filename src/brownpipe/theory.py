@@ -33,6 +33,10 @@ _FORGOTTEN_MODE = 1e-17
 _NODES = 64
 SMALLEST_TOLERANCE = 4 * np.finfo(float).eps  # relative, of SciPy's brentq
 HEXAGONAL_PACKING = math.pi / math.sqrt(12.0)  # of equal disks; none are packed more densely
+# Factors by which all further Sonine orders correct the first, for equal disks: of the viscosity of
+# a dilute gas, of D
+SONINE_VISCOSITY = 1.022
+SONINE_DIFFUSION = 1.027
 SMALLEST_GAP = 1e-6  # between neighbours in a crystal, relative to their distance
 
 
@@ -379,6 +383,55 @@ def enskog_friction(
     """
     momentum = np.sqrt(2.0 * np.pi) * np.sqrt(mass) * np.sqrt(temperature)
     return 2.0 * number_density * contact * distance * momentum
+
+
+def enskog_viscosity(
+    number_density: float, diameter: float, contact: float, mass: float, temperature: float
+) -> float:
+    """Return Enskog's shear viscosity [mass/time], 1.022 eta_B (1 + phi chi)^2/chi + n^2 s^3 chi
+    sqrt(pi m kT)/4.
+
+    For equal disks of packing fraction phi. eta_B = sqrt(m kT/pi)/(2 s) is Boltzmann's in the first
+    Sonine order, n the `number_density` [1/length^2], s the `diameter` [length], chi the `contact`
+    value. The first term is the momentum that disks carry, the second that exchanged in collisions.
+    Enskog's theory, D. M. Gass, J. Chem. Phys. 54, 1898 (1971); docs/theory.md, section 3.
+    """
+    crowding = np.pi / 4.0 * number_density * np.square(diameter) * contact
+    momentum = np.sqrt(mass * temperature / np.pi)
+    boltzmann = momentum / (2.0 * diameter)
+    carried = SONINE_VISCOSITY * boltzmann * np.square(1.0 + crowding) / contact
+    exchanged = np.square(number_density) * diameter**3 * contact * np.pi * momentum / 4.0
+    return float(carried + exchanged)
+
+
+def pressure_slope(packing_fraction: float) -> float:
+    """Return d(phi Z)/d phi of equal disks at constant temperature, Z of `contact_value`."""
+    step = 1e-5
+    low, high = (
+        phi * compressibility(phi, contact_value(phi))
+        for phi in (packing_fraction - step, packing_fraction + step)
+    )
+    return float((high - low) / (2 * step))
+
+
+def sound_speed(packing_fraction: float, mass: float, temperature: float) -> float:
+    """Return the adiabatic speed of sound c [length/time] of equal disks, c^2 = (kT/m) [d(phi
+    Z)/d phi + Z^2], with c_V = k for each disk.
+    """
+    z = compressibility(packing_fraction, contact_value(packing_fraction))
+    square = temperature / mass * (pressure_slope(packing_fraction) + z**2)
+    return float(np.sqrt(square))
+
+
+def tail_amplitude(number_density: float, diffusion: float, viscosity: float) -> float:
+    """Return t C(t)/C(0) [time] of the velocity autocorrelation C of a disk in an infinite fluid at
+    late times, 1/(8 pi n (D + nu)).
+
+    viscosity: the kinematic one, nu [length^2/time]. Mode-coupling theory in two dimensions, M. H.
+    Ernst, E. H. Hauge and J. M. J. van Leeuwen, Phys. Rev. Lett. 25, 1254 (1970); docs/theory.md,
+    section 4.
+    """
+    return 1.0 / (8.0 * np.pi * number_density * (diffusion + viscosity))
 
 
 def mixture_contact_values(number_densities: np.ndarray, diameters: np.ndarray) -> np.ndarray:

@@ -31,6 +31,11 @@ from brownpipe.scene import Scene, motion
 EARLY = 0.25
 # decay at the first sample after 0 beyond which the sampling is too coarse for an initial slope
 COARSE = 0.2
+# Mean free times after which the tail is that of theory, at packing fractions: as J. J. Erpenbeck
+# and W. W. Wood compare them, Phys. Rev. A 26, 1648 (1982)
+TAIL_DENSITIES = (0.14, 0.30, 0.45)
+TAIL_STARTS = (20.0, 30.0, 40.0)
+CROSSED = 0.7  # the tail is that of an infinite fluid up to this share of the sound-crossing time
 LATEST = 1.0  # latest of these samples, in units of the inverse of `fastest_rate`
 
 
@@ -143,6 +148,43 @@ def expected_slope(case: Case, averages: Averages) -> float:
     return -share * rate * square_speed
 
 
+def tail_of_fluid(case: Case) -> np.ndarray | None:
+    """Return the tail of the velocity autocorrelation (T,) [length^2/time^2] by mode-coupling
+    theory, (2 kT/m) (a/t - 1/N) with zero total momentum, otherwise without 1/N; NaN at other times
+    than those of the tail.
+
+    With D and the viscosity of Enskog's theory in all Sonine orders. None unless the scene is a
+    periodic fluid of equal disks, and a sample is late enough, but before sound has crossed the
+    box. docs/theory.md, section 4.
+    """
+    scene = case.scene
+    has_equal_disks = len(np.unique(scene.mass)) == len(np.unique(scene.radius)) == 1
+    kt = motion.temperature(scene)
+    if not kt or not has_equal_disks or scene.box.has_walls or scene.tracer_velocity is not None:
+        return None
+    if not enskog(scene):
+        return None
+    phi = scene.packing_fraction
+    n = scene.particles / scene.box.area
+    mass = scene.mass[0]
+    diameter = 2 * scene.radius[0]
+    contact = theory.contact_value(phi)
+    friction = theory.enskog_friction(n, diameter, contact, mass / 2, kt)
+    diffusion = theory.SONINE_DIFFUSION * kt / friction
+    viscosity = theory.enskog_viscosity(n, diameter, contact, mass, kt) / (n * mass)
+    rate = theory.collision_rate(n, diameter, contact, mass / 2, kt)
+    start = np.interp(phi, TAIL_DENSITIES, TAIL_STARTS) / rate
+    crossing = min(scene.box.width, scene.box.height) / theory.sound_speed(phi, mass, kt)
+    is_tail = (case.times >= start) & (case.times <= CROSSED * crossing)
+    if not is_tail.any():
+        return None
+    amplitude = theory.tail_amplitude(n, diffusion, viscosity)
+    lacking = 1 / scene.particles if motion.keeps_momentum_zero(scene) else 0.0
+    tail = np.full(len(case.times), np.nan)
+    tail[is_tail] = 2 * kt / mass * (amplitude / case.times[is_tail] - lacking)
+    return tail
+
+
 def velocity_columns(case: Case, runs: Ensemble) -> Columns:
     """Return autocorrelation, its slope at 0, running D and densities."""
     seen = runs.observables
@@ -170,13 +212,19 @@ def velocity_columns(case: Case, runs: Ensemble) -> Columns:
 
 
 def velocity_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
-    """Return the slope of the autocorrelation at 0, and its value in equilibrium."""
+    """Return the slope of the autocorrelation at 0, its value in equilibrium, and the tail of
+    theory.
+    """
     if "velocity_autocorrelation" not in averages.places or len(case.times) < 3:
         return {}
-    return {
+    results: dict[str, ArrayLike] = {
         "vacf_initial_slope": initial_slope(case, averages),
         "vacf_initial_slope_expected": expected_slope(case, averages),
     }
+    tail = tail_of_fluid(case)
+    if tail is not None:
+        results["vacf_tail"] = tail
+    return results
 
 
 SPECIES = (*CASE_DIMS, "species")
@@ -199,6 +247,9 @@ VARIABLES = {
     ),
     "vacf_initial_slope_expected": Variable(
         CASE_DIMS, SLOPE, "initial slope expected from <v^2> and collision rate"
+    ),
+    "vacf_tail": Variable(
+        TIME, SPEED2, "tail of the autocorrelation by mode-coupling theory, with Enskog's D and nu"
     ),
     "velocity_density": Mean(
         (*SPECIES, "velocity_bin"), "1", "probability density of the velocity components"

@@ -13,13 +13,14 @@ from matplotlib.axes import Axes
 from xarray import Dataset
 
 from brownpipe.figures import style
-from brownpipe.figures.cases import PARTS, has, plus_minus
+from brownpipe.figures.cases import PARTS, defined, has, plus_minus
 from brownpipe.figures.figure import Columns, Figure
 from brownpipe.figures.looks import NO_LOOKS, Looks
 
 TRACER = "velocity_autocorrelation"
 BATH = "bath_velocity_autocorrelation"
 SLOPE = "vacf_initial_slope"
+TAIL = "vacf_tail"
 LABEL = "$\\langle v(0) \\cdot v(t) \\rangle\\ /\\ \\langle v(0)^2 \\rangle$"
 
 
@@ -98,7 +99,8 @@ def draw_decays(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
 
 
 def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> None:
-    """Draw the decays on logarithmic axes as far as they are resolved, with a slope of 1/t.
+    """Draw the decays on logarithmic axes as far as they are resolved, with the tail of theory of
+    a single case or, where there is none, a slope of 1/t.
 
     A curve ends where its 95 % band, or without one the curve, first reaches zero: the rest is
     noise.
@@ -116,8 +118,20 @@ def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> None:
             0.5, 0.5, "not resolved from 0", ha="center", color=style.GREY, transform=axes.transAxes
         )
     long_tails = [tail for tail in tails if tail.sizes["time"] > 2]
-    if long_tails:
+    if len(cases) == 1 and has(cases[0], TAIL):
+        _theory(upper, axes, cases[0])
+    elif long_tails:
         _guide(upper, axes, long_tails[0])
+
+
+def _theory(upper: Axes, axes: Axes, case: Dataset) -> None:
+    """Draw the tail of mode-coupling theory."""
+    tail = defined(case, TAIL)
+    line: Looks = {"color": style.INK, "linewidth": 1}
+    is_positive = tail[TAIL].values > 0
+    shown = tail.isel(time=is_positive)
+    axes.plot(shown.time, shown[TAIL] / float(case[TRACER][0]), **line)
+    upper.plot([], [], label="mode coupling, $a/t$ (lower panel)", **line)
 
 
 def _guide(upper: Axes, axes: Axes, tail: Dataset) -> None:

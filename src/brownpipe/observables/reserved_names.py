@@ -32,9 +32,9 @@ OTHER_NAMES = """
     run_msd run_status runs scene seed slope_change slope_change_p_value
     slope_change_standard_error species species_pair speed_bin speed_counts square_displacement
     stopped time time_to_try tracer_collisions tracer_collisions_standard_error unwrapped
-    vacf_initial_slope_expected velocity velocity_bin velocity_counts velocity_displacement
-    virial wall_collisions wall_collisions_standard_error wall_distance wall_impulse
-    wall_reduction window window_drift_diffusion window_end window_start worst_overlap
+    vacf_initial_slope_expected vacf_tail velocity velocity_bin velocity_counts
+    velocity_displacement virial wall_collisions wall_collisions_standard_error wall_distance
+    wall_impulse wall_reduction window window_drift_diffusion window_end window_start worst_overlap
 """
 
 
