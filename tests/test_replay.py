@@ -2,12 +2,14 @@
 controls; refusals.
 """
 
+import html
 import json
 import re
 
 import numpy as np
 import pytest
 
+import brownpipe as bp
 import browser
 from brownpipe.cli import main
 from brownpipe.engines import Engine, engine_of_request
@@ -16,7 +18,7 @@ from brownpipe.figures.origin import read_record
 from brownpipe.report import replay
 from brownpipe.scene import parse_scene
 from brownpipe.storage.configurations import read_scene
-from brownpipe.storage.trajectories import Trajectories, write_trajectories
+from brownpipe.storage.trajectories import Trajectories, to_tree, write_trajectories
 from ensembles import make_scene
 from scenes import CHANNEL_X, CHANNEL_Y
 
@@ -184,6 +186,16 @@ def test_a_page_of_the_note_is_small_and_says_what_it_was_made_from(tmp_path, mo
     assert command in capsys.readouterr().out
     assert main(["movie", "run.h5", "--output", "again.html"]) == DONE
     assert (tmp_path / "again.html").read_bytes() == page
+
+
+def test_a_notebook_shows_the_page_in_a_frame(runs):
+    tree = to_tree(runs["walls"])
+    shown = bp.replay(tree, seed=SEED)
+    assert data_of(shown.contents.decode()) == data_of(page_of(runs["walls"]))
+    (source,) = re.findall('<iframe srcdoc="([^"]*)"', shown._repr_html_())
+    assert html.unescape(source) == shown.contents.decode()
+    with pytest.raises(RequestError, match="runs: holds no run of seed 6; must be of 5"):
+        bp.replay(tree, seed=6)
 
 
 def test_refusals(tmp_path, capsys, runs):

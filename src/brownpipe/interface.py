@@ -80,6 +80,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
+    from brownpipe.report.replay import ReplayPage
+
 # of seeds for each core: cores then finish together even if run times differ, and progress is shown
 BATCHES = 16
 SETTINGS: list[str] = []  # of all engines
@@ -632,6 +634,28 @@ def plot(
     # by which notebooks show an object
     drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]
     return drawn
+
+
+def replay(runs: DataTree, seed: int | None = None) -> "ReplayPage":
+    """Return a page that replays a run from collision to collision, which notebooks show by
+    themselves.
+
+    runs: what `simulate` or `open` returns, with `record="all,events"`.
+    seed: of the run; by default the smallest.
+
+    `contents` of the result are the bytes of the page, an HTML file that needs no other, as
+    `brownpipe movie RUNS.h5 --output RUN.html` writes it. It ends after 5,000 collisions.
+
+    Raises RequestError for runs without all disks and their collisions, and for another seed.
+
+    >>> recorded = bp.simulate(scene, seeds=[17], record="all,events", quiet=True)
+    >>> bp.replay(recorded, seed=17).extent
+    '109 collisions'
+    """
+    from brownpipe.report.replay import replay_page  # imports Pillow
+
+    chosen_seed = validated(int | None, plain(seed), key="seed")
+    return replay_page(from_tree(runs), "runs", chosen_seed)
 
 
 def open(path: str | Path) -> DataTree | Dataset:  # as in xarray, of which it returns an object

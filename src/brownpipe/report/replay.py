@@ -6,6 +6,7 @@ collisions determine every position at every time. The page gets these numbers, 
 computes the positions.
 """
 
+from html import escape
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ MOST_COLLISIONS = 5000
 RECORD = "all,events"
 # Longer side of the picture over the shorter one at most, as in `replay.js`
 ELONGATION = 6
+FRAME_HEIGHT = 860  # of a page in a notebook [pixel]
 MARGIN = 0.012  # around the box, for its sides, in longer sides of the picture
 
 
@@ -62,6 +64,19 @@ class Still(NamedTuple):
     circles: list[Circle]  # the tracer last, on top
 
 
+class ReplayPage(NamedTuple):
+    """A web page with the replay of a run, which notebooks show by themselves."""
+
+    contents: bytes
+    extent: str  # how many of the collisions it has, in words
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame of its own: its scripts know nothing of the notebook."""
+        page = escape(self.contents.decode(), quote=True)
+        style = f"width: 100%; height: {FRAME_HEIGHT}px; border: 0"
+        return f'<iframe srcdoc="{page}" style="{style}" title="{self.extent}"></iframe>'
+
+
 class Replay(NamedTuple):
     """What `replay_section.html` shows of one run."""
 
@@ -72,10 +87,8 @@ class Replay(NamedTuple):
     still: Still
 
 
-def replay_page(
-    trajectories: Trajectories, path: str, seed: int | None = None
-) -> tuple[bytes, str]:
-    """Return a web page with the replay of a run, and in words how many of its collisions it has.
+def replay_page(trajectories: Trajectories, path: str, seed: int | None = None) -> ReplayPage:
+    """Return a web page with the replay of a run.
 
     It ends where MOST_COLLISIONS are reached. `path` is the file of the trajectories, for messages;
     the run is that of `seed`, by default of the smallest. The same run gives the same bytes.
@@ -89,7 +102,7 @@ def replay_page(
         replay=replay,
         record=movie_record(trajectories, RECORD, seed),
     )
-    return page, replay.extent
+    return ReplayPage(page, replay.extent)
 
 
 def replay_of(trajectories: Trajectories, seed: int) -> Replay:
