@@ -31,8 +31,10 @@ def make_scene(
 
 
 def walk(rng, times, runs, diffusion=DIFFUSION):
-    """Positions (T, runs, 2) of free diffusers that start at the origin."""
-    length = np.sqrt(2 * diffusion * np.diff(times, prepend=0.0))[:, None, None]
+    """Positions (T, runs, 2) of free diffusers that start at the origin, with one D or that along x
+    and along y.
+    """
+    length = np.sqrt(2 * np.diff(times, prepend=0.0))[:, None, None] * np.sqrt(diffusion)
     return (rng.standard_normal((len(times), runs, 2)) * length).cumsum(axis=0)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from brownpipe import analysis, observables, theory
 from brownpipe.analysis import (
+    components,
     displacement,
     distribution,
     estimator,
@@ -93,10 +94,11 @@ def dataset(tmp_path_factory):
 
 @pytest.mark.slow
 def test_every_variable_is_there(dataset):
-    """And says its unit. A run that could not go on, a drift, 200 runs, and large fluids have
-    variables of their own.
+    """And says its unit. A run that could not go on, a drift, 200 runs, channels and large fluids
+    have variables of their own.
     """
     others = ("stopped", "drift_diffusion", "non_gaussian_parameter_controlled", "vacf_tail")
+    others += (*(components.VARIABLES.keys() - {"component_msd"}),)
     expected = {name for name in analysis.dataset.ALL_VARIABLES if not name.startswith(others)}
     assert {*dataset.data_vars} == expected
     for variable in dataset.data_vars.values():

@@ -11,6 +11,7 @@ from scipy import stats
 
 import brownpipe as bp
 from brownpipe import observables
+from brownpipe.analysis.components import component_squares
 from brownpipe.analysis.displacement import squared_of, tracer_square_displacement
 from brownpipe.analysis.estimator import Case
 from brownpipe.engines import Engine
@@ -223,8 +224,8 @@ def test_reach_of_the_pair_distribution():
 
 
 def plain_mean_over(scene, average, product_of):
-    """For each sample time the mean of a product of two samples, by the definition of the
-    average.
+    """For each sample time the mean of a product of two samples, perhaps of each component, by the
+    definition of the average.
     """
     last = len(scene.times) - 1
     equidistant = last + 1 if scene.duration == 2.0 else last
@@ -234,7 +235,7 @@ def plain_mean_over(scene, average, product_of):
         if "origins" in average and lag < last:
             origins = equidistant - lag
         products = [product_of(origin, origin + lag) for origin in range(origins)]
-        means.append(np.mean(products))
+        means.append(np.mean(products, axis=0))
     return means
 
 
@@ -289,14 +290,18 @@ def test_averages_are_those_of_plain_loops(boundary, average):
         unwrapped = unwrapped + run.whole.image * np.array([5.0, 4.0])
     followed = [*range(13), 28, 29] if "disks" in average else [0]
     both = np.stack([unwrapped, run.whole.velocity], axis=2)  # (T, N, 2, 2)
-    rows = (
+    rows = [
         ("square_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2)),
         ("quartic_displacement", followed, unwrapped, lambda a, b: np.sum((b - a) ** 2) ** 2),
+        ("component_square_displacement", followed, unwrapped, lambda a, b: (b - a) ** 2),
         ("displacement_velocity", followed, both, lambda a, b: np.vdot(b[1], b[0] - a[0])),
         ("velocity_autocorrelation", followed, run.whole.velocity, np.vdot),
         ("velocity_displacement", followed, both, lambda a, b: np.vdot(a[1], b[0] - a[0])),
         ("bath_velocity_autocorrelation", range(16, 28), run.whole.velocity, np.vdot),
-    )
+    ]
+    if scene.box.is_channel:
+        name = "component_quartic_displacement"
+        rows.append((name, followed, unwrapped, lambda a, b: (b - a) ** 4))
     assert {name for name, *_ in rows} == {*found}, "each array needs a row"
     for name, disks, tracks, product_of in rows:
         by_disk = []
@@ -310,7 +315,7 @@ def test_averages_are_those_of_plain_loops(boundary, average):
         # sums of some 100 products of size 100: round-off below 1e-12; fourth powers are larger and
         # do not cancel
         np.testing.assert_allclose(
-            found[name], np.mean(by_disk, axis=0), rtol=1e-13, atol=1e-12 * 100
+            found[name], np.mean(by_disk, axis=0).T, rtol=1e-13, atol=1e-12 * 100
         )
 
 
@@ -335,7 +340,11 @@ def extended_means(scene, track, lag):
     along_later = (r * later).sum(axis=-1).mean()
     along_earlier = (r * earlier).sum(axis=-1).mean()
     correlation = (earlier * later).sum(axis=-1).mean()
-    return {
+    along = {}
+    for name, power in (("square", 2), ("quartic", 4)):
+        mean = (r**power).mean(axis=(0, 1))
+        along[f"component_{name}_displacement"] = (mean, mean)
+    return along | {
         "square_displacement": (square.mean(), square.mean()),
         "quartic_displacement": (quartic, quartic),
         "displacement_velocity": (along_later, growth),
@@ -358,14 +367,17 @@ def test_averages_over_many_origins_are_plain_sums(boundary, duration, monkeypat
     bath = run.whole.select(slice(1, 13)).first_samples(301)
     for lag in range(301):
         expected = extended_means(scene, equidistant, lag)
-        for name, (value, scale) in expected.items():
-            assert abs(found[name][lag] - value) <= 1e-13 * scale
+        for name in expected.keys() & found.keys():
+            value, scale = expected[name]
+            assert (abs(found[name][..., lag] - value) <= 1e-13 * scale).all()
         value, scale = extended_means(scene, bath, lag)["velocity_autocorrelation"]
         assert abs(found["bath_velocity_autocorrelation"][lag] - value) <= 1e-13 * scale
     if duration > 30:
         alone = Track(*(None if values is None else values[[0, 301]] for values in run.tracer))
-        for name, (value, scale) in extended_means(scene, alone, 1).items():
-            assert abs(found[name][301] - value) <= 1e-13 * scale
+        expected = extended_means(scene, alone, 1)
+        for name in expected.keys() & found.keys():
+            value, scale = expected[name]
+            assert (abs(found[name][..., 301] - value) <= 1e-13 * scale).all()
     monkeypatch.setattr(averages, "VALUES_AT_ONCE", 100)
     monkeypatch.setattr(averages, "MOST_LAGS", 64)
     in_small_blocks = observe(scene, run, names, "origins")
@@ -386,12 +398,13 @@ def caged(samples, rng):
     return np.cumsum(jumps, axis=0) + 0.01 * rng.normal(size=(samples, 2)), velocity
 
 
+@pytest.mark.parametrize("boundary", [P, CHANNELS[0]])
 @pytest.mark.parametrize("path", [straight, caged])
-def test_no_digits_are_lost_far_from_the_first_image(path):
+def test_no_digits_are_lost_far_from_the_first_image(path, boundary):
     """21,001 samples, a million boxes from the first image: squares to 1e-12, fourth powers to
     1e-10.
     """
-    scene = make(duration=2100.0)
+    scene = make(boundary, duration=2100.0)
     assert list(observables.problems(scene, TRACER_ALONE, "origins")) == []
     position, velocity = path(len(scene.times), np.random.default_rng(2))
     size = np.array([scene.box.width, scene.box.height])
@@ -402,9 +415,11 @@ def test_no_digits_are_lost_far_from_the_first_image(path):
     found = observe(scene, Run(track, track), TRACER_ALONE, "origins")
     some = np.geomspace(1, 21_000, 60).astype(int)
     for lag in np.unique([*some, *(21_001 - some)]):
-        for name, (value, scale) in extended_means(scene, track, lag).items():
-            tolerance = 1e-10 if name == "quartic_displacement" else 1e-12
-            assert abs(found[name][lag] - value) <= tolerance * scale
+        expected = extended_means(scene, track, lag)
+        for name in expected.keys() & found.keys():
+            value, scale = expected[name]
+            tolerance = 1e-10 if "quartic" in name else 1e-12
+            assert (abs(found[name][..., lag] - value) <= tolerance * scale).all()
 
 
 def test_few_lags_of_many_are_averaged_one_by_one(monkeypatch):
@@ -644,9 +659,14 @@ def test_the_same_to_the_bit(boundary, average):
     case = Case(scene, Engine("exact"), scene.times)
     square = recorded.observables["square_displacement"]
     assert squared_of(case, recorded) is square
+    components = recorded.observables["component_square_displacement"]
+    assert component_squares(case, recorded) is components
     if average == "runs":
         from_track = tracer_square_displacement(case, recorded)
         assert from_track.tobytes() == square.tobytes()
+        assert components.sum(axis=1).tobytes() == square.tobytes()
+        tracks_alone = simulate(scene, range(5), {"tracer"})
+        assert component_squares(case, tracks_alone).tobytes() == components.tobytes()
     square_speed = [np.sum(recorded.whole[seed].velocity[0, 0] ** 2) for seed in range(5)]
     assert square_speed == unrecorded.observables["initial_square_speed"].tolist()
 

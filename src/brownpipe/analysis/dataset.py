@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brownpipe.analysis import (
+    components,
     diffusive,
     displacement,
     distribution,
@@ -72,6 +73,7 @@ Values = dict[str, ArrayLike]
 
 ESTIMATORS: tuple[Estimator, ...] = (
     displacement.ESTIMATOR,
+    components.ESTIMATOR,
     distribution.ESTIMATOR,
     velocity.ESTIMATOR,
     pairs.ESTIMATOR,
@@ -436,6 +438,7 @@ def _pieces_of_case(
         "window": values["window"],
         **averages.run_values,
     }
+    values_of_good_runs |= _missing_coordinates(case, values_of_good_runs, table)
     for estimator in own_estimators:
         refuse_misshapen(estimator, values)
         refuse_misshapen(estimator, values_of_good_runs)

@@ -4,7 +4,8 @@ A quarter of a slope is a number in any case. It is the D of diffusion if the MS
 straight line for reasons of the motion: not where it is still ballistic, where cages, walls or
 neighbours in a file hold the tracer back, or where all disks drift together. Each reason is a bit
 of the variable `diffusion_mark`; a D without a mark is one that nothing speaks against, at the
-level and with the power of docs/theory.md, section 5.
+level and with the power of docs/theory.md, section 5. Half of the slope along x or y has a mark of
+its own, `component_diffusion_mark`, for the same reasons (`analysis.components`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -62,14 +63,88 @@ VARIABLES = {
         extra=FLAGS,
     )
 }
+# of the fits along x and y
+COMPONENT_MARK = Variable(
+    (*CASE_DIMS, "component", "window"),
+    "1",
+    "why slope/2 along x and y is no diffusion coefficient; 0: nothing speaks against it",
+    dtype=np.int8,
+    absent=0,
+    extra=FLAGS,
+)
+
+
+# For each variable of the straight-line fits that of the fits along x and y.
+BY_COMPONENT = {
+    "slope": "component_slope",
+    "slope_standard_error": "component_slope_standard_error",
+    "intercept": "component_intercept",
+    "intercept_standard_error": "component_intercept_standard_error",
+    "diffusion_coefficient": "component_diffusion",
+    "diffusion_coefficient_standard_error": "component_diffusion_standard_error",
+    "diffusion_coefficient_low": "component_diffusion_low",
+    "diffusion_coefficient_high": "component_diffusion_high",
+    "run_diffusion_coefficient": "run_component_diffusion",
+    "slope_change": "component_slope_change",
+    "slope_change_standard_error": "component_slope_change_standard_error",
+    "slope_change_p_value": "component_slope_change_p_value",
+    "growth_exponent": "component_growth_exponent",
+    "growth_exponent_standard_error": "component_growth_exponent_standard_error",
+    "wall_reduction": "component_wall_reduction",
+    "window_drift_diffusion": "component_drift_diffusion",
+    "diffusion_mark": "component_diffusion_mark",
+}
+
+
+def has_fits_by_component(dataset: "Dataset") -> bool:
+    """Return whether a dataset has cases whose motion differs along x and y."""
+    return "component_diffusion" in dataset
+
+
+def fits_by_component(dataset: "Dataset") -> "Dataset":
+    """Return the dataset with the fits along x and y, which have a dimension `component`, in place
+    of those of all motion.
+    """
+    fits = {}
+    for name, of_component in BY_COMPONENT.items():
+        if of_component in dataset:
+            fits[name] = dataset[of_component]
+    return dataset.assign(fits)
+
+
+def fits_along_channels(dataset: "Dataset") -> "Dataset":
+    """Return the dataset with the fits along channels in place of those of all motion: of cases in
+    channels D is half of the slope of the MSD along it.
+    """
+    if "channel_axis" not in dataset:
+        return dataset
+    by_component = fits_by_component(dataset)
+    for axis in dataset.component.values:
+        is_along = dataset.channel_axis == axis
+        along = by_component.sel(component=axis)
+        fits = {}
+        for name in BY_COMPONENT:
+            if name in dataset:
+                fits[name] = along[name].drop_vars("component").where(is_along, dataset[name])
+        dataset = dataset.assign(fits)
+    return dataset
 
 
 def marked(dataset: "Dataset") -> "Dataset":
-    """Return a dataset with `diffusion_mark`, its tests for a change of the slope one family.
+    """Return a dataset with `diffusion_mark`, its tests for a change of the slope one family; those
+    along x and y are another.
 
     The p-values of `slope_change_p_value` are adjusted by Holm's procedure over all cases and
     windows.
     """
+    of_all_motion = _marked(dataset)
+    if not has_fits_by_component(dataset):
+        return of_all_motion
+    along = _marked(fits_by_component(dataset))
+    return _with_marks_of(along, of_all_motion)
+
+
+def _marked(dataset: "Dataset") -> "Dataset":
     p = dataset.slope_change_p_value
     adjusted = p.copy(data=holm(p.values.ravel()).reshape(p.shape))
     dataset = dataset.assign(slope_change_p_value=adjusted)
@@ -79,6 +154,14 @@ def marked(dataset: "Dataset") -> "Dataset":
     marks = marks.where(dataset.diffusion_coefficient.notnull(), 0).astype(np.int8)
     described = VARIABLES["diffusion_mark"].attributes
     return dataset.assign(diffusion_mark=marks.transpose(*p.dims).assign_attrs(described))
+
+
+def _with_marks_of(along: "Dataset", dataset: "Dataset") -> "Dataset":
+    """Return a dataset with marks and p-values of the fits along x and y."""
+    return dataset.assign(
+        component_slope_change_p_value=along.slope_change_p_value,
+        component_diffusion_mark=along.diffusion_mark.assign_attrs(COMPONENT_MARK.attributes),
+    )
 
 
 def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
@@ -141,6 +224,16 @@ def _changes_like(earliest: "Dataset", dataset: "Dataset") -> "Dataset":
     """Return a dataset with the marks CHANGES and PLATEAU of the earliest window also in windows
     that do not show the contrary.
     """
+    marks = _lasting_marks(earliest, dataset)
+    of_all_motion = dataset.assign(diffusion_mark=marks)
+    if not has_fits_by_component(dataset):
+        return of_all_motion
+    along = fits_by_component(dataset)
+    marks_along = _lasting_marks(fits_by_component(earliest), along)
+    return _with_marks_of(along.assign(diffusion_mark=marks_along), of_all_motion)
+
+
+def _lasting_marks(earliest: "Dataset", dataset: "Dataset") -> "DataArray":
     largest_change = abs(dataset.slope_change) + 2 * dataset.slope_change_standard_error
     change_before = abs(earliest.slope_change) / _length(earliest)
     smallest_exponent = dataset.growth_exponent - 2 * dataset.growth_exponent_standard_error
@@ -153,7 +246,7 @@ def _changes_like(earliest: "Dataset", dataset: "Dataset") -> "Dataset":
         goes_on = (earliest.diffusion_mark & bit > 0) & ~has_ended & dataset.slope.notnull()
         marks = marks + bit * (goes_on & (marks & bit == 0))
     marks = marks.astype(np.int8).transpose(*dataset.diffusion_mark.dims)
-    return dataset.assign(diffusion_mark=marks.assign_attrs(dataset.diffusion_mark.attrs))
+    return marks.assign_attrs(dataset.diffusion_mark.attrs)
 
 
 def _length(dataset: "Dataset") -> "DataArray":
@@ -169,7 +262,9 @@ def _with_windows(dataset: "Dataset", names: Sequence[str]) -> "Dataset":
 
 
 def number_of_plain(dataset: "Dataset") -> int:
-    """Return in how many cases the D of the first window has no mark."""
-    first = dataset.isel(window=0)
+    """Return in how many cases the D of the first window, in channels that along it, has no
+    mark.
+    """
+    first = fits_along_channels(dataset.isel(window=0))
     is_plain = (first.diffusion_mark == 0) & first.diffusion_coefficient.notnull()
     return int(is_plain.sum())

@@ -174,21 +174,57 @@ def wall_reduction(scene: Scene, average: str, msd: float) -> float:
     return 1 - slope / 4
 
 
-def _msd_between_walls(scene: Scene, average: str, half_variance: float) -> tuple[float, float]:
-    """Return MSD [length^2] and its derivative by D t, where D t is `half_variance` [length^2]:
-    along a periodic axis 2 D t and 2, along one without room to move 0.
+def wall_reduction_along(axis: int, scene: Scene, average: str, msd: float) -> float:
+    """Return the share by which walls reduce the slope of the MSD along x (0) or y (1) when it has
+    reached `msd`: as `wall_reduction`, but of this component alone.
+
+    0 along a periodic axis; NaN without room to move, and for an MSD that is not positive.
     """
+    from scipy.optimize import brentq
+
+    if scene.box.periodic_axes[axis]:
+        return 0.0
+    _, size = scene.box.accessible(scene.radius[0])
+    if not (size[axis] > 0 and msd > 0):
+        return np.nan
+    largest = 2 * size[axis] ** 2  # D t, at which the width is filled to 1e-8
+
+    def excess(half_variance: float) -> float:
+        msd_then, _ = _msd_along_axis(axis, scene, average, half_variance)
+        return msd_then - msd
+
+    if excess(largest) <= 0:
+        return 1.0
+    half_variance = brentq(excess, 0.0, largest, rtol=1e-9)
+    _, slope = _msd_along_axis(axis, scene, average, half_variance)
+    return 1 - slope / 2
+
+
+def _msd_between_walls(scene: Scene, average: str, half_variance: float) -> tuple[float, float]:
+    """Return MSD [length^2] and its derivative by D t, where D t is `half_variance` [length^2]: the
+    sums over x and y.
+    """
+    msd_x, slope_x = _msd_along_axis(0, scene, average, half_variance)
+    msd_y, slope_y = _msd_along_axis(1, scene, average, half_variance)
+    return msd_x + msd_y, slope_x + slope_y
+
+
+def _msd_along_axis(
+    axis: int, scene: Scene, average: str, half_variance: float
+) -> tuple[float, float]:
+    """Return MSD [length^2] along x (0) or y (1) and its derivative by D t, where D t is
+    `half_variance` [length^2]: along a periodic axis 2 D t and 2, along one without room to move 0.
+    """
+    if scene.box.periodic_axes[axis]:
+        return 2 * half_variance, 2.0
     corner, size = scene.box.accessible(scene.radius[0])
+    length = size[axis]
+    if not length > 0:
+        return 0.0, 0.0
     start = known_start(scene, average)
-    starts = [None, None] if start is None else [*(np.array(start) - corner)]
-    msd = slope = 0.0
-    for is_periodic, length, from_wall in zip(scene.box.periodic_axes, size, starts, strict=True):
-        if is_periodic:
-            msd += 2 * half_variance
-            slope += 2
-        elif length > 0:
-            msd += theory.reflecting_interval_msd(half_variance, length, from_wall)
-            slope += theory.reflecting_interval_slope(half_variance, length, from_wall)
+    from_wall = None if start is None else start[axis] - corner[axis]
+    msd = theory.reflecting_interval_msd(half_variance, length, from_wall)
+    slope = theory.reflecting_interval_slope(half_variance, length, from_wall)
     return msd, slope
 
 
@@ -209,7 +245,8 @@ def window_drift_diffusion(case: Case, window: Window) -> float:
 
 
 def best_end(cases: Sequence[Case], groups: Sequence[Group]) -> float:
-    """Return when default windows end [time]: the latest time before walls are felt in most cases.
+    """Return when default windows end [time]: the latest time before walls are felt in most cases;
+    along a channel they never are.
 
     Judged by the MSD of the first runs of each case, so that walls count from half of WALLS_FELT
     on, or where they do so at all times from WALLS_FELT on. A time at which the first window has
@@ -225,9 +262,10 @@ def best_end(cases: Sequence[Case], groups: Sequence[Group]) -> float:
     for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
         squares = known_arrays(squared_of(case, runs) for runs in first_good_runs(group))
         if squares:
-            msd = np.concatenate(squares).mean(axis=0)
-            at_ends = np.interp(ends, case.times, msd)
-            reduction[k] = [wall_reduction(case.scene, average, value) for value in at_ends]
+            if not case.scene.box.is_channel:
+                msd = np.concatenate(squares).mean(axis=0)
+                at_ends = np.interp(ends, case.times, msd)
+                reduction[k] = [wall_reduction(case.scene, average, value) for value in at_ends]
             weights = [line_weights(case.times, window) for window in first_windows]
             reduction[k, np.isnan(weights).any(axis=(1, 2))] = 1.0
     for bound in (WALLS_FELT / 2, WALLS_FELT):
@@ -274,18 +312,24 @@ def displacement_columns(case: Case, runs: Ensemble) -> Columns:
     square = squared_of(case, runs)
     if square is None:
         return Columns()
+    means = {"msd": square, **per_run_fits(square, case)}
+    if "friction_rate" in runs.observables:
+        means["friction_rate"] = runs.observables["friction_rate"]
+    run_values = {"run_msd": square[:, -1], "run_diffusion_coefficient": means["slope"] / 4}
+    return Columns(means, run_values=run_values)
+
+
+def per_run_fits(square: np.ndarray, case: Case) -> dict[str, np.ndarray]:
+    """Return slope, intercept and change of the slope (n, W) of the squared displacement (n, T) of
+    every run in all windows.
+    """
     lines = per_run_lines(square, case.times, case.windows)
     changes = [(square * change_weights(case.times, window)).sum(axis=1) for window in case.windows]
-    means = {
-        "msd": square,
+    return {
         "slope": lines[:, 0],
         "intercept": lines[:, 1],
         "slope_change": np.stack(changes, axis=-1),
     }
-    if "friction_rate" in runs.observables:
-        means["friction_rate"] = runs.observables["friction_rate"]
-    run_values = {"run_msd": square[:, -1], "run_diffusion_coefficient": lines[:, 0] / 4}
-    return Columns(means, run_values=run_values)
 
 
 def displacement_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -307,15 +351,22 @@ def displacement_results(case: Case, averages: Averages) -> dict[str, ArrayLike]
     }
     ends = np.array([end for _, end in case.windows])
     msd_at_ends = np.interp(ends, case.times, msd.mean)
-    has_moved = msd_at_ends > 0
-    per_slope = np.divide(ends, msd_at_ends, out=np.full(len(ends), np.nan), where=has_moved)
-    exponent = slope.scaled(per_slope)
+    exponent = growth_exponent(slope, ends, msd_at_ends)
     reductions = [wall_reduction(case.scene, case.average, value) for value in msd_at_ends]
     return values | {
         "growth_exponent": exponent.mean,
         "growth_exponent_standard_error": exponent.standard_error,
         "wall_reduction": reductions,
     }
+
+
+def growth_exponent(slope: Estimate, ends: np.ndarray, msd_at_ends: np.ndarray) -> Estimate:
+    """Return slope t/MSD at the ends (W,) of the windows, (..., W) as slope and MSD there; NaN
+    where nothing moves.
+    """
+    has_moved = msd_at_ends > 0
+    unknown = np.full(msd_at_ends.shape, np.nan)
+    return slope.scaled(np.divide(ends, msd_at_ends, out=unknown, where=has_moved))
 
 
 def _scene_values(case: Case, averages: Averages) -> dict[str, ArrayLike]:

@@ -1,48 +1,81 @@
-"""Squared displacement of the tracer in one run, its rate of change, and its square. T sample
-times, M disks.
+"""Squared displacement of the tracer in one run, also along x and y alone, its rate of change, and
+its square. T sample times, M disks.
 """
 
 import numpy as np
 
 from brownpipe.observables.averages import Factors, Product, Samples, averaged
-from brownpipe.observables.observable import Observable, RunArray
+from brownpipe.observables.observable import Axis, Observable, RunArray
 from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
 
 
 def square_displacement(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
-    """Return the squared displacement and half its rate of change, (T,) each, of one run.
+    """Return the squared displacement and half its rate of change, (T,) each, of one run, and the
+    squared displacements along x and y (2, T).
 
-    Their means over runs are the MSD <r^2(t)>, for which eq. (12) is a model, and <v(t).(r(t) -
-    r(0))>, which is (1/2) d<r^2>/dt without a difference quotient. `average`: of the tracer from t
-    = 0 (`runs`), of the tracer from every sample as time origin (`origins`; Frenkel and Smit,
-    Understanding Molecular Simulation, section 4.4.2), or of all disks equal to it (`disks`).
+    Means over runs of the first two are the MSD <r^2(t)>, for which eq. (12) is a model, and
+    <v(t).(r(t) - r(0))>, which is (1/2) d<r^2>/dt without a difference quotient. `average`: of the
+    tracer from t = 0 (`runs`), of the tracer from every sample as time origin (`origins`; Frenkel
+    and Smit, Understanding Molecular Simulation, section 4.4.2), or of all disks equal to it
+    (`disks`).
     """
-    square, growth = averaged(scene, track, average, (SQUARE, GROWTH))
-    return {"square_displacement": square, "displacement_velocity": growth}
+    along_x, along_y, growth = averaged(scene, track, average, (*SQUARES, GROWTH))
+    return {
+        "square_displacement": along_x + along_y,
+        "displacement_velocity": growth,
+        "component_square_displacement": np.stack([along_x, along_y]),
+    }
 
 
 def quartic_displacement(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
     """Return the fourth power of the displacement (T,) of one run, averaged like the squared
-    displacement.
+    displacement; in a channel also those of its components (2, T).
 
-    Means over runs of both make up the non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1.
+    Means over runs of both make up the non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1, along x alone
+    <x^4>/(3 <x^2>^2) - 1.
     """
-    (quartic,) = averaged(scene, track, average, (QUARTIC,))
-    return {"quartic_displacement": quartic}
+    if not scene.box.is_channel:
+        (quartic,) = averaged(scene, track, average, (QUARTIC,))
+        return {"quartic_displacement": quartic}
+    quartic, along_x, along_y = averaged(scene, track, average, (QUARTIC, *COMPONENT_QUARTICS))
+    return {
+        "quartic_displacement": quartic,
+        "component_quartic_displacement": np.stack([along_x, along_y]),
+    }
 
 
 # -- products of two samples: displacements a and b from one point, r = b - a ----------------------
 
 
-def _square_factors(earlier: Samples, later: Samples) -> Factors:
-    """r^2 = |a|^2 + |b|^2 - 2 a.b."""
-    a_x, a_y = earlier.displacement
-    b_x, b_y = later.displacement
-    yield earlier.square, later.present
-    yield earlier.present, later.square
-    yield -2 * a_x, b_x
-    yield -2 * a_y, b_y
+def _component_square(axis: int) -> Product:
+    """Return the squared displacement along x (0) or y (1): a^2 + b^2 - 2 a b."""
+
+    def factors(earlier: Samples, later: Samples) -> Factors:
+        a = earlier.displacement[axis]
+        b = later.displacement[axis]
+        yield a * a, later.present
+        yield earlier.present, b * b
+        yield -2 * a, b
+
+    return Product(lambda pairs: pairs.displacement[..., axis] ** 2, factors)
+
+
+def _component_quartic(axis: int) -> Product:
+    """Return the fourth power of the displacement along x (0) or y (1): a^4 - 4 a^3 b + 6 a^2 b^2 -
+    4 a b^3 + b^4.
+    """
+
+    def factors(earlier: Samples, later: Samples) -> Factors:
+        a = earlier.displacement[axis]
+        b = later.displacement[axis]
+        yield a**4, later.present
+        yield -4 * a**3, b
+        yield 6 * a**2, b**2
+        yield -4 * a, b**3
+        yield earlier.present, b**4
+
+    return Product(lambda pairs: pairs.displacement[..., axis] ** 4, factors)
 
 
 def _growth_factors(earlier: Samples, later: Samples) -> Factors:
@@ -86,9 +119,11 @@ def squared(displacements: np.ndarray) -> np.ndarray:
     return squares[..., 0] + squares[..., 1]
 
 
-SQUARE = Product(lambda pairs: squared(pairs.displacement), _square_factors)
+SQUARES = (_component_square(0), _component_square(1))  # whose sum is r^2
 GROWTH = Product(lambda pairs: dot(pairs.displacement, pairs.later_velocity), _growth_factors)
 QUARTIC = Product(lambda pairs: squared(pairs.displacement) ** 2, _quartic_factors)
+COMPONENT_QUARTICS = (_component_quartic(0), _component_quartic(1))
+AXES = {"component": Axis("1", "Cartesian component", lambda _: ["x", "y"])}
 SQUARE_DISPLACEMENT = Observable(
     square_displacement,
     {
@@ -98,8 +133,12 @@ SQUARE_DISPLACEMENT = Observable(
         "displacement_velocity": RunArray(
             ("time",), "length^2/time", "v(t).(r(t) - r(0)) of the tracer"
         ),
+        "component_square_displacement": RunArray(
+            ("component", "time"), "length^2", "squared displacement of the tracer along x and y"
+        ),
     },
     tracks_needed="tracer",
+    axes=AXES,
     seconds_per_disk_sample=3.6e-8,
 )
 QUARTIC_DISPLACEMENT = Observable(
@@ -107,8 +146,14 @@ QUARTIC_DISPLACEMENT = Observable(
     {
         "quartic_displacement": RunArray(
             ("time",), "length^4", "fourth power of the tracer's displacement"
-        )
+        ),
+        "component_quartic_displacement": RunArray(
+            ("component", "time"),
+            "length^4",
+            "in a channel: fourth power of the tracer's displacement along x and y",
+        ),
     },
     tracks_needed="tracer",
+    axes=AXES,
     seconds_per_disk_sample=3.6e-8,
 )

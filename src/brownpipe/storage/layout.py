@@ -15,7 +15,6 @@ AXES = {
     "disk": Axis(
         "1", "index of the disk; 0 is the tracer", lambda scene: np.arange(scene.particles)
     ),
-    "component": Axis("1", "Cartesian component", lambda _: ["x", "y"]),
 }
 SAMPLED = ("time", "seed", "component")
 LOGGED = ("seed", "event")  # event: number of the collision in its run

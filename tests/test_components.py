@@ -1,0 +1,234 @@
+"""Motion along x and y: mean squared displacements, D along a channel, their errors and marks."""
+
+import numpy as np
+import pytest
+
+import brownpipe as bp
+from brownpipe import analysis
+from brownpipe.analysis import components, diffusive, displacement
+from brownpipe.analysis.estimator import Averages, Case
+from brownpipe.engines import Engine
+from brownpipe.engines.ensemble import Ensemble
+from brownpipe.observables.trajectory import Track
+from ensembles import make_runs, make_scene, walk
+from scenes import CHANNEL_X, CHANNEL_Y, PERIODIC, WALLS
+
+CHANNELS = [CHANNEL_X, CHANNEL_Y]
+ALONG_X = 0.3  # D
+ALONG_Y = 0.05
+WINDOW = (0.25, 1.0)
+OBLONG = {"x": [-3.0, 3.0], "y": [-2.0, 2.0], "boundary": "reflecting"}
+
+
+def words(result, component):
+    """The reasons of the mark of D along x or y in the first window."""
+    return diffusive.mark_in_words(
+        result.component_diffusion_mark.sel(component=component)[..., 0].item()
+    )
+
+
+# -- in runs ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("average", ["runs", "origins"])
+@pytest.mark.parametrize("boundary", CHANNELS)
+def test_a_lone_disk_flies_along_its_channel(boundary, average):
+    """MSD = <v^2> t^2 along it, to round-off; across it, never more than the width."""
+    lone = bp.Scene(
+        box={"x": [0, 4], "y": [0, 4], "boundary": boundary},
+        disks={"species": [{"name": "disk", "count": 1, "radius": 0.5, "mass": 2.0}]},
+        velocities={"temperature": 1.5, "zero_momentum": False},
+        equilibrate={"time": 1.0, "tracer": "free"},
+        duration=20.0,
+        sample_interval=0.5,
+    )
+    observables = ["square_displacement", "quartic_displacement"]
+    runs = bp.simulate(
+        lone, 20, observables=observables, average=average, record=["tracer", "velocity"]
+    )
+    result = bp.analyse(runs).isel(scene=0, particles=0, engine=0)
+    along, across = ("x", "y") if boundary == CHANNEL_X else ("y", "x")
+    velocity = runs.velocity.isel(time=0).sel(component=along)
+    expected = (velocity**2).mean().item() * result.time.values**2
+    msd = result.component_msd.sel(component=along)
+    np.testing.assert_allclose(msd, expected, rtol=1e-12, atol=1e-12)
+    assert result.component_msd.sel(component=across).max() <= 3.0**2
+    assert result.channel_axis == along
+    # the velocities of 20 runs
+    moments = [(velocity**power).mean().item() for power in (2, 4)]
+    parameter = result.component_non_gaussian_parameter.sel(component=along)[1:]
+    np.testing.assert_allclose(parameter, moments[1] / (3 * moments[0] ** 2) - 1, rtol=1e-9)
+
+
+@pytest.mark.parametrize("average", ["runs", "origins", "disks"])
+@pytest.mark.parametrize("boundary", [WALLS, PERIODIC, *CHANNELS])
+def test_the_msd_is_the_sum_of_its_components(boundary, average):
+    scene = make_scene(
+        boundary=boundary,
+        disks={"species": [{"name": "disk", "count": 20, "radius": 0.2, "mass": 1.0}]},
+        velocities={"temperature": 1.0, "zero_momentum": False},
+        equilibrate={"time": 1.0, "tracer": "free"},
+    )
+    runs = bp.simulate(scene, 12, observables="square_displacement", average=average)
+    result = bp.analyse(runs)
+    total = result.component_msd.sum("component")
+    np.testing.assert_allclose(total, result.msd, rtol=1e-12, atol=1e-14)
+    is_channel = boundary in CHANNELS
+    assert ("component_diffusion" in result) == ("channel_axis" in result) == is_channel
+
+
+def test_recorded_tracks_have_components_without_an_observable():
+    runs = [make_runs(make_scene(boundary=CHANNEL_X), np.arange(10), diffusion=[ALONG_X, ALONG_Y])]
+    result = analysis.aggregate(runs, [WINDOW]).isel(scene=0, particles=0, engine=0)
+    moved = runs[0].ensemble.tracer.position  # from the origin, where all start
+    np.testing.assert_allclose(result.component_msd.values.T, (moved**2).mean(axis=1), rtol=1e-12)
+
+
+# -- errors ----------------------------------------------------------------------------------------
+
+
+def test_fits_along_each_axis_are_those_of_a_walk_along_it():
+    """Slopes and errors by plain loops over runs; D of each run is kept."""
+    runs = make_runs(make_scene(boundary=CHANNEL_Y), np.arange(30), diffusion=[ALONG_X, ALONG_Y])
+    result = analysis.aggregate([runs], [WINDOW]).isel(scene=0, particles=0, engine=0, window=0)
+    times = runs.ensemble.times
+    inside = (times >= WINDOW[0] - 1e-9) & (times <= WINDOW[1] + 1e-9)
+    for axis in (0, 1):
+        slopes = []
+        intercepts = []
+        for run in range(30):
+            square = runs.ensemble.tracer.position[inside, run, axis] ** 2
+            slope, intercept = np.polyfit(times[inside], square, 1)
+            slopes.append(slope)
+            intercepts.append(intercept)
+        along = result.isel(component=axis)
+        np.testing.assert_allclose(along.run_component_diffusion, np.array(slopes) / 2, rtol=1e-9)
+        error = np.std(slopes, ddof=1) / np.sqrt(30)
+        assert along.component_slope == pytest.approx(np.mean(slopes), rel=1e-9)
+        assert along.component_intercept == pytest.approx(np.mean(intercepts), rel=1e-8)
+        assert along.component_diffusion == pytest.approx(np.mean(slopes) / 2, rel=1e-9)
+        assert along.component_diffusion_standard_error == pytest.approx(error / 2, rel=1e-9)
+        exponent = along.component_slope * WINDOW[1] / along.component_msd[-1]
+        assert along.component_growth_exponent == pytest.approx(exponent.item(), rel=1e-12)
+
+
+@pytest.mark.slow
+def test_errors_cover_the_truth_for_different_d_along_x_and_y():
+    """Of 400 ensembles of 40 walks. A coverage of 95 % is then known to 1.1 %, four of which it may
+    be off by; the scatter of 400 means to 3.5 %, of which it may differ by four from the rms of the
+    stated errors.
+    """
+    scene = make_scene(boundary=CHANNEL_X)
+    case = Case(scene, Engine("exact"), scene.times, windows=(WINDOW,))
+    rng = np.random.default_rng(21)
+    d = np.array([ALONG_X, ALONG_Y])
+    truth = {"D": d, "MSD": 2 * d, "alpha": np.zeros(2)}
+    is_covered = {name: [] for name in truth}
+    means = {name: [] for name in truth}
+    errors = {name: [] for name in truth}
+    seeds = np.arange(40)
+    for _ in range(400):
+        track = Track(walk(rng, scene.times, 40, d), None, None)
+        quartic = np.moveaxis(track.position**4, 0, -1)
+        seen = {"component_quartic_displacement": quartic}
+        runs = Ensemble(seeds, scene.times, track, seen, {}, {}, {}, {})
+        averages = Averages().add(seeds, components.component_columns(case, runs))
+        values = components.component_results(case, averages)
+        estimates = {
+            "D": values["component_diffusion"].at((..., 0)),
+            "MSD": averages.estimate("component_msd").at((..., -1)),
+            "alpha": values["component_non_gaussian_parameter"].at((..., -1)),
+        }
+        for name, estimate in estimates.items():
+            expected = truth[name]
+            is_covered[name].append((estimate.low <= expected) & (expected <= estimate.high))
+            means[name].append(estimate.mean)
+            errors[name].append(estimate.standard_error)
+    for name in ("D", "MSD"):
+        assert np.mean(is_covered[name], axis=0) == pytest.approx([0.95, 0.95], abs=0.045)
+        scatter = np.std(means[name], axis=0)
+        stated = np.sqrt(np.mean(np.square(errors[name]), axis=0))
+        assert scatter / stated == pytest.approx([1.0, 1.0], abs=0.14)
+    # as in the plane, where some 91 % of 50 runs are covered (`distribution.kurtosis`)
+    assert np.mean(is_covered["alpha"], axis=0) == pytest.approx([0.91, 0.91], abs=0.06)
+
+
+def test_non_gaussian_parameter_along_an_axis_is_that_of_its_distribution():
+    """0 for normal steps, -2/5 for uniform ones, of 20,000 runs: within 5 standard errors."""
+    rng = np.random.default_rng(3)
+    scene = make_scene(boundary=CHANNEL_X)
+    case = Case(scene, Engine("exact"), scene.times[:2], windows=(WINDOW,))
+    steps = np.stack([rng.standard_normal(20_000), rng.uniform(-1, 1, 20_000)], axis=1)
+    square = np.stack([0 * steps, steps**2], axis=-1)
+    seen = {
+        "square_displacement": square.sum(axis=1),
+        "component_square_displacement": square,
+        "component_quartic_displacement": square**2,
+    }
+    averages = Averages()
+    for seeds in np.split(np.arange(20_000), range(1024, 20_000, 1024)):
+        some = {name: values[seeds] for name, values in seen.items()}
+        runs = Ensemble(seeds, case.times, None, some, {}, {}, {}, {})
+        averages.add(seeds, components.component_columns(case, runs))
+    values = components.component_results(case, averages)
+    mean, error, _, _ = values["component_non_gaussian_parameter"].at((..., 1))
+    assert (abs(mean - [0.0, -0.4]) < 5 * error).all() and (error < 0.05).all()
+
+
+# -- marks -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("boundary", CHANNELS)
+def test_d_along_a_channel_has_no_mark_where_a_quarter_of_the_slope_has_one(boundary):
+    runs = make_runs(make_scene(boundary=boundary), np.arange(200), diffusion=5.0)
+    result = analysis.aggregate([runs], [WINDOW])
+    along, across = ("x", "y") if boundary == CHANNEL_X else ("y", "x")
+    # 3/gamma of the scene is later than the window
+    assert words(result, along) == "early"
+    assert words(result, across) == "walls, early"
+    assert result.diffusion_mark.item() & diffusive.WALLS
+    shown = diffusive.fits_along_channels(result)
+    expected = result.component_diffusion.sel(component=along)
+    assert (shown.diffusion_coefficient == expected).all()
+    assert (shown.diffusion_mark == result.component_diffusion_mark.sel(component=along)).all()
+    assert shown.diffusion_coefficient.dims == result.diffusion_coefficient.dims
+
+
+def test_in_an_oblong_box_of_walls_the_shorter_axis_is_filled_first():
+    runs = make_runs(make_scene(box=OBLONG), np.arange(100), diffusion=0.6)
+    result = analysis.aggregate([runs], [WINDOW])
+    assert "channel_axis" not in result
+    reduction = result.component_wall_reduction.isel(scene=0, particles=0, engine=0, window=0)
+    assert 0 < reduction[0] < reduction[1] <= 1
+
+
+@pytest.mark.parametrize("average", ["runs", "origins"])
+def test_walls_reduce_the_slope_along_each_axis_by_what_the_msd_says(average):
+    """The mean of the axes is the reduction of the slope of the whole MSD."""
+    scene = make_scene(box=OBLONG)
+    spread = 1.3
+    growth = []
+    for axis in (0, 1):
+        msd, growth_along = displacement._msd_along_axis(axis, scene, average, spread)
+        reduction = displacement.wall_reduction_along(axis, scene, average, msd)
+        assert reduction == pytest.approx(1 - growth_along / 2, rel=1e-6)
+        growth.append(growth_along)
+    msd, _ = displacement._msd_between_walls(scene, average, spread)
+    whole = displacement.wall_reduction(scene, average, msd)
+    assert whole == pytest.approx(1 - sum(growth) / 4, rel=1e-6)
+    assert displacement.wall_reduction_along(1, scene, average, 100.0) == 1.0
+    channel = make_scene(boundary=CHANNEL_Y)
+    assert displacement.wall_reduction_along(1, channel, average, 100.0) == 0.0
+
+
+@pytest.mark.parametrize("boundary", CHANNELS)
+def test_a_drift_adds_to_d_along_a_channel_twice_what_it_adds_to_half_of_it(boundary):
+    moving = make_scene(boundary=boundary, velocities={"temperature": 1.0, "zero_momentum": False})
+    result = analysis.aggregate([make_runs(moving, np.arange(10))], [WINDOW])
+    along, across = ("x", "y") if boundary == CHANNEL_X else ("y", "x")
+    drift = result.component_drift_diffusion
+    total_mass = 1.0 + 19 * 0.4
+    expected = 1.0 / total_mass * (WINDOW[0] + WINDOW[1]) / 2
+    assert drift.sel(component=along).item() == pytest.approx(expected, rel=1e-12)
+    assert 2 * result.window_drift_diffusion.item() == pytest.approx(expected, rel=1e-12)
+    assert np.isnan(drift.sel(component=across)).all()
