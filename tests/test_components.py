@@ -1,5 +1,7 @@
 """Motion along x and y: mean squared displacements, D along a channel, their errors and marks."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,11 @@ from brownpipe.analysis import components, diffusive, displacement
 from brownpipe.analysis.estimator import Averages, Case
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
+from brownpipe.figures.cases import PARTS, cases_of, plus_minus
+from brownpipe.figures.marks import power_in_words
+from brownpipe.figures.msd import table_of_msd
+from brownpipe.figures.scan import table_of_scan
+from brownpipe.figures.summary import summary, summary_table
 from brownpipe.observables.trajectory import Track
 from ensembles import make_runs, make_scene, walk
 from scenes import CHANNEL_X, CHANNEL_Y, PERIODIC, WALLS
@@ -232,3 +239,122 @@ def test_a_drift_adds_to_d_along_a_channel_twice_what_it_adds_to_half_of_it(boun
     assert drift.sel(component=along).item() == pytest.approx(expected, rel=1e-12)
     assert 2 * result.window_drift_diffusion.item() == pytest.approx(expected, rel=1e-12)
     assert np.isnan(drift.sel(component=across)).all()
+
+
+# -- in summary, tables and figures ----------------------------------------------------------------
+
+
+def walks(boundary, name="channel"):
+    """100 walks with D = 0.3 along x and 0.05 along y."""
+    scene = make_scene(name, boundary=boundary, velocities={"temperature": 20.0})
+    return make_runs(scene, np.arange(100), diffusion=[ALONG_X, ALONG_Y])
+
+
+@pytest.fixture(scope="module")
+def of_channel():
+    return analysis.aggregate([walks(CHANNEL_X)], [WINDOW])
+
+
+@pytest.fixture(scope="module")
+def of_boxes():
+    """A periodic box, and channels along x and y."""
+    boundaries = {"box": PERIODIC, "along_x": CHANNEL_X, "along_y": CHANNEL_Y}
+    return analysis.aggregate([walks(boundaries[name], name) for name in boundaries], [WINDOW])
+
+
+def test_the_summary_of_a_channel_has_d_along_it(of_channel):
+    text = summary(of_channel)
+    header, row = text.splitlines()[:2]
+    assert header.split()[-1] == "D_x"
+    d = of_channel.isel(scene=0, particles=0, engine=0, window=0, component=0)
+    expected = plus_minus(d.component_diffusion, d.component_diffusion_standard_error)
+    assert row.rstrip(" °").endswith(expected)
+    assert "D_x: D along the channel, half of the slope of the MSD along x" in text
+    assert "slope/4" not in text and "walls reduce" not in text
+
+
+def test_the_summary_of_several_boxes_has_a_column_for_each_d(of_boxes):
+    lines = summary(of_boxes).splitlines()
+    assert lines[0].split()[-3:] == ["D", "D_x", "D_y"]
+    cells = [re.split("  +", line)[-3:] for line in lines[1:4]]
+    is_there = [[cell != "-" for cell in row] for row in cells]
+    assert is_there == np.eye(3, dtype=bool).tolist()
+    table = summary_table(of_boxes)
+    assert table.component.tolist() == ["", "x", "y"]
+    shown = diffusive.fits_along_channels(of_boxes).diffusion_coefficient.values
+    values = [shown[k, 0, 0, 0] for k in range(3)]
+    assert table.diffusion_coefficient.tolist() == values
+    assert table.slope.tolist() == pytest.approx([4 * values[0], 2 * values[1], 2 * values[2]])
+
+
+def test_the_power_is_that_of_the_tests_along_channels(of_channel, of_boxes):
+    """Two components of one window; of three boxes three tests of all motion, and four."""
+    cases = [case.assign(diffusion_mark=0 * case.slope) for case in cases_of(of_channel)]
+    text = " ".join(power_in_words(cases))
+    assert text.startswith("D_x without °") and "for 2 tests" in text
+    cases = [case.assign(diffusion_mark=0 * case.slope) for case in cases_of(of_boxes)]
+    text = " ".join(power_in_words(cases))
+    assert text.startswith("D or D_x or D_y without °") and "for 3 tests or 4 tests" in text
+
+
+def test_a_channel_has_no_green_kubo_integral_in_its_summary(of_boxes):
+    """It is a sum over both components, also where the D of Enskog's theory is known."""
+    integral = 0.2 + 0 * of_boxes.msd
+    known = {f"green_kubo{part}": integral for part in PARTS}
+    known["enskog_diffusion"] = 0.2 + 0 * of_boxes.packing_fraction
+    header, *rows = summary(of_boxes.assign(known)).splitlines()[:4]
+    start = header.index("D (Green-Kubo)")
+    cells = [row[start:].split()[0] for row in rows]
+    assert cells == ["0.20", "-", "-"]
+
+
+def test_the_figure_of_the_msd_has_both_components_and_names_them(of_channel, of_boxes):
+    (axes, below) = bp.plot(of_channel, "msd").axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert [label.split(":")[0] for label in labels[:2]] == ["along x", "along y"]
+    assert "$\\langle x^2 \\rangle$(1) = " in labels[0]
+    assert sum("$D_x$ = " in label or "$D_x$ over" in label for label in labels) >= 1
+    curve = axes.lines[1].get_ydata()
+    np.testing.assert_array_equal(curve, of_channel.component_msd.values[0, 0, 0, 1])
+    assert len(below.lines) >= 2
+    (axes, _) = bp.plot(of_boxes, "msd").axes
+    labels = " ".join(axes.get_legend_handles_labels()[1])
+    assert labels.count("$D_x$ over") == labels.count("$D_y$ over") == 2
+
+
+def test_the_table_of_the_msd_has_both_components(of_channel):
+    table = table_of_msd(cases_of(of_channel))
+    total = table["msd along x"] + table["msd along y"]
+    np.testing.assert_allclose(total, table.msd, rtol=1e-12)
+    inside = table.time >= WINDOW[0] - 1e-9
+    line = table["fit along x over [0.25, 1]"]
+    assert line.notnull().tolist() == inside.tolist()
+    slope = np.diff(line[inside]) / np.diff(table.time[inside])
+    assert slope == pytest.approx(of_channel.component_slope.values[0, 0, 0, 0, 0])
+
+
+def test_figures_of_d_have_that_along_the_channel(of_channel, of_boxes):
+    (axes,) = bp.plot(of_channel, "diffusion").axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels[0] == "$\\langle x^2 \\rangle$ / 2$t$"
+    assert labels[1].startswith("slope/2: $D_x$ over [0.25, 1] = ")
+    msd = of_channel.component_msd.values[0, 0, 0, 0, 1:]
+    expected = msd / 2 / of_channel.time.values[1:]
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), expected, rtol=1e-12)
+    (axes,) = bp.plot(of_boxes, "diffusion").axes
+    assert "$D_y$ over" in " ".join(axes.get_legend_handles_labels()[1])
+
+
+def test_a_scan_of_channels_has_d_along_them():
+    runs = []
+    for number in (10, 20):
+        scene = make_scene(particles=number, boundary=CHANNEL_Y, velocities={"temperature": 20.0})
+        runs.append(make_runs(scene, np.arange(30), diffusion=[ALONG_X, ALONG_Y]))
+    result = analysis.aggregate(runs, [WINDOW])
+    labels = [axes.get_ylabel() for axes in bp.plot(result, "scan").axes]
+    assert "$D_y$ = slope/2" in labels
+    table = table_of_scan(cases_of(result))
+    assert table.component.tolist() == ["y", "y"]
+    along = result.run_component_diffusion.sel(component="y").squeeze()
+    difference = (along[1] - along[0]).mean().item()
+    assert table.diffusion_coefficient_difference[1] == pytest.approx(difference, rel=1e-12)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, SupportsFloat, TypeVar
 
 import numpy as np
 
+from brownpipe.analysis.diffusive import fits_along_channels, fits_by_component
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
 from brownpipe.engines.definition import REFERENCE_NAME
@@ -27,6 +28,7 @@ T = TypeVar("T")
 MOST_CURVES = 6  # cases in one panel, or curves of one case
 LONGEST = 10.0  # duration of the cases in one panel over the shortest
 SPECIES = ("species", "species_pair")  # dimensions of parts of a case
+COMPONENT = "component"  # along x or y, the dimension of further parts
 Label = str | int | float  # of a case or a part of it, or one of its numbers
 PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 
@@ -34,9 +36,11 @@ PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 def cases_of(dataset: Dataset) -> list[Dataset]:
     """Return every case that has runs, ordered by scene, varied keys, particle count and engine.
 
-    With g(r) it has `contact_theory`, the contact value of equal disks, or of a tracer and its only
-    species; of other pairs, whose value is not in a dataset, NaN.
+    In a channel D and all numbers of its fits are those along it. With g(r) a case has
+    `contact_theory`, the contact value of equal disks, or of a tracer and its only species; of
+    other pairs, whose value is not in a dataset, NaN.
     """
+    dataset = fits_along_channels(dataset)
     dims = [name for name in labels_of_cases(dataset) if name in dataset.dims]
     cases = []
     for labels in product(*(dataset[dim].values for dim in dims)):
@@ -120,7 +124,7 @@ def _labels(case: Dataset) -> list[str]:
     """Return the names of the labels of a case or a part of it."""
     return [
         name
-        for name in (*labels_of_cases(case), *SPECIES)
+        for name in (*labels_of_cases(case), *SPECIES, COMPONENT)
         if name in case and not case.variables[name].dims
     ]
 
@@ -272,6 +276,22 @@ def at_last_distribution(case: Dataset) -> Dataset:
     return at_times[-1] if at_times else case.isel(displacement_time=-1)
 
 
+def components_of(cases: list[Dataset]) -> list[Dataset]:
+    """Return the motion along x and along y of cases in which they differ, with MSD and fits of
+    each in place of those of all motion; other cases as they are.
+    """
+    parts: list[Dataset] = []
+    for case in cases:
+        if has(case, "component_diffusion"):
+            by_component = fits_by_component(case).assign(
+                {f"msd{part}": case[f"component_msd{part}"] for part in PARTS}
+            )
+            parts += parts_of(by_component, COMPONENT, "component_msd")
+        else:
+            parts.append(case)
+    return parts
+
+
 def fits_of(case: Dataset) -> list[Dataset]:
     """Return the case at each fit window in which a line could be fitted to the MSD."""
     return parts_of(case, "window", "slope")
@@ -287,8 +307,8 @@ def text_of(case: Dataset, name: str) -> str:
 
 
 def labels_in_words(case: Dataset, names: Iterable[str]) -> str:
-    """Return labels of a case: scene, engine (but for the exact one) and species by name, others as
-    `N = 150`.
+    """Return labels of a case: scene, engine (but for the exact one) and species by name, the
+    component as `along x`, others as `N = 150`.
     """
     labels = [*dict.fromkeys(names)]
     words = []
@@ -296,6 +316,8 @@ def labels_in_words(case: Dataset, names: Iterable[str]) -> str:
         value = text_of(case, name)
         if name in ("scene", "engine", *SPECIES):
             words.append(value)
+        elif name == COMPONENT:
+            words.append(f"along {value}")
         else:
             words.append(f"{'N' if name == 'particles' else name} = {value}")
     named = [word for word in words if word != REFERENCE_NAME]
@@ -345,6 +367,29 @@ def diffusion_ring(case: Dataset) -> str:
     return " °" if case.diffusion_mark.item() else ""
 
 
+def channel_axis(case: Dataset) -> str:
+    """Return the axis, x or y, along which a case is a channel; "" for other boxes."""
+    return str(case.channel_axis.item()) if "channel_axis" in case else ""
+
+
+def component_of(part: Dataset) -> str:
+    """Return of which component, x or y, a part of a case is; "" for all motion."""
+    is_part = COMPONENT in part.coords and not part[COMPONENT].dims
+    return str(part[COMPONENT].item()) if is_part else ""
+
+
+def diffusion_name(case: Dataset) -> str:
+    """Return D, or in a channel and of motion along one axis alone D_x or D_y."""
+    axis = component_of(case) or channel_axis(case)
+    return f"D_{axis}" if axis else "D"
+
+
+def diffusion_symbol(case: Dataset) -> str:
+    """Return the name of D as legends have it."""
+    name = diffusion_name(case)
+    return name if name == "D" else f"${name}$"
+
+
 def fitted_diffusion(case: Dataset) -> str:
     """Return D in the first fit window in words, with the ring of `diffusion_ring`; "" without a
     fit.
@@ -354,7 +399,8 @@ def fitted_diffusion(case: Dataset) -> str:
         return ""
     first = fits[0]
     estimate = estimate_of(first, "diffusion_coefficient")
-    return f"D over {first.window.item()} = {estimate}{diffusion_ring(first)}"
+    symbol = diffusion_symbol(case)
+    return f"{symbol} over {first.window.item()} = {estimate}{diffusion_ring(first)}"
 
 
 def estimate_of(case: Dataset, name: str) -> str:

@@ -10,7 +10,14 @@ from typing import Unpack
 from matplotlib.axes import Axes
 from xarray import Dataset
 
-from brownpipe.figures.cases import fits_of, fitted_diffusion, has
+from brownpipe.figures.cases import (
+    PARTS,
+    channel_axis,
+    diffusion_symbol,
+    fits_of,
+    fitted_diffusion,
+    has,
+)
 from brownpipe.figures.figure import Columns, Figure
 from brownpipe.figures.looks import Looks
 from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, styled_cases, time_axis
@@ -20,8 +27,9 @@ ROUTES = {
     "msd_over_4t": "$\\langle r^2 \\rangle$ / 4$t$",
     "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
 }  # variable: label
+ALONG = "msd_along_over_2t"  # the only route in channels
 # Shown in every case; they set the limits of the axis
-FROM_MSD = ("diffusion_running", "msd_over_4t")
+FROM_MSD = ("diffusion_running", "msd_over_4t", ALONG)
 # Shown in equilibrium, up to REACH times the largest value from the MSD
 OTHERS = ("green_kubo", "enskog_diffusion")
 HEADROOM = 1.25
@@ -33,8 +41,10 @@ def draw_diffusion(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> 
     """Draw D(t) with its 95 % band, Enskog's D, and slope/4 across its window, of a single case by
     every route.
 
-    Of several cases or with `looks` it is the running slope, or MSD/4t without one.
+    Of several cases or with `looks` it is the running slope, or MSD/4t without one; in a channel
+    MSD/2t along it.
     """
+    cases = [_along_channel(case) for case in cases]
     if len(cases) == 1 and not looks:
         _routes(axes, cases[0])
     else:
@@ -51,6 +61,21 @@ def draw_diffusion(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> 
     time_axis(axes, cases)
 
 
+def _along_channel(case: Dataset) -> Dataset:
+    """Return the case; of a channel with MSD/2t along it in place of the routes that are sums over
+    both components.
+    """
+    axis = channel_axis(case)
+    if not axis:
+        return case
+    per_2t = 0.5 / case.time.where(case.time > 0)
+    along = {}
+    for part in PARTS:
+        msd = case[f"component_msd{part}"].sel(component=axis, drop=True)
+        along[f"{ALONG}{part}"] = msd * per_2t
+    return case.drop_vars(ROUTES, errors="ignore").assign(along)
+
+
 def _routes(axes: Axes, case: Dataset) -> None:
     """Draw D(t) of one case by every route; without a temperature, the Green-Kubo integral is not a
     D.
@@ -61,15 +86,18 @@ def _routes(axes: Axes, case: Dataset) -> None:
     from_msd = max(highest[name] for name in FROM_MSD if name in highest)
     end = HEADROOM * min(max(highest.values()), REACH * from_msd) or 1.0
     later = case.isel(time=case.time.values > 0)
-    for (name, label), (colour, line, _) in zip(ROUTES.items(), SERIES, strict=False):
+    axis = channel_axis(case)
+    routes = {ALONG: f"$\\langle {axis}^2 \\rangle$ / 2$t$"} if axis else ROUTES
+    for (name, label), (colour, line, _) in zip(routes.items(), SERIES, strict=False):
         if name in highest:
             if (later[name] > end).any():
                 label += ", leaves the panel"
             band(axes, later, name, color=colour, linestyle=line, label=label)
-    _bar(axes, case, color=INK, label=f"slope/4: {fitted_diffusion(case)}")
+    share = "slope/2" if axis else "slope/4"
+    _bar(axes, case, color=INK, label=f"{share}: {fitted_diffusion(case)}")
     if "enskog_diffusion" in highest:
         theory = float(case.enskog_diffusion)
-        label = f"{ENSKOG}: D = {theory:.4g}"
+        label = f"{ENSKOG}: {diffusion_symbol(case)} = {theory:.4g}"
         if theory > end:
             label += ", above the panel"
         axes.axhline(theory, color=GREY, linestyle=DOTTED, label=label)
@@ -77,7 +105,7 @@ def _routes(axes: Axes, case: Dataset) -> None:
 
 
 def _bar(axes: Axes, case: Dataset, **looks: Unpack[Looks]) -> None:
-    """Draw slope/4 of the first fit across its window."""
+    """Draw D of the first fit across its window."""
     for fit in fits_of(case)[:1]:
         ends = [float(fit.window_start), float(fit.window_end)]
         diffusion = float(fit.diffusion_coefficient)

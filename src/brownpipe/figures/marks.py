@@ -14,7 +14,7 @@ from brownpipe.analysis import diffusive
 from brownpipe.analysis.drift import in_percent
 from brownpipe.analysis.goodness import change_found_with_power
 from brownpipe.engines.friction import DECAY_TIMES
-from brownpipe.figures.cases import has, scene_of
+from brownpipe.figures.cases import channel_axis, diffusion_name, has, scene_of
 from brownpipe.text import counted
 
 if TYPE_CHECKING:
@@ -42,10 +42,7 @@ def _change(fit: Dataset) -> str:
 def _of_limit(fit: Dataset) -> str:
     at_end = np.interp(float(fit.window_end), fit.time, fit.msd)
     reduction = 100 * float(fit.wall_reduction)
-    words = f"by {reduction:.0f} % where the MSD is {at_end:.3g}"
-    if np.isnan(fit.msd_limit):  # along a channel it grows without limit
-        return words
-    return f"{words} of at most {fit.msd_limit:.3g}"
+    return f"by {reduction:.0f} % where the MSD is {at_end:.3g} of at most {fit.msd_limit:.3g}"
 
 
 WORDS = {
@@ -105,9 +102,11 @@ def reasons_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
     """
     fits = [case.isel(window=0) for case in cases]
     fits = [fit for fit in fits if has(fit, "diffusion_coefficient")]
-    if not any(fit.diffusion_mark.item() for fit in fits):
+    names = dict.fromkeys(diffusion_name(fit) for fit in fits if fit.diffusion_mark.item())
+    if not names:
         return
-    yield f"° D over {fits[0].window.item()} is not that of diffusion, or not yet:"
+    name = " or ".join(names)
+    yield f"° {name} over {fits[0].window.item()} is not that of diffusion, or not yet:"
     for bit, reason in WORDS.items():
         marked = [fit for fit in fits if fit.diffusion_mark.item() & bit]
         if not marked:
@@ -124,25 +123,38 @@ def power_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
     """Yield what a D without a mark means: level and power of the test for a change of the
     slope.
     """
-    tests = sum(int(case.slope_change_p_value.notnull().sum()) for case in cases)
     fits = [case.isel(window=0) for case in cases]
     plain = [fit for fit in fits if has(fit, "slope") and not fit.diffusion_mark.item()]
     if not plain:
         return
     falls = []
+    families = []
     for fit in plain:
         error = (fit.slope_change_standard_error / abs(fit.slope)).values
+        tests = _tests_in_family(cases, fit)
         level = diffusive.LEVEL / tests
         beyond = change_found_with_power(error, int(fit.runs), level, POWER)
         falls.append(diffusive.SMALL_FALL + float(beyond))
+        families.append(counted(tests, "test"))
+    names = " or ".join(dict.fromkeys(map(diffusion_name, plain)))
     limits = (
         f"fall by more than {diffusive.SMALL_FALL:.0%}, or to grow by more than "
         f"{diffusive.SMALL_GROWTH:.0%}, from the first half of the window to the second"
     )
-    level_in_words = f"a level of {diffusive.LEVEL:.0%} for {counted(tests, 'test')} (Holm)"
+    in_families = " or ".join(dict.fromkeys(families))
+    level_in_words = f"a level of {diffusive.LEVEL:.0%} for {in_families} (Holm)"
     unseen = sum(fall > 1 for fall in falls)
     power = f"{POWER:.0%} of falls by {100 * max(falls):.0f} % are found"
     if unseen:
         power = f"too few runs to find even a fall to zero in {unseen} of {len(falls)}"
-    text = f"D without °: the slope is not found to {limits}, at {level_in_words}; {power}."
+    text = f"{names} without °: the slope is not found to {limits}, at {level_in_words}; {power}."
     yield from textwrap.wrap(text, LINE)
+
+
+def _tests_in_family(cases: Sequence[Dataset], fit: Dataset) -> int:
+    """Return the number of tests for a change of the slope that are one family with that of a fit:
+    of all motion, or along x and y.
+    """
+    is_along_axis = channel_axis(fit) != ""
+    name = "component_slope_change_p_value" if is_along_axis else "slope_change_p_value"
+    return sum(int(case[name].notnull().sum()) for case in cases)

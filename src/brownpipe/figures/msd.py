@@ -13,7 +13,11 @@ from brownpipe import theory
 from brownpipe.engines.windows import times_in_window
 from brownpipe.figures import style
 from brownpipe.figures.cases import (
+    PARTS,
+    component_of,
+    components_of,
     diffusion_ring,
+    diffusion_symbol,
     estimate_of,
     fits_of,
     fitted_diffusion,
@@ -34,39 +38,82 @@ FORGOTTEN = 0.5
 def draw_msd(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:
     """Draw MSD(t) with its band and fit: of several cases or with `looks` a line each, otherwise
     with models.
+
+    Where walls make the motion along x and y differ, both components are curves.
     """
     single = len(cases) == 1 and not looks
-    number = _last_in_words if single else fitted_diffusion
-    for case, line in style.styled_cases(cases, number, looks):
+    parts = components_of(cases)
+    number = _last_in_words if single else _fit_or_component
+    for part, line in style.styled_cases(parts, number, looks):
         if single:
             line = replaced(line, DOTS)  # models are lines
-        style.band(axes, case, "msd", **line)
+        style.band(axes, part, "msd", **line)
     first_fits: list[Dataset] = []
-    for case in cases:
-        first_fits += fits_of(case)[:1]
+    for part in parts:
+        first_fits += fits_of(part)[:1]
     for k, fit in enumerate(first_fits):
         t = np.array([fit.window_start.item(), fit.window_end.item()])
         label = "_" if looks or k else f"least squares over {fit.window.item()}"
         if single:
-            label += f": slope {estimate_of(fit, 'slope')}{diffusion_ring(fit)}"
-        colour = style.FIT if single else style.INK
+            label = _fit_in_words(fit)
+        colour = style.FIT if single and len(parts) == 1 else style.INK
         axes.plot(t, _fitted(fit, t), color=colour, linewidth=1.2, label=label)
     if single:
-        _models(axes, cases[0], np.linspace(0, cases[0].time.values[-1], 201))
-        axes.set_ylim(0, HEADROOM * style.highest(cases, "msd") or 1.0)
+        _models(axes, parts, np.linspace(0, cases[0].time.values[-1], 201))
+        axes.set_ylim(0, HEADROOM * style.highest(parts, "msd") or 1.0)
     end = max(axes.dataLim.x1, *(case.time.values[-1] for case in cases))
     axes.set_xlim(0, 1.01 * end)
     axes.set_xlabel("time $t$")
 
 
+def _fit_or_component(part: Dataset) -> str:
+    """The D of a case or component, or the component alone if no line could be fitted."""
+    axis = component_of(part)
+    return fitted_diffusion(part) or (f"along {axis}" if axis else "")
+
+
+def _fit_in_words(fit: Dataset) -> str:
+    """Window and slope of a fitted line, for the legend of a single case."""
+    window = f"least squares over {fit.window.item()}"
+    if component_of(fit):
+        return f"{window}: {diffusion_symbol(fit)} = {_diffusion_of(fit)}"
+    return f"{window}: slope {estimate_of(fit, 'slope')}{diffusion_ring(fit)}"
+
+
+def _diffusion_of(fit: Dataset) -> str:
+    """The D of a fit in words."""
+    return f"{estimate_of(fit, 'diffusion_coefficient')}{diffusion_ring(fit)}"
+
+
 def _last_in_words(case: Dataset) -> str:
     """The number of runs and the MSD at their end, for the legend."""
     last = case.isel(time=-1)
-    return f"{int(case.runs):,} runs: MSD({last.time:g}) = {estimate_of(last, 'msd')}"
+    axis = component_of(case)
+    name = f"$\\langle {axis}^2 \\rangle$" if axis else "MSD"
+    return f"{int(case.runs):,} runs: {name}({last.time:g}) = {estimate_of(last, 'msd')}"
 
 
-def _models(axes: Axes, case: Dataset, t: np.ndarray) -> None:
-    """Draw the MSD of diffusion and of ballistic flight at times t, each if it is known."""
+def _models(axes: Axes, parts: list[Dataset], t: np.ndarray) -> None:
+    """Draw the MSD of diffusion and of ballistic flight of a case at times t, each if it is known;
+    of its components diffusion along those whose D has no mark.
+    """
+    if len(parts) == 1:
+        _models_of_all_motion(axes, parts[0], t)
+        return
+    for part in parts:
+        plain = [fit for fit in fits_of(part) if not fit.diffusion_mark.item()]
+        if plain:
+            fit = plain[-1]
+            symbol = diffusion_symbol(fit)
+            label = f"diffusion, 2{symbol}$t$: {symbol} over {fit.window.item()}"
+            label += f" = {_diffusion_of(fit)}"
+            d = float(fit.diffusion_coefficient)
+            axes.plot(
+                t, 2 * d * t, color=style.MODEL, linestyle=style.DASHED, linewidth=1.4, label=label
+            )
+
+
+def _models_of_all_motion(axes: Axes, case: Dataset, t: np.ndarray) -> None:
     diffusion, label = _diffusion(case, t)
     if label:
         axes.plot(
@@ -102,8 +149,7 @@ def _diffusion(case: Dataset, t: np.ndarray) -> tuple[np.ndarray, str]:
         fit = max(fits, key=lambda fit: float(fit.window_start))
         start = float(fit.window_start)
         value = float(fit.diffusion_coefficient)
-        estimate = f"{estimate_of(fit, 'diffusion_coefficient')}{diffusion_ring(fit)}"
-        source = f"D over {fit.window.item()} = {estimate}"
+        source = f"D over {fit.window.item()} = {_diffusion_of(fit)}"
     else:
         return unknown, ""
     msd = np.interp(start, case.time, case.msd)
@@ -120,22 +166,23 @@ def draw_logarithmic_msd(axes: np.ndarray, groups: list[list[Dataset]]) -> None:
     """Draw MSD(t) on logarithmic axes, where ballistic flight has slope 2 and diffusion slope 1; of
     one case both.
     """
-    cases = [case for group in groups for case in group]
-    top = HEADROOM * style.highest(cases, "msd") or 1.0
+    groups_of_parts = [components_of(group) for group in groups]
+    parts = [part for group in groups_of_parts for part in group]
+    top = HEADROOM * style.highest(parts, "msd") or 1.0
     axes[0, 0].set_ylim(0, top)
-    for panel, group in zip(axes[1], groups, strict=True):
+    for panel, cases, group in zip(axes[1], groups, groups_of_parts, strict=True):
         panel.set_xlabel("time $t$")
-        moving = [case.isel(time=(case.time.values > 0) & (case.msd.values > 0)) for case in group]
-        moving = [case for case in moving if case.sizes["time"] > 1]
+        moving = [part.isel(time=(part.time.values > 0) & (part.msd.values > 0)) for part in group]
+        moving = [part for part in moving if part.sizes["time"] > 1]
         if moving:
-            for case, line in style.styled_cases(moving):
-                style.band(panel, case, "msd", **line)
-            start = min(case.time.values[0] for case in moving)
-            end = max(case.time.values[-1] for case in moving)
+            for part, line in style.styled_cases(moving):
+                style.band(panel, part, "msd", **line)
+            start = min(part.time.values[0] for part in moving)
+            end = max(part.time.values[-1] for part in moving)
             style.log_axis(panel, "x", start, end)
-        if len(moving) == 1:
-            _models(panel, moving[0], np.geomspace(start, end, 201))
-    msd = np.concatenate([case.msd.values for case in cases])
+        if len(cases) == 1 and moving:
+            _models(panel, moving, np.geomspace(start, end, 201))
+    msd = np.concatenate([part.msd.values for part in parts])
     if (msd > 0).any():
         least = msd[msd > 0].min() / MARGIN
         style.log_axis(axes[1, 0], "y", least, max(msd.max() * MARGIN, top))
@@ -154,13 +201,24 @@ def table_of_msd(cases: list[Dataset]) -> DataFrame:
     frames = []
     for case in cases:
         t = case.time.values
-        ballistic = theory.ballistic_msd(t, float(case.initial_square_speed))
-        diffusion, _ = _diffusion(case, t)
-        frame = frame_of([case], ["time"], ["msd", "msd_over_4t"])
-        frame = frame.assign(ballistic=ballistic, diffusion=diffusion)
-        for window in case.window.values:
-            frame[f"fit over {window}"] = _fitted(case.sel(window=window), t)
-        frames.append(frame)
+        names = ["msd", "msd_over_4t"]
+        of_components = {}
+        fits = {}
+        for part in components_of([case]):
+            axis = component_of(part)
+            words = f" along {axis}" if axis else ""
+            if axis:
+                for end in PARTS:
+                    of_components[f"msd{words}{end}"] = part[f"msd{end}"]
+            for window in part.window.values:
+                fits[f"fit{words} over {window}"] = _fitted(part.sel(window=window), t)
+        names += [f"msd along {axis}" for axis in "xy" if f"msd along {axis}" in of_components]
+        frame = frame_of([case.assign(of_components)], ["time"], names)
+        if not of_components:
+            diffusion, _ = _diffusion(case, t)
+            ballistic = theory.ballistic_msd(t, float(case.initial_square_speed))
+            frame = frame.assign(ballistic=ballistic, diffusion=diffusion)
+        frames.append(frame.assign(**fits))
     return concat(frames)
 
 

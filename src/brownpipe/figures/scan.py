@@ -17,9 +17,12 @@ from brownpipe.figures.cases import (
     PARTS,
     axis_label,
     axis_of,
+    channel_axis,
     differing,
     diffusion_ring,
+    diffusion_symbol,
     frame_of,
+    label_of,
     quantities_of,
     series_of,
     varied_with,
@@ -74,7 +77,7 @@ def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
         shown = {label: with_value(ends, name) for label, ends in series.items()}
         _panel(panel, axis, shown, name)
         panel.set_xlabel("\n".join(along))
-        panel.set_ylabel(PANELS[name][1])
+        panel.set_ylabel(_label_of_diffusion(cases) if name == D else PANELS[name][1])
     titles = {name: PANELS[name][0] for name in names}
     if D in titles:
         window = cases[0].window[0].item()
@@ -82,6 +85,16 @@ def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
         titles[D] += f" over {window}{ring}"
     put_titles_and_legends(axes.flat[: len(names)], titles.values())
     return figure
+
+
+def _label_of_diffusion(cases: list[Dataset]) -> str:
+    """Return the label of D: in channels it is half of the slope along them."""
+    symbols = {diffusion_symbol(case) for case in cases}
+    of_channels = sorted(symbols - {"D"})
+    labels = ["$D$ = slope/4"] if "D" in symbols else []
+    if of_channels:
+        labels.append(f"{', '.join(of_channels)} = slope/2")
+    return "; ".join(labels)
 
 
 def also_varied(cases: list[Dataset], axis: str) -> list[str]:
@@ -124,6 +137,7 @@ def table_of_scan(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and fit window: D and the quantities of the case, theory, and
     differences.
 
+    Where some cases are channels, `component` says along which axis D is.
     A difference is taken from the case before along the axis, whose runs with the same seeds begin
     alike if they have as many disks; its standard error and interval are those of the mean over
     these pairs of runs. The difference of D is for the first window.
@@ -148,7 +162,11 @@ def table_of_scan(cases: list[Dataset]) -> DataFrame:
     )
     frame = frame_of(ends, ("window",), names).drop(columns="window")
     marks = frame.pop("diffusion_mark").astype(int)
-    return frame.assign(mark=marks.map(diffusive.mark_in_words))
+    frame = frame.assign(mark=marks.map(diffusive.mark_in_words))
+    if "channel_axis" not in cases[0]:
+        return frame
+    components = [label_of(case) | {"component": channel_axis(case)} for case in cases]
+    return frame.merge(DataFrame(components), how="left")
 
 
 def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:

@@ -29,6 +29,8 @@ from brownpipe.figures.cases import (
     aligned,
     at_last_distribution,
     cases_of,
+    channel_axis,
+    diffusion_name,
     diffusion_ring,
     drifts,
     estimate_of,
@@ -58,6 +60,7 @@ FIT = (
 TESTED = ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 SAME_DENSITY = 1e-6  # relative difference of packing fractions that are the same
+D = "diffusion_coefficient"
 LINE = 100  # characters of a line of words
 WIDEST = 120  # characters of a line of the table
 
@@ -102,7 +105,7 @@ QUANTITIES = (
 OF_LAG = ("msd", "non_gaussian_parameter", "green_kubo")
 DISPLACED = (
     Quantity("MSD", "msd", OF_SPREADING),
-    Quantity("D", "diffusion_coefficient", OF_SPREADING),
+    Quantity("D", D, OF_SPREADING),
 )
 
 
@@ -259,6 +262,7 @@ def columns_of(
         "diffusion_mark",
         "not_diffusive_before",
         "drift_p_value",
+        "channel_axis",
     }
     # What `_cell` reads, and no more: of a case with all variables each part takes xarray several
     # times as long.
@@ -273,19 +277,31 @@ def columns_of(
         parts = [_at(case, quantity) for case in of_label]
         if any(parts):
             known[label] = parts
+    if quantity.variable == D and known:
+        yield from _columns_by_name(known[""])
+        return
     for label, parts in known.items():
         yield f"{quantity.heading}, {label}" if len(known) > 1 else quantity.heading, parts
+
+
+def _columns_by_name(parts: list[Dataset | None]) -> Iterator[tuple[str, list[Dataset | None]]]:
+    """Yield name and cells of a column of D, and of D_x or D_y of channels."""
+    names = [diffusion_name(part) if part is not None else "" for part in parts]
+    for name in ("D", "D_x", "D_y"):
+        if name in names:
+            pairs = zip(parts, names, strict=True)
+            yield name, [part if other == name else None for part, other in pairs]
 
 
 def _at(case: Dataset, quantity: Quantity) -> Dataset | None:
     """Return the case at the time of `time_shown` and in the first window; None if it does not have
     the quantity there.
 
-    Without a temperature, the Green-Kubo integral is not a D.
+    Without a temperature and in a channel, the Green-Kubo integral is not a D.
     """
     if not has(case, quantity.variable):
         return None
-    if quantity.variable == "green_kubo" and not has(case, quantity.theory):
+    if quantity.variable == "green_kubo" and (channel_axis(case) or not has(case, quantity.theory)):
         return None
     places = {"window": 0}
     if "time" in case[quantity.variable].dims:
@@ -326,7 +342,7 @@ def _cell(part: Dataset | None, quantity: Quantity) -> str:
         theory = f" ({float(part[quantity.theory]):#.4g})"
     star = " *" if drifts(part) else ""
     ring = ""
-    if quantity.variable == "diffusion_coefficient":
+    if quantity.variable == D:
         ring = diffusion_ring(part)
     elif quantity.variable == "green_kubo":
         ring = " °" if _integral_mark(part) else ""
@@ -362,6 +378,9 @@ def _legend(
         yield "phi: packing fraction of all disks, which changes with what is varied."
     followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
     for quantity in shown:
+        if quantity.variable == D:
+            yield from _meanings_of_diffusion(dataset, cases)
+            continue
         variable = dataset[quantity.variable]
         meaning = variable.attrs.get("long_name", quantity.variable).replace(FOLLOWED, followed)
         source = f" ({variable.observable})" if "observable" in variable.attrs else ""
@@ -402,6 +421,17 @@ def _place_of(dataset: Dataset, name: str) -> str:
     if "window" in dims:
         place += f" {dataset.window.values[0]}"
     return place
+
+
+def _meanings_of_diffusion(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
+    """Lines on D, and on D_x or D_y of channels."""
+    window = dataset.window.values[0]
+    axes = {channel_axis(case) for case in cases if has(case, D)}
+    if "" in axes:
+        yield f"D: {dataset[D].long_name} {window}."
+    for axis in sorted(axes - {""}):
+        meaning = f"D along the channel, half of the slope of the MSD along {axis}, in the window"
+        yield f"D_{axis}: {meaning} {window}."
 
 
 def _tests_of_diffusion(cases: list[Dataset], tests: int) -> Iterator[str]:
@@ -565,5 +595,12 @@ def summary_table(dataset: Dataset) -> DataFrame:
             fit = case.isel(window=w)
             numbers = {name: fit[name].item() for name in FIT}
             mark = diffusive.mark_in_words(fit.diffusion_mark.item())
-            rows.append(row | numbers | {"mark": mark})
+            rows.append(row | numbers | {"mark": mark} | _component_of(case))
     return DataFrame(rows)
+
+
+def _component_of(case: Dataset) -> dict[str, str]:
+    """Return of which component the fits of a case are, if some cases of its dataset are
+    channels.
+    """
+    return {"component": channel_axis(case)} if "channel_axis" in case else {}
