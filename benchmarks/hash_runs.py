@@ -43,7 +43,9 @@ RECORDS = {
     "timestep": "all",
     "langevin": "tracer",
 }  # as much as each can record
-ALL = ",".join(observables.OBSERVABLES)
+# those that every engine of all disks can measure
+OF_TRACKS = [name for name in observables.OBSERVABLES if not observables.needs_events([name])]
+ALL = ",".join(OF_TRACKS)
 DONE, FAILED, WRONG = 0, 1, 2  # exit status of the command line
 STATUS = "exit status"  # stands among the datasets of a file
 DIMENSIONS = {  # of the keys of a scene: exponents of length, mass and time

@@ -40,6 +40,7 @@ SQUARE = ("square_displacement",)
 QUARTIC = ("quartic_displacement",)
 TRACER_ALONE = observables.tracer_observables(OBSERVABLES)
 ALL = tuple(OBSERVABLES)
+OF_TRACKS = [name for name in ALL if not observables.needs_events([name])]
 REPORTED = {"quarter_collisions", "quarter_virial", "quarter_energy"}  # by the exact engine itself
 MEASURED = [name for name in ARRAYS if name not in REPORTED]
 UNLIKELY = 1e-7  # chance that a test against a distribution fails though all is right
@@ -686,7 +687,7 @@ def test_an_observable_alone_is_what_it_is_among_all(name):
             assert np.array_equal(alone[array], among_all[array], equal_nan=True)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", OF_TRACKS)
 def test_histograms_are_of_the_last_sample_unless_the_scene_is_stationary(name):
     """Two runs with the same last sample have the same arrays exactly if the record says so."""
     for scene in (make(), make(equilibrate={"time": 1.0, "tracer": "pinned"})):

@@ -26,10 +26,11 @@ equilibrate: {time: 0.5, tracer: free}
 duration: 1.0
 samples: {per_decade: 8, first: 0.01}
 """
-OBSERVABLES = ",".join(observables.OBSERVABLES)
+OF_TRACKS = [name for name in observables.OBSERVABLES if not observables.needs_events([name])]
+OBSERVABLES = ",".join(OF_TRACKS)
 RUNS = ["simulate", "scene.yaml", "--seeds", "0-11", "--observables", OBSERVABLES]
 STUDY = [
-    [*RUNS, "--record", "all", "--output", "exact.h5"],
+    [*RUNS[:-1], f"{OBSERVABLES},first_passage", "--record", "all", "--output", "exact.h5"],
     [
         *RUNS,
         "--engine",

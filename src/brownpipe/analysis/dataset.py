@@ -15,6 +15,7 @@ from brownpipe.analysis import (
     displacement,
     distribution,
     drift,
+    first_passage,
     pairs,
     thermodynamics,
     variables,
@@ -79,6 +80,7 @@ ESTIMATORS: tuple[Estimator, ...] = (
     pairs.ESTIMATOR,
     thermodynamics.ESTIMATOR,
     drift.ESTIMATOR,
+    first_passage.ESTIMATOR,
 )
 # These come first in a dataset, so that xarray shows them among its hundred variables; then other
 # physics, then health.

@@ -28,7 +28,7 @@ from brownpipe.engines.forecast import Cost
 from brownpipe.engines.langevin import LANGEVIN
 from brownpipe.engines.timestep import TIMESTEP
 from brownpipe.errors import RequestError
-from brownpipe.observables import own, tracer_observables
+from brownpipe.observables import needs_events, own, tracer_observables
 from brownpipe.provenance import module_of
 from brownpipe.scene.reading import Section, YamlValue, choice_of, validated
 from brownpipe.scene.scene import Scene
@@ -123,6 +123,18 @@ class Engine(NamedTuple):
     def refuse_unfit(self, scene: Scene, record: Collection[str] = TRACER) -> None:
         """Raise RequestError if the engine cannot run the scene or cannot record `record` of it."""
         self.definition.refuse_unfit(scene, self.values, frozenset(record))
+
+    def refuse_observables(self, scene: Scene, names: Collection[str]) -> None:
+        """Raise RequestError if some of these observables need collisions, and the engine cannot
+        record them.
+        """
+        for name in names:
+            if not needs_events([name]):
+                continue
+            try:
+                self.refuse_unfit(scene, {"events"})
+            except RequestError as error:
+                raise RequestError(f"{name} needs collisions: {error}") from None
 
     def forecast(
         self, scene: Scene, record: Collection[str], observables: Collection[str], average: str

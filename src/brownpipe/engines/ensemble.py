@@ -68,7 +68,7 @@ class Batch(NamedTuple):
     scene: Scene
     ensemble: Ensemble
     record: frozenset[str]  # "tracer", "velocity", "all", "events"
-    # what the engine must record: `record`, and every disk if an observable needs it
+    # what the engine must record: `record`, and every disk or collision if an observable needs it
     needed_record: frozenset[str]
     observables: tuple[str, ...]  # names in observables.OBSERVABLES, or of the user's own functions
 
@@ -99,7 +99,11 @@ def new_batch(
         image = blank_array(shape, np.int32) if scene.box.has_images else None
         tracer = Track(blank_array(shape, float), velocity, image)
     ensemble = _empty(np.asarray(seeds, dtype=np.int64), scene.times, tracer, average)
-    needed = {*record, "all"} if observables.needs_every_disk(names, average) else record
+    needed = {*record}
+    if observables.needs_every_disk(names, average):
+        needed.add("all")
+    if observables.needs_events(names):
+        needed.add("events")
     return Batch(scene, ensemble, frozenset(record), frozenset(needed), tuple(names))
 
 
@@ -168,7 +172,7 @@ def _add_run(batch: Batch, column: int, run: Run) -> None:
     write_columns(ensemble, slice(column, column + 1), run.tracer, columns)
     if run.whole is not None and "all" in batch.record:
         ensemble.whole[seed] = run.whole
-    if run.events is not None:
+    if run.events is not None and "events" in batch.record:
         ensemble.events[seed] = run.events
 
 

@@ -97,6 +97,8 @@ def run_cost(
     disk_samples = len(scene.times) * sampled_disks
     measuring = [measures.observable_named(name).working_memory(scene) for name in observables]
     working_bytes = max(measuring, default=0.0) + BYTES_PER_SAMPLE * disk_samples
+    if measures.needs_events(observables):
+        working_bytes += COPIES * BYTES_PER_EVENT * collisions
     working_bytes += BYTES_PER_DISK * (1 if tracer_only else scene.particles)
     in_file, until_written = _bytes_of_record(scene, record, observables, collisions)
     seconds = EACH_RUN * (0.5 if tracer_only else 1 + (scene.equilibrate.time > 0))
@@ -175,10 +177,12 @@ def _seconds_of_observable(scene: Scene, name: str, average: str) -> float:
     disks = scene.particles * observable.relative_cost(scene)
     if observable.tracks_needed == "tracer":
         disks = len(equal_disks(scene)) if over_disks(average) else 1
+    elif observable.tracks_needed == "path":
+        disks = 1
     elif observable.is_over_samples and not is_stationary(scene):
         samples = 1
     seconds = samples * disks * observable.seconds_per_disk_sample
-    if over_origins(average) and observable.tracks_needed != "all":
+    if over_origins(average) and observable.tracks_needed in ("tracer", "bath"):
         return min(samples, LAGS_ONE_BY_ONE) * SECONDS_TO_MEASURE + TRANSFORMS * seconds
     return max(SECONDS_TO_MEASURE, seconds)
 

@@ -20,6 +20,7 @@ from brownpipe.errors import RequestError
 from brownpipe.observables import (
     displacement,
     equilibrium,
+    first_passage,
     orientation,
     own,
     pairs,
@@ -43,6 +44,7 @@ OBSERVABLES: dict[str, Observable] = {
     "density_profile": profile.DENSITY_PROFILE,
     "quartic_displacement": displacement.QUARTIC_DISPLACEMENT,
     "orientational_order": orientation.ORDER,
+    "first_passage": first_passage.FIRST_PASSAGE,
 }
 ARRAYS: dict[str, RunArray] = {**equilibrium.ARRAYS}
 AXES: dict[str, Axis] = {
@@ -70,8 +72,14 @@ def observe(
     """
     arrays: dict[str, np.ndarray] = {}
     for name in names:
-        if not own.is_own(name):
-            observable = OBSERVABLES[name]
+        if own.is_own(name):
+            continue
+        observable = OBSERVABLES[name]
+        if observable.measure_path is not None:
+            if run.events is None:
+                raise RequestError(f"{name} needs collisions, which the engine does not return")
+            arrays |= observable.measure_path(scene, run.path(scene))
+        else:
             track = _track_for(observable, scene, run, average)
             arrays |= observable.measure(scene, track, average)
     return arrays
@@ -92,7 +100,12 @@ def needs_every_disk(names: Collection[str], average: str = "runs") -> bool:
     """
     if over_disks(average):
         return bool(names)
-    return len(tracer_observables(names)) < len(names)
+    return any(observable_named(name).tracks_needed in ("bath", "all") for name in names)
+
+
+def needs_events(names: Iterable[str]) -> bool:
+    """Return whether some of these observables need the collisions of a run."""
+    return any(observable_named(name).tracks_needed == "path" for name in names)
 
 
 def tracer_observables(names: Iterable[str]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from brownpipe.observables.trajectory import Track
+from brownpipe.observables.trajectory import DiskPath, Track
 from brownpipe.scene import Scene
 
 
@@ -47,8 +47,10 @@ class Observable(NamedTuple):
     # CPU seconds for each disk in each sample, without averages over time origins
     seconds_per_disk_sample: float
     # of the tracer alone (all AVERAGES apply), of the bath (which may be averaged over origins) or
-    # of all disks; for the last two the track has all disks
-    tracks_needed: Literal["tracer", "bath", "all"] = "all"
+    # of all disks; for the last two the track has all disks; or the exact path of the tracer
+    tracks_needed: Literal["tracer", "bath", "all", "path"] = "all"
+    # (scene, path of the tracer): values by array, in place of `measure` where a path is needed
+    measure_path: Callable[[Scene, DiskPath], Mapping[str, np.ndarray]] | None = None
     axes: Mapping[str, Axis] = MappingProxyType({})  # the dimensions that are its own, by name
     # its track has all samples of a stationary scene, otherwise the last one alone
     is_over_samples: bool = False

@@ -335,6 +335,7 @@ class Study(Section):
                     continue
                 try:
                     engine.refuse_unfit(case, self.record)
+                    engine.refuse_observables(case, self.observables)
                 except RequestError as error:
                     refuse(str(error), "engines", k)
                 if any(use.engine == engine and use.case is case for use in uses):
@@ -519,6 +520,7 @@ def forecast_of_runs(
         raise RequestError(f"seeds: {_repetition(scene.name, len(seeds))}")
     measures.refuse_unfit_observables(scene, names, average)
     engine.refuse_unfit(scene, record)
+    engine.refuse_observables(scene, names)
     cost = engine.forecast(scene, record, names, average)
     forecast.refuse_too_large(scene, len(seeds), cost)
     return cost
