@@ -29,8 +29,8 @@ OTHER_NAMES = """
     enskog_diffusion enskog_tracer_collision_rate event_time expected_counts
     expected_overflow failed failed_runs first_passage_median
     first_passage_median_high first_passage_median_low first_passage_survival
-    first_passage_survival_high first_passage_survival_low first_passage_time friction_rate growth_exponent
-    growth_exponent_standard_error image impulse initial_square_speed intercept
+    first_passage_survival_high first_passage_survival_low first_passage_time friction_rate
+    growth_exponent growth_exponent_standard_error image impulse initial_square_speed intercept
     intercept_standard_error kinetic_energy kurtosis_p_value mass missed_collisions model
     model_diffusion_coefficient momentum_residual msd_limit
     non_gaussian_parameter_controlled non_gaussian_parameter_controlled_standard_error
