@@ -16,6 +16,7 @@ from brownpipe.report.answer import answer_in_words, front_in_words
 from brownpipe.report.typical_run import scenes_in_motion, typical_seed
 from brownpipe.tradeoff.front import Interval
 from ensembles import make_runs, make_scene
+from scenes import CHANNEL_X
 
 RECORD = {"made_by": {"brownpipe_version": "0"}, "dataset": {"sha256": "0" * 64, "made_from": []}}
 SEEDS = range(5)
@@ -153,13 +154,22 @@ def test_the_sentences_have_the_numbers_of_the_dataset(synthetic):
     assert f'<p class="sentence">{paragraphs[0]}</p>' in text
 
 
+def test_the_coefficient_of_a_channel_is_that_along_it():
+    channel = aggregate([make_runs(make_scene("pore", 20, boundary=CHANNEL_X), range(40))])
+    mark = channel.component_diffusion_mark * 0
+    (text,) = answer_in_words(channel.assign(component_diffusion_mark=mark))
+    along = channel.component_diffusion.sel(component="x").isel(window=0).squeeze()
+    error = channel.component_diffusion_standard_error.sel(component="x").isel(window=0).squeeze()
+    assert f" It diffuses along x: D_x = {plus_minus(along, error)} between t = " in text
+
+
 @pytest.mark.parametrize("bit", diffusive.REASONS)
 def test_a_marked_coefficient_is_not_stated(synthetic, bit):
     drift = synthetic.window_drift_diffusion * 0 + 0.1
     mark = synthetic.diffusion_mark * 0 + bit
     marked = synthetic.assign(diffusion_mark=mark, window_drift_diffusion=drift.fillna(0.1))
     text = answer_in_words(marked)[0]
-    assert "D = " not in text
+    assert not re.search("D(_x)? = ", text)
     assert re.search("It is not (yet )?diffusive|Whether it diffuses", text)
     assert "nan" not in text
 

@@ -15,6 +15,8 @@ from brownpipe.analysis.variables import average_of
 from brownpipe.figures.cases import (
     at_equal_steps,
     cases_of,
+    channel_axis,
+    diffusion_name,
     drifts,
     estimate_of,
     fits_of,
@@ -98,11 +100,14 @@ def _distance_in_words(case: Dataset) -> str:
 
 
 def _diffusion_in_words(fit: Dataset) -> str:
-    """Return D in a fit window, or what speaks against one."""
+    """Return D in a fit window, in a channel that along it, or what speaks against one."""
     mark = fit.diffusion_mark.item()
     window = f"between t = {float(fit.window_start):g} and {float(fit.window_end):g}"
+    axis = channel_axis(fit)
+    moves = f"It diffuses along {axis}" if axis else "It diffuses"
     if not mark:
-        return f"It diffuses: D = {estimate_of(fit, 'diffusion_coefficient')} {window}."
+        estimate = estimate_of(fit, "diffusion_coefficient")
+        return f"{moves}: {diffusion_name(fit)} = {estimate} {window}."
     reasons = reasons_of_case(fit, mark & ~diffusive.EARLY)
     if mark & diffusive.EARLY:
         forgets = f"t = {float(fit.not_diffusive_before):.3g} (3/gamma)"
