@@ -10,6 +10,7 @@ from brownpipe.analysis import aggregate, displacement, distribution, estimator,
 from brownpipe.engines import Engine
 from brownpipe.errors import AnalysisError
 from ensembles import make_runs, make_scene, write
+from scenes import CHANNEL_X, CHANNEL_Y
 
 TIMES = (0.2, 0.55, 1.0)
 WINDOWS = ((0.1, 1.0), (0.5, 1.0))
@@ -141,6 +142,18 @@ def test_a_time_without_a_sample_is_refused_and_one_that_is_given_twice_counts_o
         aggregate([runs], displacement_times=(0.33,))
     found = aggregate([runs], displacement_times=(0.2, 0.2000000001))
     assert found.displacement_counts.sum() + found.displacement_overflow.sum() == 12
+
+
+@pytest.mark.parametrize("boundary", [CHANNEL_X, CHANNEL_Y])
+def test_no_distribution_with_one_diffusion_coefficient_is_tested_in_a_channel(boundary, tmp_path):
+    """Rings of an anisotropic motion look like those of an isotropic one in few runs."""
+    runs = make_runs(make_scene(boundary=boundary), range(60))
+    tracer = runs.ensemble.tracer._replace(image=np.zeros((21, 60, 2), np.int32))
+    channel = runs._replace(ensemble=runs.ensemble._replace(tracer=tracer))
+    found = aggregate([write(tmp_path, channel)]).squeeze()
+    assert found.displacement_counts.sum() + found.displacement_overflow == 60
+    assert np.isnan(found.p_value_joint).all()
+    assert np.isnan(found.model_diffusion_coefficient).all()
 
 
 # --- kurtosis

@@ -208,14 +208,16 @@ def _models(case: Case, averages: Averages, k: int, counts: np.ndarray) -> list[
     """Return the models at the k-th time, whose `counts` (K + 1,) are to be tested.
 
     D is the mean of r^2/4t or of a slope over 4, or that which gives the reflecting square this
-    mean of r^2; NaN if the mean is not positive.
+    mean of r^2; NaN if the mean is not positive, and in channels: their motion along x and y
+    differs, so that no model has one D for both.
     """
     sample = chosen_times(case)[k]
     t = case.times[sample]
     msd, msd_variance = resampling.moments(averages.sums_of("msd"), 0)
     slope, slope_variance = resampling.moments(averages.sums_of("slope"), 0)
     means = np.append(msd[0, sample], slope[0])
-    means = np.where(means > 0.0, means, np.nan)
+    is_alike = not case.scene.box.is_channel
+    means = np.where((means > 0.0) & is_alike, means, np.nan)
     variances = np.append(msd_variance[0, sample], slope_variance[0]) / means**2
     diffusion = means / 4 / np.append(t, np.ones(len(case.windows)))
     shared = averages.totals["shared"][k][:, : len(counts)] / means[:, None] - counts
