@@ -324,6 +324,20 @@ def test_achieved_error_is_the_tolerance(study_file, tmp_path, here):
     assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000
 
 
+def test_a_diffusion_coefficient_of_a_channel_is_not_planned(study_file, tmp_path):
+    text = """\
+box: {x: [0, 20], y: [0, 3], boundary: {x: periodic, y: reflecting}}
+disks: {species: [{name: gas, count: 12, radius: 0.5, mass: 1.0}]}
+velocities: {temperature: 1.0}
+duration: 4.0
+sample_interval: 0.1
+"""
+    (tmp_path / "scenes" / "few.yaml").write_text(text)
+    study = read_study(study_file(seeds=8))
+    with pytest.raises(RequestError, match="the target d: few, N = 12 is a channel"):
+        plan.performance_of(study, "d", 0.05)
+
+
 @pytest.mark.slow
 def test_an_average_within_runs_needs_fewer_of_them(study_file, tmp_path, here):
     """Over twelve equal disks, which hardly know of each other: some twelfth of the runs of one

@@ -77,9 +77,14 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     lack are made.
 
     Squared displacements are averaged within a run as in the study, unless the target is their
-    distribution. Raises RequestError if the study's runs do not have them, or hardly any run is
-    sound.
+    distribution. Raises RequestError if the study's runs do not have them, for a D in a channel,
+    where a quarter of the slope is none, and if hardly any run is sound.
     """
+    if target == "d" and scene.box.is_channel:
+        raise RequestError(
+            f"{study.name}: the target d: {scene.title} is a channel, whose D is along it, and is "
+            "not planned; must be msd"
+        )
     record, observables, average = study.recording
     squares = SQUARES if SQUARES in observables and target != DISTRIBUTION else None
     if squares is None and "tracer" not in record:
