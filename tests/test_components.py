@@ -24,6 +24,7 @@ CHANNELS = [CHANNEL_X, CHANNEL_Y]
 ALONG_X = 0.3  # D
 ALONG_Y = 0.05
 WINDOW = (0.25, 1.0)
+BOX = {"x": [-3.0, 3.0], "y": [-2.0, 2.0]}
 OBLONG = {"x": [-3.0, 3.0], "y": [-2.0, 2.0], "boundary": "reflecting"}
 
 
@@ -358,3 +359,15 @@ def test_a_scan_of_channels_has_d_along_them():
     along = result.run_component_diffusion.sel(component="y").squeeze()
     difference = (along[1] - along[0]).mean().item()
     assert table.diffusion_coefficient_difference[1] == pytest.approx(difference, rel=1e-12)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_channel_is_drawn_beside_a_periodic_box(order, tmp_path):
+    """Parts along x and y beside a case of all motion, whichever comes first."""
+    channel = make_scene(box=BOX | {"boundary": CHANNEL_X})
+    periodic = channel.replace(box=BOX | {"boundary": PERIODIC}, name="periodic")
+    runs = [bp.simulate(scene, 4, quiet=True) for scene in (channel, periodic)]
+    result = bp.analyse([runs[k] for k in order])
+    for name in ("msd", "diffusion"):
+        bp.plot(result, name).savefig(tmp_path / f"{name}.png")
+    assert len(bp.table(result)) == 2

@@ -742,7 +742,7 @@ def _request(
         seeds = f"{seeds[0]}-{seeds[-1]}"  # never expanded, as it may be long
     numbers = validated(Seeds, plain(seeds), key="seeds")
     processes = validated(AtLeastOne, plain(cores), key="cores")
-    over = average_named(average)
+    over = average_named(validated(str | list[str], plain(average), key="average"))
     request = Request(scene_record, numbers, chosen, recorded, names, over, processes)
     request.forecast()
     return request

@@ -103,8 +103,8 @@ def drift_diffusion(scene: Scene) -> float:
     Exact for given velocities, and if they are drawn at a temperature. With a standard deviation
     the tracer may start hotter than its bath, and its motion relative to the centre of mass is then
     correlated with V: that adds about D (kT_a/kT_b - 1) m_a/M more, which is left out
-    (docs/theory.md, section 3). In a channel the drift is that along its periodic axis. NaN between
-    walls, for species whose total momentum is zero, and where a tracer that is held takes up
+    (docs/theory.md, section 3). In a channel the drift is that along its periodic axis. NaN in a
+    box of walls, for species whose total momentum is zero, and where a tracer that is held takes up
     momentum of given velocities before t = 0.
     """
     if not scene.box.has_images or motion.starts_with_zero_momentum(scene):

@@ -110,10 +110,13 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
 
 def differing(cases: list[Dataset]) -> list[str]:
     """Return the labels that tell cases or their parts apart: scene, varied keys, particle count,
-    engine, species.
+    engine, species, component. A label that only some of them have, as parts of a channel beside a
+    periodic box have a component, is none of all.
     """
     names = []
     for name in _labels(cases[0]):
+        if not all(name in _labels(case) for case in cases):
+            continue
         values = {case.variables[name].values.item() for case in cases}
         if len(values) > 1:
             names.append(name)

@@ -138,5 +138,7 @@ def front_in_words(front: Sequence[Interval]) -> str:
     """Return which setting of a Pareto front is the best for which CPU time."""
     if len(front) == 1:
         return f"with {front[0].label}, for any CPU time"
-    limited = [f"with {label} up to {in_time(end)} of CPU" for label, _, end in front[:-1]]
+    limited = []
+    for interval in front[:-1]:
+        limited.append(f"with {interval.label} up to {in_time(interval.end)} of CPU")
     return f"{', '.join(limited)}, then with {front[-1].label}"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from brownpipe.analysis.variables import VARIED
+from brownpipe.analysis.variables import VARIED, average_of
 from brownpipe.engines import Engine, forecast
 from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.figures.cases import cases_of, one_count, title_of
@@ -61,9 +61,12 @@ def scenes_in_motion(dataset: Dataset, particles: int | None = None) -> list[InM
 
 def typical_seed(case: Dataset) -> int:
     """Return the seed of the good run whose squared displacement at the end is the median: of an
-    even number of runs the smaller of the middle two.
+    even number of runs the smaller of the middle two. With averages within runs, which are not of
+    the tracer at the end, it is the first good run.
     """
     good_runs = case.run_msd.dropna("seed")
+    if average_of(case) != "runs":
+        return int(good_runs.seed.values[0])
     order = np.argsort(good_runs.values, kind="stable")
     middle = order[(len(order) - 1) // 2]
     return int(good_runs.seed.values[middle])
@@ -71,8 +74,9 @@ def typical_seed(case: Dataset) -> int:
 
 def _record_of(dataset: Dataset, case: Dataset) -> RunsRecord | None:
     """Return the record of the exact runs of a case; None if the dataset does not have it."""
-    paths = [dataset[key].attrs["long_name"] for key in dataset.attrs.get(VARIED, "").split()]
-    labels = [case[key].item() for key in dataset.attrs.get(VARIED, "").split()]
+    keys = dataset.attrs.get(VARIED, "").split()
+    paths = [dataset[key].attrs["long_name"] for key in keys]
+    labels = [case[key].item() for key in keys]
     engine = f"--engine {EXACT.options}"
     for record in json.loads(dataset.attrs.get("made_from", "[]")):
         name = record.get("name", "")
@@ -108,8 +112,10 @@ def _in_motion(case: Dataset, record: RunsRecord) -> InMotion:
     ensemble = EXACT.simulate(scene, [seed], RECORDS)
     replay = replay_of(Trajectories(scene, EXACT, ensemble), seed)
     runs = "the only run"
-    if int(case.runs) > 1:
+    if int(case.runs) > 1 and average_of(case) == "runs":
         runs = "a typical run (of median squared displacement)"
+    elif int(case.runs) > 1:
+        runs = "the first run"
     end = replay.data["end"]
     whole = "" if end == case.duration else f", the first {end:.3g} of {float(case.duration):g}"
     return InMotion(f"{title}: {runs}, seed {seed}{whole}", replay)

@@ -344,8 +344,8 @@ class Velocities(Section):
         "normal",
     )
     zero_momentum: Resolved[StrictBool] = key(
-        "subtract the velocity of the centre of mass (default: in a periodic box with several "
-        "disks); in a channel along its periodic axis alone",
+        "subtract the velocity of the centre of mass (default: of several disks in a periodic box "
+        "or a channel); in a channel along its periodic axis alone",
         None,
     )
 

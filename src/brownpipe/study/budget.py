@@ -109,7 +109,7 @@ def errors_within(
     targets = [*dict.fromkeys(["msd", "d", target])]
     window = study.fit_windows[0]
     paid: list[PaidRuns] = []
-    made: list[Pilot] = []
+    all_pilots: list[Pilot] = []
     for case in tracked(dict.fromkeys(use.case for use in affordable), "cases"):
         pilots = pilots_of(affordable_study, case, target)
         exact = pilots[REFERENCE]
@@ -122,8 +122,8 @@ def errors_within(
             if not has_d:
                 errors["d"] = math.nan
             paid.append(PaidRuns(case, by_engine[engine], pilot.cost.seconds, errors))
-        made += pilots.values()
-    return paid, made
+        all_pilots += pilots.values()
+    return paid, all_pilots
 
 
 def best_offer(study: Study, paid: Sequence[PaidRuns], target: str) -> Offer | None:
