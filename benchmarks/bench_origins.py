@@ -130,7 +130,7 @@ def seconds_of_plain_sums(name, scene, run, lags):
     from brownpipe.observables.averages import Pairs
 
     products = {
-        "square_displacement": (displacement.SQUARE, displacement.GROWTH),
+        "square_displacement": (*displacement.SQUARES, displacement.GROWTH),
         "velocity_autocorrelation": (velocity.VELOCITY_PRODUCT, velocity.VELOCITY_DISPLACEMENT),
         "quartic_displacement": (displacement.QUARTIC,),
     }[name]

@@ -428,7 +428,8 @@ def _meanings_of_diffusion(dataset: Dataset, cases: list[Dataset]) -> Iterator[s
     window = dataset.window.values[0]
     axes = {channel_axis(case) for case in cases if has(case, D)}
     if "" in axes:
-        yield f"D: {dataset[D].long_name} {window}."
+        meaning = dataset[D].attrs.get("long_name", D)
+        yield f"D: {meaning} {window}."
     for axis in sorted(axes - {""}):
         meaning = f"D along the channel, half of the slope of the MSD along {axis}, in the window"
         yield f"D_{axis}: {meaning} {window}."
