@@ -132,7 +132,8 @@ def test_other_engines_are_not_shown_in_motion(scene):
 
 def test_the_sentences_have_the_numbers_of_the_dataset(synthetic):
     marks = synthetic.diffusion_mark * 0
-    plain = synthetic.assign(diffusion_mark=marks)
+    well_known = synthetic.slope_change_standard_error * 1e-3
+    plain = synthetic.assign(diffusion_mark=marks, slope_change_standard_error=well_known)
     paragraphs = answer_in_words(plain)
     assert len(paragraphs) == 3
     assert paragraphs[2] == "The table has 2 further cases."
@@ -154,10 +155,21 @@ def test_the_sentences_have_the_numbers_of_the_dataset(synthetic):
     assert f'<p class="sentence">{paragraphs[0]}</p>' in text
 
 
+def test_few_runs_are_not_said_to_show_diffusion(synthetic):
+    """Where not even a fall of the slope to zero would be found."""
+    plain = synthetic.assign(diffusion_mark=synthetic.diffusion_mark * 0)
+    text = answer_in_words(plain)[0]
+    assert re.search("Nothing found speaks against D = .*, but there are few runs to find it", text)
+
+
 def test_the_coefficient_of_a_channel_is_that_along_it():
     channel = aggregate([make_runs(make_scene("pore", 20, boundary=CHANNEL_X), range(40))])
     mark = channel.component_diffusion_mark * 0
-    (text,) = answer_in_words(channel.assign(component_diffusion_mark=mark))
+    well_known = channel.component_slope_change_standard_error * 1e-3
+    without_mark = channel.assign(
+        component_diffusion_mark=mark, component_slope_change_standard_error=well_known
+    )
+    (text,) = answer_in_words(without_mark)
     along = channel.component_diffusion.sel(component="x").isel(window=0).squeeze()
     error = channel.component_diffusion_standard_error.sel(component="x").isel(window=0).squeeze()
     assert f" It diffuses along x: D_x = {plus_minus(along, error)} between t = " in text

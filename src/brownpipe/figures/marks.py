@@ -130,12 +130,8 @@ def power_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
     falls = []
     families = []
     for fit in plain:
-        error = (fit.slope_change_standard_error / abs(fit.slope)).values
-        tests = _tests_in_family(cases, fit)
-        level = diffusive.LEVEL / tests
-        beyond = change_found_with_power(error, int(fit.runs), level, POWER)
-        falls.append(diffusive.SMALL_FALL + float(beyond))
-        families.append(counted(tests, "test"))
+        falls.append(fall_found(cases, fit))
+        families.append(counted(_tests_in_family(cases, fit), "test"))
     names = " or ".join(dict.fromkeys(map(diffusion_name, plain)))
     limits = (
         f"fall by more than {diffusive.SMALL_FALL:.0%}, or to grow by more than "
@@ -149,6 +145,18 @@ def power_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
         power = f"too few runs to find even a fall to zero in {unseen} of {len(falls)}"
     text = f"{names} without °: the slope is not found to {limits}, at {level_in_words}; {power}."
     yield from textwrap.wrap(text, LINE)
+
+
+def fall_found(cases: Sequence[Dataset], fit: Dataset) -> float:
+    """Return the fall of the slope in a fit window, from its first half to its second, that is
+    found with a probability of POWER: above 1 if not even a fall to zero is.
+
+    cases: all that are tested with the fit.
+    """
+    error = (fit.slope_change_standard_error / abs(fit.slope)).values
+    level = diffusive.LEVEL / _tests_in_family(cases, fit)
+    beyond = change_found_with_power(error, int(fit.runs), level, POWER)
+    return diffusive.SMALL_FALL + float(beyond)
 
 
 def _tests_in_family(cases: Sequence[Dataset], fit: Dataset) -> int:

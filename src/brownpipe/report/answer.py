@@ -26,7 +26,7 @@ from brownpipe.figures.cases import (
     title_of,
     with_value,
 )
-from brownpipe.figures.marks import reasons_of_case
+from brownpipe.figures.marks import fall_found, reasons_of_case
 from brownpipe.figures.summary import time_shown
 from brownpipe.figures.tradeoff import setting_of
 from brownpipe.text import counted, in_time
@@ -57,7 +57,7 @@ def answer_in_words(dataset: Dataset, particles: int | None = None) -> list[str]
         shown += at_equal_steps(cases_of_scene, MOST_CASES)
     paragraphs = []
     for case in shown:
-        text = " ".join([*_sentences_of(case)])
+        text = " ".join([*_sentences_of(case, cases)])
         paragraphs.append(f"{title_of(case)}: {text}" if len(cases) > 1 else text)
     others = len(cases) - len(shown)
     if shown and others:
@@ -73,12 +73,14 @@ def _by_labels(cases: Sequence[Dataset], *names: str) -> list[list[Dataset]]:
     return [*groups.values()]
 
 
-def _sentences_of(case: Dataset) -> Iterator[str]:
-    """Yield how far the tracer has moved, and its D or why there is none."""
+def _sentences_of(case: Dataset, cases: Sequence[Dataset]) -> Iterator[str]:
+    """Yield how far the tracer has moved, and its D or why there is none; `cases` are all that are
+    tested with it.
+    """
     yield _distance_in_words(case)
     fits = fits_of(case)
     if fits:
-        yield _diffusion_in_words(fits[0])
+        yield _diffusion_in_words(fits[0], cases)
     if drifts(case):
         yield "The runs are found not to be in equilibrium: the numbers are of a changing state."
 
@@ -99,7 +101,7 @@ def _distance_in_words(case: Dataset) -> str:
     )
 
 
-def _diffusion_in_words(fit: Dataset) -> str:
+def _diffusion_in_words(fit: Dataset, cases: Sequence[Dataset]) -> str:
     """Return D in a fit window, in a channel that along it, or what speaks against one."""
     mark = fit.diffusion_mark.item()
     window = f"between t = {float(fit.window_start):g} and {float(fit.window_end):g}"
@@ -107,7 +109,10 @@ def _diffusion_in_words(fit: Dataset) -> str:
     moves = f"It diffuses along {axis}" if axis else "It diffuses"
     if not mark:
         estimate = estimate_of(fit, "diffusion_coefficient")
-        return f"{moves}: {diffusion_name(fit)} = {estimate} {window}."
+        coefficient = f"{diffusion_name(fit)} = {estimate} {window}"
+        if fall_found(cases, fit) > 1:
+            return f"Nothing found speaks against {coefficient}, but there are few runs to find it."
+        return f"{moves}: {coefficient}."
     reasons = reasons_of_case(fit, mark & ~diffusive.EARLY)
     if mark & diffusive.EARLY:
         forgets = f"t = {float(fit.not_diffusive_before):.3g} (3/gamma)"
