@@ -316,6 +316,7 @@ WRONG_XYZ = {
     "1\nno properties\nA 0 2 0\n": "line 2: Properties: must have radius",
     f"1\n{PROPERTIES}:radius:R:1\nA 0 2 0 0.5 1 2\n": "radius: must be in one column, not in 2",
     f"1\n{PROPERTIES}:spin:R:\u00b2\n\n": "Properties: must be name:type:width, not type:S",
+    f"1\n{PROPERTIES}:spin:R:999999999\n\n": "Properties: must be name:type:width, not type:S",
     "Dear all\n": "line 1: must be the number of disks, not Dear all",
     "\u00b2\n": "line 1: must be the number of disks",
 }

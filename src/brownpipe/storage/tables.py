@@ -18,6 +18,7 @@ from brownpipe.scene.reading import NAME
 # in the comment of an extended XYZ; the value may be in quotes, with \" for a quote in it
 KEY_AND_VALUE = re.compile(r"""([^\s="']+)\s*=\s*("(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*'|\S+)""")
 NUMBER_OF_DISKS = re.compile("[0-9]{1,9}")
+WIDTH = re.compile("[0-9]{1,4}")  # of a property of an XYZ: how many columns it has
 PLAIN_XYZ = "species:S:1:pos:R:3"  # the columns of an XYZ that does not name them
 
 
@@ -121,7 +122,7 @@ def _columns_of_properties(file: Path, frame: Frame) -> list[str]:
     words = properties.split(":")
     titles = []
     for name, width in zip(words[::3], words[2::3], strict=False):
-        if not width.isdecimal():
+        if not WIDTH.fullmatch(width):
             place = f"{file}: line {frame.line}: Properties"
             raise RequestError(f"{place}: must be name:type:width, not {properties:.60}")
         if width == "1":
