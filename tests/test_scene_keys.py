@@ -26,7 +26,7 @@ ANSWERS = {  # functions of a scene, by what they tell of it
     "drawn positions": lambda scene: draw_state(scene, 1).position,
     "drawn velocities": lambda scene: draw_state(scene, 1).velocity,
     "speed of the tracer": motion.mean_square_speed_of_tracer,
-    "speed of the centre of mass": motion.mean_square_speed_of_centre,
+    "speed of the centre of mass": lambda scene: motion.mean_square_velocity_of_centre(scene).sum(),
     "temperature of the bath": motion.bath_temperature,
     "share of the bath": motion.bath_share,
     "speeds": forecast.speeds,

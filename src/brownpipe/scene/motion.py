@@ -94,11 +94,6 @@ def mean_square_velocity_of_centre(scene: Scene) -> np.ndarray:
     return np.where(axes_of_zero_momentum(scene), 0.0, mean_square)
 
 
-def mean_square_speed_of_centre(scene: Scene) -> float:
-    """Return <V^2> [length^2/time^2] of the centre of mass at t = 0."""
-    return float(mean_square_velocity_of_centre(scene).sum())
-
-
 # -- tracer and bath -------------------------------------------------------------------------------
 
 
