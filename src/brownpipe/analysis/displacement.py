@@ -5,7 +5,8 @@ S runs, n runs of a block, T sample times, W windows. Lengths and times in the r
 scene. See docs/theory.md, section 5.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -152,8 +153,6 @@ def wall_reduction(scene: Scene, average: str, msd: float) -> float:
     the limit of the MSD, for starts anywhere at 2 %. In a channel it is 1/2 in the end: only the
     motion along it goes on. NaN in a periodic box, and for an MSD that is not positive.
     """
-    from scipy.optimize import brentq
-
     if not (scene.particles and scene.box.has_walls and msd > 0):
         return np.nan
     _, size = scene.box.accessible(scene.radius[0])
@@ -162,15 +161,10 @@ def wall_reduction(scene: Scene, average: str, msd: float) -> float:
     largest = 2 * size.max() ** 2  # D t, at which the box is filled to 1e-8
     if scene.box.is_channel:
         largest = msd / 2  # D t, if the tracer moved along it alone
-
-    def excess(half_variance: float) -> float:
-        msd_then, _ = _msd_between_walls(scene, average, half_variance)
-        return msd_then - msd
-
-    if not scene.box.is_channel and excess(largest) <= 0:
+    msd_then, _ = _msd_between_walls(scene, average, largest)
+    if msd_then <= msd and not scene.box.is_channel:
         return 1.0
-    half_variance = brentq(excess, 0.0, largest, rtol=1e-9)
-    _, slope = _msd_between_walls(scene, average, half_variance)
+    slope = _slope_at(partial(_msd_between_walls, scene, average), msd, largest)
     return 1 - slope / 4
 
 
@@ -180,24 +174,34 @@ def wall_reduction_along(axis: int, scene: Scene, average: str, msd: float) -> f
 
     0 along a periodic axis; NaN without room to move, and for an MSD that is not positive.
     """
-    from scipy.optimize import brentq
-
     if scene.box.periodic_axes[axis]:
         return 0.0
     _, size = scene.box.accessible(scene.radius[0])
     if not (size[axis] > 0 and msd > 0):
         return np.nan
     largest = 2 * size[axis] ** 2  # D t, at which the width is filled to 1e-8
+    msd_then, _ = _msd_along_axis(axis, scene, average, largest)
+    if msd_then <= msd:
+        return 1.0
+    slope = _slope_at(partial(_msd_along_axis, axis, scene, average), msd, largest)
+    return 1 - slope / 2
+
+
+def _slope_at(
+    motion_at: Callable[[float], tuple[float, float]], msd: float, largest: float
+) -> float:
+    """Return the derivative of the MSD by D t where it has reached `msd` [length^2].
+
+    motion_at: MSD and this derivative at a value of D t, of which `largest` is beyond `msd`.
+    """
+    from scipy.optimize import brentq
 
     def excess(half_variance: float) -> float:
-        msd_then, _ = _msd_along_axis(axis, scene, average, half_variance)
+        msd_then, _ = motion_at(half_variance)
         return msd_then - msd
 
-    if excess(largest) <= 0:
-        return 1.0
-    half_variance = brentq(excess, 0.0, largest, rtol=1e-9)
-    _, slope = _msd_along_axis(axis, scene, average, half_variance)
-    return 1 - slope / 2
+    _, slope = motion_at(brentq(excess, 0.0, largest, rtol=1e-9))
+    return slope
 
 
 def _msd_between_walls(scene: Scene, average: str, half_variance: float) -> tuple[float, float]:
