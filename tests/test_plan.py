@@ -3,6 +3,7 @@ buys; what cannot be is refused.
 """
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -456,6 +457,25 @@ def test_a_budget_names_engines_that_it_does_not_pay_and_writes_the_best(study_f
     assert (planned.seeds[0], [use.engine for use in planned.uses]) == (7, [EXACT])
 
 
+def test_the_smallest_budget_that_is_named_pays(study_file):
+    study = read_study(study_file(seeds=5))
+    with pytest.raises(RequestError, match=r"must be at least (0\.\d)s") as refused:
+        budget.paid_offers(study, 0.01)
+    smallest = float(re.search(r"at least (.*)s", str(refused.value))[1])
+    assert budget.paid_offers(study, smallest)[0].runs > 0
+    with pytest.raises(RequestError):
+        budget.paid_offers(study, smallest - 0.1)
+
+
+def test_a_budget_says_where_a_study_cannot_have_the_runs_that_it_pays(study_file, here, capsys):
+    path = str(study_file(seeds=5))
+    limit = "exact: 10,000,000 runs in each case are the most of a study\n"
+    assert cli.main(["plan", path, "--budget", "9000h"]) == DONE
+    assert limit in capsys.readouterr().out
+    assert cli.main(["plan", path, "--budget", "2s"]) == DONE
+    assert limit not in capsys.readouterr().out
+
+
 def test_a_budget_gives_no_error_of_a_d_that_is_none(study_file, here, capsys):
     (here / "scenes" / "few.yaml").write_text(CONFINED.replace("RADIUS", "0.3"))
     path = str(study_file(seeds=5))
@@ -511,7 +531,7 @@ def test_a_planned_study_has_no_figures_that_its_engine_cannot_show(study_file, 
         ),
         (
             ["--budget", "0.4s"],
-            "--budget: 400 ms of CPU do not pay one run of each case; must be at least 1s",
+            "--budget: 400 ms of CPU do not pay one run of each case; must be at least 0.6s",
         ),
     ],
 )

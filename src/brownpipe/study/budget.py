@@ -77,9 +77,10 @@ def paid_offers(study: Study, budget: float) -> list[Offer]:
         least[engine] = sum(seconds_of_jobs(cost, 1) for cost in costs)
     if not any(offer.runs for offer in offers):
         cheapest = min(least, key=least.__getitem__)
+        smallest = math.ceil(10 * least[cheapest]) / 10
         raise RequestError(
             f"--budget: {in_time(budget)} of CPU do not pay one run of each case; must be at least "
-            f"{math.ceil(least[cheapest])}s ({cheapest.label})"
+            f"{smallest}s ({cheapest.label})"
         )
     return offers
 
@@ -166,6 +167,9 @@ def describe_budget(
     for offer in offers:
         if not offer.runs:
             lines.append(f"{offer.engine.label}: not one run of each case")
+        if offer.runs == MOST_SEEDS:
+            runs = f"{MOST_SEEDS:,} runs"
+            lines.append(f"{offer.engine.label}: {runs} in each case are the most of a study")
     best = best_offer(study, paid, target)
     if best is None:
         lines.append(f"no engine with an error of {target} in all cases")
