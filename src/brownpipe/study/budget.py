@@ -168,8 +168,8 @@ def describe_budget(
         if not offer.runs:
             lines.append(f"{offer.engine.label}: not one run of each case")
         if offer.runs == MOST_SEEDS:
-            runs = f"{MOST_SEEDS:,} runs"
-            lines.append(f"{offer.engine.label}: {runs} in each case are the most of a study")
+            most = f"{MOST_SEEDS:,} runs"
+            lines.append(f"{offer.engine.label}: {most} in each case are the most of a study")
     best = best_offer(study, paid, target)
     if best is None:
         lines.append(f"no engine with an error of {target} in all cases")
