@@ -12,7 +12,7 @@ from brownpipe.analysis import aggregate, diffusive
 from brownpipe.engines import Engine
 from brownpipe.figures.cases import plus_minus
 from brownpipe.report import page, replay, typical_run
-from brownpipe.report.answer import answer_in_words, front_in_words
+from brownpipe.report.answer import answer_in_words, front_in_words, rivals_in_words
 from brownpipe.report.typical_run import scenes_in_motion, typical_seed
 from brownpipe.tradeoff.front import Interval
 from ensembles import make_runs, make_scene
@@ -211,6 +211,16 @@ def test_the_front_of_a_trade_off_in_words():
     front = [Interval("langevin", 0.01, 2.0), Interval("exact", 2.0, np.inf)]
     assert front_in_words(front) == "with langevin up to 2 s of CPU, then with exact"
     assert front_in_words(front[1:]) == "with exact, for any CPU time"
+
+
+def test_settings_that_may_be_the_best_in_words():
+    front = [Interval("late", 0.01, 2.0), Interval("exact", 2.0, np.inf)]
+    may_be_best = {"late": (0.01, np.inf), "exact": (2.0, np.inf), "fine": (0.1, 5.0)}
+    assert rivals_in_words(front, may_be_best) == (
+        " The runs do not tell whether it is smaller with fine, or with late after 2 s, too."
+    )
+    may_be_best = {"late": (0.01, 3.0), "exact": (1.0, np.inf)}
+    assert rivals_in_words(front, may_be_best) == ""
 
 
 # -- the page --------------------------------------------------------------------------------------

@@ -23,13 +23,15 @@ from brownpipe.figures import tradeoff as drawing
 from brownpipe.figures.cases import cases_of
 from brownpipe.figures.render import cases_shown
 from brownpipe.figures.summary import answer, summary_table
+from brownpipe.report.answer import answer_in_words
 from brownpipe.storage.datasets import read_dataset, write_dataset
 from brownpipe.tradeoff import bias, dataset, front, timing
 from brownpipe.tradeoff.compare import join_blocks, runs_of
-from brownpipe.tradeoff.front import Interval, MeasuredSetting
+from brownpipe.tradeoff.front import Interval, MeasuredSetting, SettingRange
 from ensembles import make_runs, make_scene, write
 
 ENSEMBLES = 800
+UNRESOLVED = "The runs do not tell whether it is smaller"
 CROWD = """\
 box: {x: [-1.0, 1.0], y: [-1.0, 1.0]}
 disks:
@@ -242,6 +244,64 @@ def test_a_setting_that_is_on_the_front_twice_is_there_from_its_first_time_to_it
     intervals = [Interval("a", 1.0, 2.0), Interval("b", 2.0, 3.0), Interval("a", 3.0, np.inf)]
     monkeypatch.setattr(front, "pareto_front", lambda _: intervals)
     assert front.front_spans([]) == {"a": (1.0, np.inf), "b": (2.0, 3.0)}
+
+
+def setting_between(label, biases, costs):
+    """A setting whose squared bias and whose cost are between two values; its spread is 1."""
+    (least_bias, largest_bias), (lowest, highest) = biases, costs
+    best = MeasuredSetting(label, least_bias**2, 1.0, lowest)
+    return SettingRange(best, MeasuredSetting(label, largest_bias**2, 1.0, highest))
+
+
+def test_settings_that_may_be_the_best_are_those_that_bias_and_cost_do_not_exclude():
+    """Exact runs of 1 s. With a bias of 0 or 10 % a setting of 0.5 s is better until
+    (1 - 0.5)/0.1^2 = 50 s, or for good; of 1.2 s never, of 0.9 to 1.2 s perhaps. A setting with a
+    bias of 0.5 that is worth nothing once there are exact runs does not count.
+    """
+    exact = setting_between("exact", (0.0, 0.0), (1.0, 1.0))
+    fast = setting_between("fast", (0.0, 0.1), (0.5, 0.5))
+    slow = setting_between("slow", (0.0, 0.1), (1.2, 1.2))
+    equal = setting_between("equal", (0.0, 0.1), (0.9, 1.2))
+    coarse = setting_between("coarse", (0.5, 0.5), (0.99, 1.0))
+    assert front.possible_spans([exact, fast]) == {
+        "exact": (pytest.approx(50.0), np.inf),
+        "fast": (5.0, np.inf),
+    }
+    assert [*front.possible_spans([exact, slow])] == ["exact"]
+    assert [*front.possible_spans([exact, equal])] == ["exact", "equal"]
+    assert [*front.possible_spans([exact, coarse])] == ["exact"]
+
+
+def test_a_setting_at_its_best_has_no_bias_that_is_not_resolved(measured):
+    """The bias of 10 % is resolved, that of the stand-in is not."""
+    case = case_of(measured, STAND_IN).assign(cost_ratio_low=0.4, cost_ratio_high=0.7)
+    best, worst = front.setting_range(STAND_IN, case)
+    assert best.bias_square == 0.0
+    assert worst.bias_square == max(-case.msd_bias_low, case.msd_bias_high) ** 2
+    assert [best.seconds, worst.seconds] == pytest.approx([0.4e-3, 0.7e-3])
+    best, worst = front.setting_range(FAST, case_of(measured, FAST))
+    assert best.bias_square == worst.bias_square == pytest.approx(0.01, rel=0.5)
+
+
+def test_the_answer_names_settings_that_the_runs_do_not_exclude(measured):
+    (text,) = answer_in_words(measured)
+    assert text.startswith("full, N = 20: the expected error of the MSD is smallest with ")
+    assert text.endswith(f" of CPU, then with exact. {UNRESOLVED} with {STAND_IN}.")
+    (text,) = answer_in_words(measured.sel(engine=["exact", FAST]))
+    assert UNRESOLVED not in text, "its bias is resolved, and its cost is known"
+
+
+def test_too_few_runs_for_intervals_have_no_front(tmp_path):
+    """Without an interval nothing is known of a bias."""
+    scene = make_scene("full")
+    runs = [make_runs(scene, range(4)), stretched(make_runs(scene, range(4)), 1.05)]
+    few = tradeoff.measure(runs, seconds_per_run=cost)
+    assert few.pays_from.isnull().all()
+    assert answer_in_words(few) == [
+        "full, N = 20: there are too few runs to tell which engine has the smallest error."
+    ]
+    figure = drawing.draw_tradeoff(cases_of(few))
+    assert len(figure.axes[0].lines) == 6
 
 
 def test_runs_for_a_tolerance():

@@ -124,7 +124,7 @@ def _cpu_times(settings: Sequence[MeasuredSetting], front: Sequence[Interval]) -
     exact = settings[0]
     fastest = min(setting.seconds for setting in settings)
     finest = (exact.spread / LEAST_ERROR) ** 2 * exact.seconds
-    end = max(finest, *(3 * interval.start for interval in front))
+    end = max([finest, *(3 * interval.start for interval in front)])
     return np.geomspace(FEWEST_RUNS * fastest, end, POINTS)
 
 

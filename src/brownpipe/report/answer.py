@@ -5,7 +5,7 @@ time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +31,7 @@ from brownpipe.figures.summary import time_shown
 from brownpipe.figures.tradeoff import setting_of
 from brownpipe.text import counted, in_time
 from brownpipe.tradeoff import is_tradeoff
-from brownpipe.tradeoff.front import Interval, pareto_front
+from brownpipe.tradeoff.front import Interval, pareto_front, possible_spans, setting_range
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -131,10 +131,15 @@ def _tradeoffs_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
     """
     scenes = _by_labels(cases, "scene", "particles")
     for engines in scenes[:MOST_SCENES]:
+        name = labels_in_words(engines[0], ("scene", "particles"))
         front = pareto_front([setting_of(case, careful=True) for case in engines])
-        if front:
-            name = labels_in_words(engines[0], ("scene", "particles"))
-            yield f"{name}: the expected error of the MSD is smallest {front_in_words(front)}."
+        if not front:
+            yield f"{name}: there are too few runs to tell which engine has the smallest error."
+            continue
+        ranges = [setting_range(case.engine.item(), case) for case in engines]
+        answer = f"the expected error of the MSD is smallest {front_in_words(front)}"
+        rivals = rivals_in_words(front, possible_spans(ranges))
+        yield f"{name}: {answer}.{rivals}"
     if len(scenes) > MOST_SCENES:
         yield f"The table has {counted(len(scenes) - MOST_SCENES, 'further scene')}."
 
@@ -147,3 +152,21 @@ def front_in_words(front: Sequence[Interval]) -> str:
     for interval in front[:-1]:
         limited.append(f"with {interval.label} up to {in_time(interval.end)} of CPU")
     return f"{', '.join(limited)}, then with {front[-1].label}"
+
+
+def rivals_in_words(front: Sequence[Interval], possible: Mapping[str, tuple[float, float]]) -> str:
+    """Return a sentence, after a space, on settings that the runs do not tell apart from those of a
+    Pareto front: others that may be the best, and those of the front that may be so for good; empty
+    without any.
+
+    possible: CPU times of settings, of `possible_spans`.
+    """
+    ends = {interval.label: interval.end for interval in front}
+    rivals = [f"with {label}" for label in possible if label not in ends]
+    for label, end in ends.items():
+        _, last = possible.get(label, (0.0, 0.0))
+        if last == np.inf > end:
+            rivals.append(f"with {label} after {in_time(end)}, too")
+    if not rivals:
+        return ""
+    return f" The runs do not tell whether it is smaller {', or '.join(rivals)}."

@@ -38,6 +38,13 @@ class Interval(NamedTuple):
     end: float  # inf for the last
 
 
+class SettingRange(NamedTuple):
+    """A setting at both ends of what the runs tell of its bias and of its cost."""
+
+    best: MeasuredSetting  # an unresolved bias is 0, the cost the lowest measured
+    worst: MeasuredSetting  # an unresolved bias at its 95 % upper bound, the highest cost
+
+
 def total_error(setting: MeasuredSetting, cpu_time: np.ndarray | float) -> np.ndarray:
     """Return the root mean square error after a CPU time [s]; NaN if that is less than FEWEST_RUNS
     runs take.
@@ -99,9 +106,11 @@ def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
 
     The square of the error is linear in 1/T. So the best setting changes only where two of these
     lines cross or where a more expensive setting reaches FEWEST_RUNS runs; of two equal ones the
-    first in `settings` counts. Settings whose bias is NaN are left out.
+    first in `settings` counts. Settings whose bias is NaN, of too few runs, are left out.
     """
     settings = [setting for setting in settings if np.isfinite(setting.bias_square)]
+    if not settings:
+        return []
     starts = {FEWEST_RUNS * setting.seconds for setting in settings}
     crossings = [_crossing(first, second) for first, second in combinations(settings, 2)]
     changes = sorted(starts.union(time for time in crossings if time > min(starts)))
@@ -125,11 +134,46 @@ def measured_setting(
     careful: take an unresolved bias at its 95 % upper bound, so that no setting appears better than
     the data show; otherwise take all biases at their estimates, with their variances subtracted.
     """
-    msd_bias = Estimate(*(np.array(float(values[name])) for name in names_of("msd_bias")))
+    msd_bias = _msd_bias(values)
     bias_square = bias.careful_square(msd_bias) if careful else bias.square(msd_bias)
     spread = float(values["msd_spread"])
     seconds = float(values["seconds"])
     return MeasuredSetting(label, float(bias_square), spread, seconds)
+
+
+def setting_range(label: str, values: "Mapping[str, SupportsFloat] | Dataset") -> SettingRange:
+    """Return an engine with its settings, as `measured_setting` does, at its best and at its
+    worst.
+    """
+    worst = measured_setting(label, values, careful=True)
+    bias_square = worst.bias_square if bias.is_resolved(_msd_bias(values)) else 0.0
+    seconds_of_exact = worst.seconds / float(values["cost_ratio"])
+    lowest = seconds_of_exact * float(values["cost_ratio_low"])
+    highest = seconds_of_exact * float(values["cost_ratio_high"])
+    best = worst._replace(bias_square=bias_square, seconds=lowest)
+    return SettingRange(best, worst._replace(seconds=highest))
+
+
+def _msd_bias(values: "Mapping[str, SupportsFloat] | Dataset") -> Estimate:
+    return Estimate(*(np.array(float(values[name])) for name in names_of("msd_bias")))
+
+
+def possible_spans(ranges: Sequence[SettingRange]) -> dict[str, tuple[float, float]]:
+    """Return by label the first and the last CPU time [s] at which a setting may have the smallest
+    total error: at its best it is on the Pareto front of all others at their worst.
+
+    Where it is there only because others have less than FEWEST_RUNS runs, it is left out.
+    """
+    worst = [setting.worst for setting in ranges]
+    all_have_runs = pareto_front(worst)[0].start
+    spans: dict[str, tuple[float, float]] = {}
+    for number, setting in enumerate(ranges):
+        label = setting.best.label
+        others = [*worst[:number], *worst[number + 1 :]]
+        start, end = front_spans([setting.best, *others]).get(label, (0.0, 0.0))
+        if end > all_have_runs:
+            spans[label] = (start, end)
+    return spans
 
 
 def front_spans(settings: Sequence[MeasuredSetting]) -> dict[str, tuple[float, float]]:
