@@ -93,6 +93,12 @@ def test_files_and_tables_are_known_from_storage_on():
     assert [name for name in below if known.search(MODULES[name].read_text())] == []
 
 
+def test_no_module_imports_snakemake():
+    """It is an extra: `brownpipe run` starts it as a program, which loads the logger plugin."""
+    imported = re.compile(r"^ *(?:import|from) snakemake", re.MULTILINE)
+    assert [name for name in MODULES if imported.search(MODULES[name].read_text())] == []
+
+
 @pytest.mark.parametrize("module", ENTRY_POINTS)
 def test_kernels_know_arrays_alone(module):
     """No scene, no file, no table: what is compiled into an entry point is kernels and the records

@@ -71,6 +71,14 @@ def test_new_replaces_no_file_and_refuses_what_is_no_name(said, name, there):
     assert [path.name for path in Path().iterdir()] == [there]
 
 
+@pytest.mark.parametrize("words", [["new", "second"], ["run", "absent.yaml"]])
+def test_studies_need_snakemake(said, started, monkeypatch, words):
+    monkeypatch.setattr(workflow, "find_spec", lambda name: None)
+    line = "brownpipe: studies need Snakemake: pip install 'brownpipe[study]'\n"
+    assert said(*words) == (WRONG_REQUEST, "", line)
+    assert not started and list(Path().iterdir()) == []
+
+
 # -- run -------------------------------------------------------------------------------------------
 
 
@@ -174,12 +182,9 @@ def test_a_lock_of_a_study_that_runs_outlives_a_dry_run_that_began_before(monkey
 
 @pytest.fixture
 def plugin(monkeypatch):
-    """Snakemake's plugin for Slurm, as if it were installed."""
-    monkeypatch.setattr(
-        workflow,
-        "find_spec",
-        lambda name: name if name == "snakemake_executor_plugin_slurm" else None,
-    )
+    """Snakemake and its plugin for Slurm, as if they were installed."""
+    installed = {"snakemake", "snakemake_executor_plugin_slurm"}
+    monkeypatch.setattr(workflow, "find_spec", lambda name: name in installed)
 
 
 def test_a_profile_says_where_jobs_run_and_how_many(said, study, started, plugin):

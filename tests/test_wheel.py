@@ -6,46 +6,61 @@ import subprocess
 import sys
 import sysconfig
 import zipfile
-from importlib.metadata import Distribution
+from importlib.metadata import Distribution, distribution
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from packaging.requirements import Requirement
 
 from brownpipe.report.page import caption_of
 
 ROOT = Path(__file__).parent.parent
 BASICS = "/usr/bin:/bin"
 SMALLER = {"seeds: 300 ": "seeds: 2 ", "[200, 400]": "20", "# figures: [msd, ": "figures: [msd] # "}
+SCENE = ROOT / "config" / "scenes" / "harrison2020.yaml"
+WITHOUT_STUDIES = """
+import sys
+import brownpipe as bp
+
+runs = bp.simulate(sys.argv[1], particles=5, seeds=3)
+result = bp.analyse(runs)
+bp.plot(result, "msd").savefig("msd.png")
+bp.save(result, "result.nc")
+"""
 pytestmark = pytest.mark.slow
 
 
 class Installation(NamedTuple):
     """An installed wheel: its environment is not activated."""
 
-    wheel: Path
     bin: Path
     folder: Path  # an empty one, to work in
 
 
-def run(*words, cwd, **more):
-    """What a command printed. It sees nothing of the environment of the tests."""
+def execute(*words, cwd, **more):
+    """A command that has ended. It sees nothing of the environment of the tests."""
     environment = {
         "PATH": BASICS,
         "HOME": str(cwd),
         "LC_ALL": "C.UTF-8",
         "OPENBLAS_NUM_THREADS": "1",
     } | more
-    done = subprocess.run(
+    return subprocess.run(
         [*map(str, words)], cwd=cwd, env=environment, capture_output=True, text=True, timeout=300
     )
+
+
+def run(*words, cwd, **more):
+    """What a command printed, which must succeed."""
+    done = execute(*words, cwd=cwd, **more)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
-def install(wheel, packages, programs):
+def unpack(wheel, packages, programs):
     """Install a wheel of Python files alone as pip does: unpacked, with a program for each of its
-    entry points.
+    entry points; return what it says of itself.
 
     pip would first have to be installed in the new environment, which takes 3 s of CPU.
     """
@@ -53,33 +68,75 @@ def install(wheel, packages, programs):
         assert not [name for name in files.namelist() if ".data/" in name]
         files.extractall(packages)
     (information,) = packages.glob("brownpipe-*.dist-info")
-    for script in Distribution.at(information).entry_points.select(group="console_scripts"):
+    package = Distribution.at(information)
+    for script in package.entry_points.select(group="console_scripts"):
         program = programs / script.name
         call = f"import sys\nfrom {script.module} import {script.attr}\nsys.exit({script.attr}())\n"
         program.write_text(f"#!{programs / 'python'}\n{call}")
         program.chmod(0o755)
+    return package
+
+
+def requirements(package, extras):
+    """Names of the packages that a package needs with these extras, which may need it itself."""
+    names = set()
+    for line in package.requires or []:
+        requirement = Requirement(line)
+        marker = requirement.marker
+        if marker is None or any(marker.evaluate({"extra": extra}) for extra in ("", *extras)):
+            names.add((requirement.name, *sorted(requirement.extras)))
+    return names
+
+
+def needed_packages(package, extra):
+    """The packages that pip would install with a package and an extra of it: those of the tests."""
+    packages = {}
+    seen = set()
+    waiting = requirements(package, [extra])
+    while waiting:
+        name, *extras = needed = waiting.pop()
+        seen.add(needed)
+        packages[name] = distribution(name)
+        waiting |= requirements(packages[name], extras) - seen
+    return packages.values()
+
+
+def install(wheel, folder, extra=""):
+    """The wheel in an environment of its own, with what it needs and no other package."""
+    environment = folder / "environment"
+    run(sys.executable, "-m", "venv", "--without-pip", environment, cwd=folder)
+    (site,) = environment.glob("lib/python*/site-packages")
+    package = unpack(wheel, site, environment / "bin")
+    for needed in needed_packages(package, extra):
+        tops = {file.parts[0] for file in needed.files} - {"..", "__pycache__"}
+        for top in tops:
+            link = site / top
+            if not link.exists():
+                link.symlink_to(needed.locate_file(top))
+    work = folder / "my work"
+    work.mkdir()
+    return Installation(environment / "bin", work)
 
 
 @pytest.fixture(scope="session")
-def installed(tmp_path_factory):
-    """The wheel in an environment of its own, which shares the other packages with that of the
-    tests.
-    """
+def wheel(tmp_path_factory):
+    """The wheel of the checkout, as `build` makes it."""
     folder = tmp_path_factory.mktemp("wheel")
-    run(
-        sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "wheel", cwd=ROOT
-    )  # as `build` does
-    (wheel,) = (folder / "wheel").iterdir()
-    own = folder / "environment"
-    run(sys.executable, "-m", "venv", "--without-pip", own, cwd=folder)
-    (packages,) = own.glob("lib/python*/site-packages")
-    install(wheel, packages, own / "bin")
-    shared = [path for path in sys.path if path.endswith("site-packages")] or [
-        sysconfig.get_path("purelib")
-    ]
-    (packages / "others.pth").write_text("\n".join(shared) + "\n")
-    (folder / "my work").mkdir()
-    return Installation(wheel, own / "bin", folder / "my work")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=ROOT)
+    (path,) = folder.iterdir()
+    return path
+
+
+@pytest.fixture(scope="session")
+def installed(wheel, tmp_path_factory):
+    """The wheel with the extra `study`, as for `pip install 'brownpipe[study]'`."""
+    return install(wheel, tmp_path_factory.mktemp("studies"), "study")
+
+
+@pytest.fixture(scope="session")
+def light(wheel, tmp_path_factory):
+    """The wheel alone, as for `pip install brownpipe`."""
+    return install(wheel, tmp_path_factory.mktemp("light"))
 
 
 @pytest.fixture(scope="session")
@@ -156,17 +213,38 @@ def test_nothing_of_the_checkout_is_used(installed, finished):
     assert logs and all(str(ROOT) not in log.replace(packages, "") for log in logs)
 
 
-def test_the_workflow_and_the_examples_in_the_wheel_are_those_of_the_checkout(installed):
+def test_without_the_extra_runs_come_to_their_figures(light):
+    slowly = {"NUMBA_DISABLE_JIT": "1"}
+    run(light.bin / "python", "-c", WITHOUT_STUDIES, SCENE, cwd=light.folder, **slowly)
+    words = ["figures", "result.nc", "--figures", "msd", "--output", "figures"]
+    run(light.bin / "brownpipe", *words, cwd=light.folder, **slowly)
+    assert {"msd.png", "result.nc", "figures"} <= {path.name for path in light.folder.iterdir()}
+
+
+def test_without_the_extra_a_study_is_refused_before_anything_is_written(light):
+    folder = light.folder / "of a study"
+    folder.mkdir()
+    refusals = [
+        execute(light.bin / "brownpipe", *words, cwd=folder)
+        for words in (["new", "first"], ["run", "first.yaml"])
+    ]
+    line = "brownpipe: studies need Snakemake: pip install 'brownpipe[study]'\n"
+    assert [(done.returncode, done.stdout, done.stderr) for done in refusals] == [(2, "", line)] * 2
+    assert list(folder.iterdir()) == []
+
+
+def test_the_workflow_and_the_examples_in_the_wheel_are_those_of_the_checkout(wheel):
     folders = ("workflow/rules", "workflow/report", "profiles", "config")
     paths = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file()]
     files = {"Snakefile", *(path.relative_to(ROOT).as_posix() for path in paths)}
-    with zipfile.ZipFile(installed.wheel) as wheel:
+    with zipfile.ZipFile(wheel) as archive:
         pipeline = {
             name.removeprefix("brownpipe/pipeline/")
-            for name in wheel.namelist()
+            for name in archive.namelist()
             if "/pipeline/" in name
         }
         assert pipeline == files
         assert all(
-            wheel.read(f"brownpipe/pipeline/{file}") == (ROOT / file).read_bytes() for file in files
+            archive.read(f"brownpipe/pipeline/{file}") == (ROOT / file).read_bytes()
+            for file in files
         )

@@ -132,6 +132,12 @@ def say_forecast(study: Study, files: Sequence[str], logger: Logger) -> None:
 # -- brownpipe run ---------------------------------------------------------------------------------
 
 
+def require_snakemake() -> None:
+    """Raise RequestError if Snakemake is not installed. Runs and their analysis need none."""
+    if not find_spec("snakemake"):
+        raise RequestError("studies need Snakemake: pip install 'brownpipe[study]'")
+
+
 def run_study(
     study_file: str, cores: int | None, profile: str | None, further: Sequence[str]
 ) -> NoReturn:
@@ -141,11 +147,11 @@ def run_study(
     cores: jobs at the same time (None: all cores, or as many as the profile says). profile: where
     the jobs run (`profile_folder`); None: on this machine. further: other arguments of Snakemake,
     such as targets.
-    Raises RequestError for a file that is no YAML, a second study and a profile that cannot be
-    used, or in a folder whose name Snakemake takes for a wrong wildcard, PermissionError if the
-    folder cannot be written to. The Snakefile refuses all other
-    mistakes.
+    Raises RequestError without Snakemake, for a file that is no YAML, a second study and a profile
+    that cannot be used, or in a folder whose name Snakemake takes for a wrong wildcard,
+    PermissionError if the folder cannot be written to. The Snakefile refuses all other mistakes.
     """
+    require_snakemake()
     read_yaml(study_file)
     is_second = bool(further) and further[0].endswith(".yaml") and "=" not in further[0]
     if is_second or any(word.startswith("--configfile") for word in further):

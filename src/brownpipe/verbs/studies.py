@@ -37,7 +37,7 @@ from brownpipe.study.plan import (
     write_study,
 )
 from brownpipe.study.study import Target, Tolerance, read_keys, why_no_relative_error
-from brownpipe.study.workflow import pipeline_folder, run_study
+from brownpipe.study.workflow import pipeline_folder, require_snakemake, run_study
 from brownpipe.text import shell_path
 from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_config, add_particles, refuse_together, typed
@@ -62,6 +62,7 @@ def write_new_study(arguments: Namespace) -> None:
 
     example: brownpipe new my_study
     """
+    require_snakemake()
     name = arguments.name.removesuffix(".yaml")
     validated(Name, f"{name}_scene", key="name of the scene")
     folder = Path(arguments.folder)
