@@ -16,6 +16,7 @@ from brownpipe.analysis import diffusive, displacement
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines.windows import candidate_windows, earlier_ends, longest_end
 from brownpipe.figures.summary import summary
+from brownpipe.report.answer import answer_in_words
 from scenes import CHANNEL_X, CHANNEL_Y
 
 TRACER = {"radius": 0.4, "mass": 3.0}
@@ -455,11 +456,19 @@ def test_default_windows_have_samples_and_walls_are_named_where_none_before_them
     assert reasons(result) == ("walls" if interval == 9.0 else "")
 
 
-def test_a_lone_disk_never_diffuses():
-    alone = scene(
-        boundary="reflecting", disks={"tracer": TRACER}, duration=2.0, sample_interval=0.1
-    )
-    assert "early" in reasons(analysis(alone, 60, [(0.3, 1.9)]))
+@pytest.mark.parametrize("boundary", ["reflecting", "periodic", CHANNEL_X])
+def test_a_lone_disk_never_diffuses(boundary):
+    """It drifts with no other disk, and a later window or longer runs do not help."""
+    alone = scene(boundary=boundary, disks={"tracer": TRACER}, duration=2.0, sample_interval=0.1)
+    result = analysis(alone, 60, [(0.3, 1.9)])
+    assert "early" in reasons(result)
+    assert "drift" not in reasons(result)
+    text = " ".join(summary(result).split())
+    lone = "infinite for a lone disk for fluid, N = 1; needed: other disks."
+    assert f"the window begins before 3/gamma of the tracer, {lone}" in text
+    (sentences,) = answer_in_words(result)
+    assert "It is not diffusive between t = 0.3 and 1.9" in sentences
+    assert "it remembers its initial velocity for good, as a lone disk" in sentences
 
 
 def test_a_slope_that_is_not_told_from_zero_is_untested():

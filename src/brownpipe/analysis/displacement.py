@@ -237,9 +237,9 @@ def window_drift_diffusion(case: Case, window: Window) -> float:
 
     The centre of mass moves by V t, which adds V^2 t^2 to the MSD and V^2 (t0 + t1)/4 to a quarter
     of the slope of the straight line. NaN where the engine moves the tracer alone, or walls stop
-    the drift.
+    the drift, and for a lone disk, which drifts with no other.
     """
-    if not case.engine.moves_all_disks:
+    if not case.engine.moves_all_disks or case.scene.particles == 1:
         return np.nan
     start, end = window
     return drift_diffusion(case.scene) * (start + end) / (2 * case.scene.duration)

@@ -25,12 +25,14 @@ POWER = 0.9
 
 
 class Reason(NamedTuple):
-    """A reason of `diffusive.REASONS` in words: what holds, in numbers of a case, and a cure."""
+    """A reason of `diffusive.REASONS` in words: what holds, in numbers of a case in one window, and
+    what is needed.
+    """
 
     statement: str
-    number: Callable[[Dataset], str]  # of a case in one window
+    number: Callable[[Dataset], str]
     size: Callable[[Dataset], float]  # by which the worst case is found
-    cure: str
+    cure: Callable[[Dataset], str]
 
 
 def _change(fit: Dataset) -> str:
@@ -45,42 +47,57 @@ def _of_limit(fit: Dataset) -> str:
     return f"by {reduction:.0f} % where the MSD is {at_end:.3g} of at most {fit.msd_limit:.3g}"
 
 
+def is_lone(fit: Dataset) -> bool:
+    """Return whether a case has a single disk, which never forgets its velocity."""
+    return float(fit.not_diffusive_before) == np.inf
+
+
+def _decay(fit: Dataset) -> str:
+    return "infinite for a lone disk" if is_lone(fit) else f"{fit.not_diffusive_before:.3g}"
+
+
+def _cure_of_early(fit: Dataset) -> str:
+    return "other disks" if is_lone(fit) else "a later window, or longer runs"
+
+
 WORDS = {
     diffusive.EARLY: Reason(
         f"the window begins before {DECAY_TIMES:g}/gamma of the tracer",
-        lambda fit: f"{fit.not_diffusive_before:.3g}",
+        _decay,
         lambda fit: float(fit.not_diffusive_before),
-        "a later window, or longer runs",
+        _cure_of_early,
     ),
     diffusive.CHANGES: Reason(
         "the slope changes from its first half to its second",
         _change,
         lambda fit: float(abs(fit.slope_change / fit.slope)),
-        "a later window, or longer runs, if there is a D",
+        lambda fit: "a later window, or longer runs, if there is a D",
     ),
     diffusive.PLATEAU: Reason(
         "the MSD hardly grows at its end",
         lambda fit: f"as t^{fit.growth_exponent:.2g}",
         lambda fit: -float(fit.growth_exponent),
-        "longer runs, if it leaves its place at all",
+        lambda fit: "longer runs, if it leaves its place at all",
     ),
     diffusive.WALLS: Reason(
         "walls reduce the slope at its end",
         _of_limit,
         lambda fit: float(fit.wall_reduction),
-        "an earlier window, or a larger box",
+        lambda fit: "an earlier window, or a larger box",
     ),
     diffusive.DRIFT: Reason(
         "all disks drift together",
         lambda fit: f"which adds {fit.window_drift_diffusion:.2g} to D",
         lambda fit: float(fit.window_drift_diffusion),
-        "velocities without total momentum, `zero_momentum: true`",
+        lambda fit: "velocities without total momentum, `zero_momentum: true`",
     ),
     diffusive.UNTESTED: Reason(
         "there are too few runs to tell a constant slope from none",
         lambda fit: f"{int(fit.runs)}",
         lambda fit: -float(fit.runs),
-        f"more runs ({diffusive.FEWEST_RUNS} at least), and three samples in the window",
+        lambda fit: (
+            f"more runs ({diffusive.FEWEST_RUNS} at least), and three samples in the window"
+        ),
     ),
 }
 
@@ -115,7 +132,7 @@ def reasons_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
         share = f" in {len(marked)} of {len(fits)} cases" if len(fits) > 1 else ""
         title = f"{scene_of(worst)}, N = {worst.particles.item()}"
         statement = f"{reason.statement}{share}, {reason.number(worst)} for {title}"
-        text = f"- {statement}; needed: {reason.cure}."
+        text = f"- {statement}; needed: {reason.cure(worst)}."
         yield from textwrap.wrap(text, LINE, subsequent_indent="  ")
 
 

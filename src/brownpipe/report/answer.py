@@ -26,7 +26,7 @@ from brownpipe.figures.cases import (
     title_of,
     with_value,
 )
-from brownpipe.figures.marks import fall_found, reasons_of_case
+from brownpipe.figures.marks import fall_found, is_lone, reasons_of_case
 from brownpipe.figures.summary import time_shown
 from brownpipe.figures.tradeoff import setting_of
 from brownpipe.text import counted, in_time
@@ -115,12 +115,13 @@ def _diffusion_in_words(fit: Dataset, cases: Sequence[Dataset]) -> str:
         return f"{moves}: {coefficient}."
     reasons = reasons_of_case(fit, mark & ~diffusive.EARLY)
     if mark & diffusive.EARLY:
-        forgets = f"t = {float(fit.not_diffusive_before):.3g} (3/gamma)"
-        reasons.insert(0, f"it remembers its initial velocity until {forgets}")
+        forgets = f"until t = {float(fit.not_diffusive_before):.3g} (3/gamma)"
+        end = "for good, as a lone disk" if is_lone(fit) else forgets
+        reasons.insert(0, f"it remembers its initial velocity {end}")
     because = "; ".join(reasons)
     if mark == diffusive.UNTESTED:
         return f"Whether it diffuses {window} cannot be told from these runs: {because}."
-    if mark & diffusive.EARLY:
+    if mark & diffusive.EARLY and not is_lone(fit):
         return f"It is not yet diffusive {window}, and has no D there: {because}."
     return f"It is not diffusive {window}, and has no D there: {because}."
 
