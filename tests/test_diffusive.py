@@ -471,8 +471,16 @@ def test_a_lone_disk_never_diffuses(boundary):
     assert "it remembers its initial velocity for good, as a lone disk" in sentences
 
 
-def test_a_slope_that_is_not_told_from_zero_is_untested():
+@pytest.mark.parametrize(
+    ("growth_exponent", "wall_reduction", "mark"),
+    [(1.0, np.nan, "untested"), (0.1, np.nan, "plateau"), (0.1, 0.9, "walls"), (1.0, 0.9, "walls")],
+)
+def test_a_slope_that_is_not_told_from_zero_is_untested_if_nothing_holds_the_tracer(
+    growth_exponent, wall_reduction, mark
+):
     noise = made_up([0.0] * 5, [0.3] * 5, slope=0.2)
     noise["slope_standard_error"] = noise.slope_standard_error + 0.5
+    noise["growth_exponent"] = noise.growth_exponent * 0 + growth_exponent
+    noise["wall_reduction"] = noise.wall_reduction.fillna(0) + wall_reduction
     chosen = diffusive.best_windows(noise, PAIRS)
-    assert diffusive.mark_in_words(chosen.diffusion_mark.values[0, 0]) == "untested"
+    assert diffusive.mark_in_words(chosen.diffusion_mark.values[0, 0]) == mark

@@ -167,8 +167,9 @@ def _with_marks_of(along: "Dataset", dataset: "Dataset") -> "Dataset":
 def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
     """Return for each reason where it holds; unknown numbers, NaN, do not speak against a D.
 
-    A slope that is not above its standard error is not told from zero, and so untested. A slope
-    that changes, or an MSD that no longer grows, is put down to walls where these are felt.
+    A slope that is not above its standard error is not told from zero, and so untested, unless a
+    plateau or walls are found to hold the tracer. A slope that changes, or an MSD that no longer
+    grows, is put down to walls where these are felt.
     """
     uncertainty = _quantile(dataset.runs) * dataset.growth_exponent_standard_error
     drift_error = dataset.diffusion_coefficient_standard_error.fillna(0.0)
@@ -184,7 +185,7 @@ def _reasons(dataset: "Dataset") -> dict[int, "DataArray"]:
         WALLS: walls,
         EARLY: dataset.window_start < earliest_start,
         DRIFT: dataset.window_drift_diffusion > negligible,
-        UNTESTED: dataset.slope_change_p_value.isnull() | is_noise,
+        UNTESTED: dataset.slope_change_p_value.isnull() | (is_noise & ~is_held & ~walls),
     }
 
 
