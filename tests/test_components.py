@@ -17,6 +17,7 @@ from brownpipe.figures.msd import table_of_msd
 from brownpipe.figures.scan import table_of_scan
 from brownpipe.figures.summary import summary, summary_table
 from brownpipe.observables.trajectory import Track
+from brownpipe.report.answer import answer_in_words
 from ensembles import make_runs, make_scene, walk
 from scenes import CHANNEL_X, CHANNEL_Y, PERIODIC, WALLS
 
@@ -245,15 +246,26 @@ def test_a_drift_adds_to_d_along_a_channel_twice_what_it_adds_to_half_of_it(boun
 # -- in summary, tables and figures ----------------------------------------------------------------
 
 
-def walks(boundary, name="channel"):
+def walks(boundary, name="channel", **more):
     """100 walks with D = 0.3 along x and 0.05 along y."""
-    scene = make_scene(name, boundary=boundary, velocities={"temperature": 20.0})
+    scene = make_scene(name, boundary=boundary, velocities={"temperature": 20.0}, **more)
     return make_runs(scene, np.arange(100), diffusion=[ALONG_X, ALONG_Y])
+
+
+def without_marks(result):
+    marks = ("diffusion_mark", "component_diffusion_mark")
+    return result.assign({name: 0 * result[name] for name in marks})
 
 
 @pytest.fixture(scope="module")
 def of_channel():
     return analysis.aggregate([walks(CHANNEL_X)], [WINDOW])
+
+
+@pytest.fixture(scope="module")
+def of_oblong():
+    """Walls with unequal sides."""
+    return analysis.aggregate([walks(WALLS, "oblong", box=OBLONG)], [WINDOW])
 
 
 @pytest.fixture(scope="module")
@@ -270,7 +282,7 @@ def test_the_summary_of_a_channel_has_d_along_it(of_channel):
     d = of_channel.isel(scene=0, particles=0, engine=0, window=0, component=0)
     expected = plus_minus(d.component_diffusion, d.component_diffusion_standard_error)
     assert row.rstrip(" °").endswith(expected)
-    assert "D_x: D along the channel, half of the slope of the MSD along x" in text
+    assert "D_x: diffusion coefficient along x, slope/2, in the window [0.25, 1]." in text
     assert "slope/4" not in text and "walls reduce" not in text
 
 
@@ -288,12 +300,80 @@ def test_the_summary_of_several_boxes_has_a_column_for_each_d(of_boxes):
     assert table.slope.tolist() == pytest.approx([4 * values[0], 2 * values[1], 2 * values[2]])
 
 
+def test_the_summary_of_unequal_walls_has_d_along_each_axis(of_oblong):
+    """What swaps the axes, or gives half of a slope for another, is found by the exact values."""
+    text = summary(of_oblong)
+    header, row = text.splitlines()[:2]
+    assert header.split()[-2:] == ["D_x", "D_y"]
+    cells = [cell.rstrip(" °") for cell in re.split("  +", row)[-2:]]
+    table = summary_table(of_oblong)
+    assert table.component.tolist() == ["x", "y"]
+    for axis, cell in zip((0, 1), cells, strict=True):
+        slopes = 2 * of_oblong.run_component_diffusion.isel(component=axis).values.ravel()
+        error = slopes.std(ddof=1) / 10
+        assert cell == plus_minus(slopes.mean() / 2, error / 2)
+        assert table.diffusion_coefficient[axis] == pytest.approx(slopes.mean() / 2, rel=1e-9)
+        assert table.slope[axis] == pytest.approx(slopes.mean(), rel=1e-9)
+    d_x, d_y = table.diffusion_coefficient
+    assert d_x > 3 * d_y  # six times
+    for axis in "xy":
+        line = f"D_{axis}: diffusion coefficient along {axis}, slope/2, in the window [0.25, 1]."
+        assert line in text
+    frame = bp.table(of_oblong)
+    assert frame.component.tolist() == ["x", "y"]
+    assert frame.diffusion_coefficient.tolist() == [d_x, d_y]
+
+
+def test_reasons_against_d_name_its_axis():
+    """The walls stop the motion along y alone, at a third of the square of the half-width."""
+    narrow = {"x": [-30.0, 30.0], "y": [-0.8, 0.8], "boundary": WALLS}
+    runs = make_runs(make_scene(box=narrow), np.arange(100), diffusion=[ALONG_X, 0.2])
+    result = analysis.aggregate([runs], [WINDOW])
+    text = " ".join(summary(result).split())
+    limit = (0.8 - 0.3) ** 2 / 3
+    assert result.component_msd_limit.values.ravel()[1] == pytest.approx(limit, rel=1e-12)
+    msd = result.component_msd.values[0, 0, 0, 1, -1]
+    where = f"where the MSD is {msd:.3g} of at most {limit:.3g} for plain, N = 20, along y"
+    assert f"walls reduce the slope at its end in 1 of 2 fits, by 100 % {where}" in text
+
+
+def test_the_answer_says_how_far_and_how_fast_along_the_same_axis(of_channel, of_oblong):
+    for result, axes in ((of_channel, "x"), (of_oblong, "xy")):
+        error = 1e-3 * result.component_slope_change_standard_error
+        plain = without_marks(result).assign(component_slope_change_standard_error=error)
+        (text,) = answer_in_words(plain)
+        expected = []
+        for axis in axes:
+            case = plain.sel(component=axis).isel(scene=0, particles=0, engine=0, window=0)
+            root = float(case.component_msd[-1]) ** 0.5
+            moved = plus_minus(root, float(case.component_msd_standard_error[-1]) / (2 * root))
+            d = plus_minus(case.component_diffusion, case.component_diffusion_standard_error)
+            expected.append(
+                f"After 1 time unit the tracer has moved by {moved} along {axis} on average (root "
+                f"of the MSD along {axis}). It diffuses along {axis}: D_{axis} = {d} between "
+                "t = 0.25 and 1."
+            )
+        assert text == " ".join(expected)
+
+
+def test_a_channel_without_a_fit_has_no_d():
+    """Two samples after t = 0, beside one with twenty."""
+    scenes = [make_scene("fine", boundary=CHANNEL_X)]
+    scenes.append(make_scene("coarse", boundary=CHANNEL_X, sample_interval=0.5))
+    result = analysis.aggregate([make_runs(scene, np.arange(10)) for scene in scenes], [WINDOW])
+    header, fine, coarse = summary(result).splitlines()[:3]
+    assert header.endswith("D_x") and "±" in fine and coarse.endswith(" -")
+    assert summary_table(result).diffusion_coefficient.isna().tolist() == [False, True]
+    assert "D_x" in answer_in_words(result)[0]
+    assert "D_x" not in answer_in_words(result)[1]
+
+
 def test_the_power_is_that_of_the_tests_along_channels(of_channel, of_boxes):
     """Two components of one window; of three boxes three tests of all motion, and four."""
-    cases = [case.assign(diffusion_mark=0 * case.slope) for case in cases_of(of_channel)]
+    cases = [without_marks(case) for case in cases_of(of_channel)]
     text = " ".join(power_in_words(cases))
     assert text.startswith("D_x without °") and "for 2 tests" in text
-    cases = [case.assign(diffusion_mark=0 * case.slope) for case in cases_of(of_boxes)]
+    cases = [without_marks(case) for case in cases_of(of_boxes)]
     text = " ".join(power_in_words(cases))
     assert text.startswith("D or D_x or D_y without °") and "for 3 tests or 4 tests" in text
 
@@ -344,6 +424,29 @@ def test_figures_of_d_have_that_along_the_channel(of_channel, of_boxes):
     np.testing.assert_allclose(axes.lines[0].get_ydata(), expected, rtol=1e-12)
     (axes,) = bp.plot(of_boxes, "diffusion").axes
     assert "$D_y$ over" in " ".join(axes.get_legend_handles_labels()[1])
+
+
+def test_a_scan_of_unequal_walls_has_d_along_each_axis():
+    """Beside a square, whose D is that of all motion."""
+    scenes = {"oblong": make_scene("oblong", box=OBLONG), "square": make_scene("square")}
+    runs = []
+    for scene in scenes.values():
+        for number in (10, 20):
+            more_disks = scene.replace(particles=number)
+            runs.append(make_runs(more_disks, np.arange(30), diffusion=[ALONG_X, ALONG_Y]))
+    result = analysis.aggregate(runs, [WINDOW])
+    panels = {panel.get_ylabel(): panel for panel in bp.plot(result, "scan").axes}
+    panel = panels["$D$ = slope/4; $D_x$, $D_y$ = slope/2"]
+    labels = panel.get_legend_handles_labels()[1]
+    assert labels == ["oblong, along x", "oblong, along y", "square"]
+    table = table_of_scan(cases_of(result))
+    assert table.component.tolist() == ["x", "x", "y", "y", "", ""]
+    d = table.diffusion_coefficient.values.reshape(3, 2)
+    expected = result.component_diffusion.sel(scene="oblong").values[:, 0, :, 0].T
+    np.testing.assert_array_equal(d[:2], expected)
+    np.testing.assert_array_equal(d[2], result.diffusion_coefficient.values[1, :, 0, 0])
+    msd = result.msd.values[:, :, 0, -1]  # of all motion
+    np.testing.assert_array_equal(table.msd.values.reshape(3, 2), msd[[0, 0, 1]])
 
 
 def test_a_scan_of_channels_has_d_along_them():

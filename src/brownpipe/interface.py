@@ -552,7 +552,7 @@ def _seed_of_path(trajectories: Trajectories, seed: int | None) -> int:
 
 def table(result: Dataset) -> "DataFrame":
     """Return the results of an analysis as a pandas table, with a row for each scene, number of
-    disks and engine.
+    disks and engine; between walls of unequal lengths with one for D along each axis.
 
     result: what `analyse`, `scan` or `run` returns.
 

@@ -107,6 +107,7 @@ def component_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
         "component_growth_exponent": exponent.mean,
         "component_growth_exponent_standard_error": exponent.standard_error,
         "component_wall_reduction": reductions,
+        "component_msd_limit": displacement.msd_limits(case.scene, case.average),
         "component_drift_diffusion": _drift_diffusion(case),
     }
 
@@ -169,6 +170,11 @@ VARIABLES = {
         WINDOW,
         "1",
         "share by which walls reduce the slope along x and y at the end of the window",
+    ),
+    "component_msd_limit": Variable(
+        (*CASE_DIMS, "component"),
+        AREA,
+        "mean squared displacement along x and y of a tracer that has filled the box",
     ),
     "component_drift_diffusion": Variable(
         WINDOW, RATE, "what the drift of all disks adds to D along x and y in the window"

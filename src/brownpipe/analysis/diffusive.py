@@ -91,6 +91,7 @@ BY_COMPONENT = {
     "growth_exponent": "component_growth_exponent",
     "growth_exponent_standard_error": "component_growth_exponent_standard_error",
     "wall_reduction": "component_wall_reduction",
+    "msd_limit": "component_msd_limit",
     "window_drift_diffusion": "component_drift_diffusion",
     "diffusion_mark": "component_diffusion_mark",
 }

@@ -138,11 +138,22 @@ def msd_limit(scene: Scene, average: str) -> float:
 
     Its centre is then anywhere in the accessible rectangle.
     """
-    if scene.box.has_images or not scene.particles:
-        return np.nan
+    return float(msd_limits(scene, average).sum())
+
+
+def msd_limits(scene: Scene, average: str) -> np.ndarray:
+    """Return the MSD along x and along y (2,) [length^2] of a tracer that has long filled the box;
+    NaN along a periodic axis.
+    """
+    if not scene.particles:
+        return np.full(2, np.nan)
     _, size = scene.box.accessible(scene.radius[0])
-    msd, _ = _msd_between_walls(scene, average, 10 * size.max() ** 2)
-    return msd
+    long_after = 10 * size.max() ** 2  # D t
+    limits = []
+    for axis, is_periodic in enumerate(scene.box.periodic_axes):
+        msd, _ = _msd_along_axis(axis, scene, average, long_after)
+        limits.append(np.nan if is_periodic else msd)
+    return np.array(limits)
 
 
 def wall_reduction(scene: Scene, average: str, msd: float) -> float:

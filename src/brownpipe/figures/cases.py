@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, SupportsFloat, TypeVar
 
 import numpy as np
 
-from brownpipe.analysis.diffusive import fits_along_channels, fits_by_component
+from brownpipe.analysis.diffusive import BY_COMPONENT, fits_along_channels
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
 from brownpipe.engines.definition import REFERENCE_NAME
@@ -31,6 +31,10 @@ SPECIES = ("species", "species_pair")  # dimensions of parts of a case
 COMPONENT = "component"  # along x or y, the dimension of further parts
 Label = str | int | float  # of a case or a part of it, or one of its numbers
 PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
+# Functions of time that are sums over the components, or their means
+SUMS = [f"{name}{part}" for name in ("msd", "green_kubo") for part in PARTS]
+# For each variable of all motion that of the motion along x and y
+OF_COMPONENT = BY_COMPONENT | {name: f"component_{name}" for name in SUMS}
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
@@ -286,13 +290,46 @@ def components_of(cases: list[Dataset]) -> list[Dataset]:
     parts: list[Dataset] = []
     for case in cases:
         if has(case, "component_diffusion"):
-            by_component = fits_by_component(case).assign(
-                {f"msd{part}": case[f"component_msd{part}"] for part in PARTS}
-            )
-            parts += parts_of(by_component, COMPONENT, "component_msd")
+            by_component = _by_component(case)
+            parts += [by_component.sel(component=axis) for axis in case[COMPONENT].values]
         else:
             parts.append(case)
     return parts
+
+
+def _by_component(case: Dataset) -> Dataset:
+    """Return a case with the variables of `OF_COMPONENT`, which have a dimension `component`, in
+    place of those of all motion; sums that it has not by component are left out.
+    """
+    along = {}
+    for name, of_component in OF_COMPONENT.items():
+        if of_component in case:
+            along[name] = case[of_component]
+    sums = [name for name in SUMS if name in case]
+    return case.drop_vars(sums).assign(along)
+
+
+def with_components(case: Dataset, names: Iterable[str]) -> Dataset:
+    """Return a case with variables of its motion along x and along y, such as `msd along x`, where
+    this differs.
+    """
+    along = {}
+    for part in components_of([case]):
+        axis = component_of(part)
+        for name, end in product(names, PARTS):
+            if axis and f"{name}{end}" in part:
+                along[f"{name} along {axis}{end}"] = part[f"{name}{end}"]
+    return case.assign(along)
+
+
+def motions_of(case: Dataset) -> list[Dataset]:
+    """Return the motion of a case whose D is stated: all motion; in a channel that along it; in a
+    box of walls with unequal sides that along x and that along y.
+    """
+    parts = components_of([case])
+    axis = channel_axis(case)
+    along_channel = [part for part in parts if component_of(part) == axis]
+    return along_channel or parts
 
 
 def fits_of(case: Dataset) -> list[Dataset]:
@@ -311,7 +348,7 @@ def text_of(case: Dataset, name: str) -> str:
 
 def labels_in_words(case: Dataset, names: Iterable[str]) -> str:
     """Return labels of a case: scene, engine (but for the exact one) and species by name, the
-    component as `along x`, others as `N = 150`.
+    component as `along x`, "" of all motion, others as `N = 150`.
     """
     labels = [*dict.fromkeys(names)]
     words = []
@@ -320,10 +357,10 @@ def labels_in_words(case: Dataset, names: Iterable[str]) -> str:
         if name in ("scene", "engine", *SPECIES):
             words.append(value)
         elif name == COMPONENT:
-            words.append(f"along {value}")
+            words.append(f"along {value}" if value else "")
         else:
             words.append(f"{'N' if name == 'particles' else name} = {value}")
-    named = [word for word in words if word != REFERENCE_NAME]
+    named = [word for word in words if word not in ("", REFERENCE_NAME)]
     if not named and "engine" in labels:
         return REFERENCE_NAME
     return ", ".join(named)
@@ -381,9 +418,16 @@ def component_of(part: Dataset) -> str:
     return str(part[COMPONENT].item()) if is_part else ""
 
 
+def axis_of_diffusion(case: Dataset) -> str:
+    """Return the axis, x or y, along which D is, in a channel and of motion along one axis alone;
+    "" for D of all motion.
+    """
+    return component_of(case) or channel_axis(case)
+
+
 def diffusion_name(case: Dataset) -> str:
-    """Return D, or in a channel and of motion along one axis alone D_x or D_y."""
-    axis = component_of(case) or channel_axis(case)
+    """Return D, or of motion along one axis D_x or D_y."""
+    axis = axis_of_diffusion(case)
     return f"D_{axis}" if axis else "D"
 
 

@@ -8,17 +8,21 @@ integral. In two dimensions D(t) has no limit, as the velocity autocorrelation d
 from typing import Unpack
 
 from matplotlib.axes import Axes
+from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.figures.cases import (
     PARTS,
-    channel_axis,
+    component_of,
     diffusion_symbol,
     fits_of,
     fitted_diffusion,
+    frame_of,
     has,
+    motions_of,
+    with_components,
 )
-from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.figure import Figure
 from brownpipe.figures.looks import Looks
 from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, band, styled_cases, time_axis
 
@@ -27,7 +31,7 @@ ROUTES = {
     "msd_over_4t": "$\\langle r^2 \\rangle$ / 4$t$",
     "green_kubo": "Green-Kubo: $\\langle v(0) \\cdot [r(t) - r(0)] \\rangle$ / 2",
 }  # variable: label
-ALONG = "msd_along_over_2t"  # the only route in channels
+ALONG = "msd_along_over_2t"  # of motion along an axis
 # Shown in every case; they set the limits of the axis
 FROM_MSD = ("diffusion_running", "msd_over_4t", ALONG)
 # Shown in equilibrium, up to REACH times the largest value from the MSD
@@ -41,14 +45,16 @@ def draw_diffusion(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> 
     """Draw D(t) with its 95 % band, Enskog's D, and slope/4 across its window, of a single case by
     every route.
 
-    Of several cases or with `looks` it is the running slope, or MSD/4t without one; in a channel
-    MSD/2t along it.
+    Of several cases or with `looks` it is the running slope, or MSD/4t without one; of motion along
+    an axis MSD/2t.
     """
-    cases = [_along_channel(case) for case in cases]
-    if len(cases) == 1 and not looks:
-        _routes(axes, cases[0])
+    motions: list[Dataset] = []
+    for case in cases:
+        motions += [_with_route_along(motion) for motion in motions_of(case)]
+    if len(motions) == 1 and not looks:
+        _routes(axes, motions[0])
     else:
-        for case, line in styled_cases(cases, fitted_diffusion, looks):
+        for case, line in styled_cases(motions, fitted_diffusion, looks):
             name = next(name for name in FROM_MSD if has(case, name))
             band(axes, case.isel(time=case.time.values > 0), name, **line)
             _bar(axes, case, color=line["color"])
@@ -61,19 +67,15 @@ def draw_diffusion(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> 
     time_axis(axes, cases)
 
 
-def _along_channel(case: Dataset) -> Dataset:
-    """Return the case; of a channel with MSD/2t along it in place of the routes that are sums over
-    both components.
+def _with_route_along(motion: Dataset) -> Dataset:
+    """Return the motion; along an axis with MSD/2t in place of the routes that are sums over both
+    components.
     """
-    axis = channel_axis(case)
-    if not axis:
-        return case
-    per_2t = 0.5 / case.time.where(case.time > 0)
-    along = {}
-    for part in PARTS:
-        msd = case[f"component_msd{part}"].sel(component=axis, drop=True)
-        along[f"{ALONG}{part}"] = msd * per_2t
-    return case.drop_vars(ROUTES, errors="ignore").assign(along)
+    if not component_of(motion):
+        return motion
+    per_2t = 0.5 / motion.time.where(motion.time > 0)
+    along = {f"{ALONG}{part}": motion[f"msd{part}"] * per_2t for part in PARTS}
+    return motion.drop_vars(ROUTES, errors="ignore").assign(along)
 
 
 def _routes(axes: Axes, case: Dataset) -> None:
@@ -86,7 +88,7 @@ def _routes(axes: Axes, case: Dataset) -> None:
     from_msd = max(highest[name] for name in FROM_MSD if name in highest)
     end = HEADROOM * min(max(highest.values()), REACH * from_msd) or 1.0
     later = case.isel(time=case.time.values > 0)
-    axis = channel_axis(case)
+    axis = component_of(case)
     routes = {ALONG: f"$\\langle {axis}^2 \\rangle$ / 2$t$"} if axis else ROUTES
     for (name, label), (colour, line, _) in zip(routes.items(), SERIES, strict=False):
         if name in highest:
@@ -112,9 +114,17 @@ def _bar(axes: Axes, case: Dataset, **looks: Unpack[Looks]) -> None:
         axes.plot(ends, [diffusion] * 2, linewidth=1.2, marker="|", markersize=9, **looks)
 
 
+def table_of_diffusion(cases: list[Dataset]) -> DataFrame:
+    """Return one row per case and time: D by every route, and the MSD of the components from which
+    that along an axis follows.
+    """
+    shown = [with_components(case, ["msd"]) for case in cases]
+    return frame_of(shown, ["time"], [*ROUTES, "msd along x", "msd along y"])
+
+
 FIGURE = Figure(
     curves=draw_diffusion,
     labels=("diffusion coefficient $D(t)$, 95 % bands",),
     variables=("msd",),
-    table=Columns(("time",), tuple(ROUTES)),
+    table=table_of_diffusion,
 )

@@ -14,7 +14,14 @@ from brownpipe.analysis import diffusive
 from brownpipe.analysis.drift import in_percent
 from brownpipe.analysis.goodness import change_found_with_power
 from brownpipe.engines.friction import DECAY_TIMES
-from brownpipe.figures.cases import channel_axis, diffusion_name, has, scene_of
+from brownpipe.figures.cases import (
+    axis_of_diffusion,
+    component_of,
+    diffusion_name,
+    has,
+    motions_of,
+    scene_of,
+)
 from brownpipe.text import counted
 
 if TYPE_CHECKING:
@@ -114,11 +121,10 @@ def reasons_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
     reason and what to do about it; none without a mark.
 
         ° D over [0.1, 1] is not that of diffusion, or not yet:
-        - the window begins before 3/gamma of the tracer in 8 of 8 cases, 1.48 for ..., N = 50;
+        - the window begins before 3/gamma of the tracer in 8 of 8 fits, 1.48 for ..., N = 50;
           needed: a later window, or longer runs.
     """
-    fits = [case.isel(window=0) for case in cases]
-    fits = [fit for fit in fits if has(fit, "diffusion_coefficient")]
+    fits = [fit for fit in _first_fits(cases) if has(fit, "diffusion_coefficient")]
     names = dict.fromkeys(diffusion_name(fit) for fit in fits if fit.diffusion_mark.item())
     if not names:
         return
@@ -129,18 +135,35 @@ def reasons_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
         if not marked:
             continue
         worst = max(marked, key=reason.size)
-        share = f" in {len(marked)} of {len(fits)} cases" if len(fits) > 1 else ""
-        title = f"{scene_of(worst)}, N = {worst.particles.item()}"
+        share = f" in {len(marked)} of {len(fits)} fits" if len(fits) > 1 else ""
+        title = _title_of_fit(worst)
         statement = f"{reason.statement}{share}, {reason.number(worst)} for {title}"
         text = f"- {statement}; needed: {reason.cure(worst)}."
         yield from textwrap.wrap(text, LINE, subsequent_indent="  ")
+
+
+def _first_fits(cases: Sequence[Dataset]) -> list[Dataset]:
+    """Return the motions of cases (`cases.motions_of`) in their first fit windows."""
+    fits: list[Dataset] = []
+    for case in cases:
+        fits += [motion.isel(window=0) for motion in motions_of(case)]
+    return fits
+
+
+def _title_of_fit(fit: Dataset) -> str:
+    """Return scene and number of disks of a fit, and the axis along which it is, if it is along
+    one.
+    """
+    title = f"{scene_of(fit)}, N = {fit.particles.item()}"
+    axis = component_of(fit)
+    return f"{title}, along {axis}" if axis else title
 
 
 def power_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
     """Yield what a D without a mark means: level and power of the test for a change of the
     slope.
     """
-    fits = [case.isel(window=0) for case in cases]
+    fits = _first_fits(cases)
     plain = [fit for fit in fits if has(fit, "slope") and not fit.diffusion_mark.item()]
     if not plain:
         return
@@ -180,6 +203,7 @@ def _tests_in_family(cases: Sequence[Dataset], fit: Dataset) -> int:
     """Return the number of tests for a change of the slope that are one family with that of a fit:
     of all motion, or along x and y.
     """
-    is_along_axis = channel_axis(fit) != ""
-    name = "component_slope_change_p_value" if is_along_axis else "slope_change_p_value"
+    name = "slope_change_p_value"
+    if axis_of_diffusion(fit):
+        name = f"component_{name}"
     return sum(int(case[name].notnull().sum()) for case in cases)

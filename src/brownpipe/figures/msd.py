@@ -13,7 +13,6 @@ from brownpipe import theory
 from brownpipe.engines.windows import times_in_window
 from brownpipe.figures import style
 from brownpipe.figures.cases import (
-    PARTS,
     component_of,
     components_of,
     diffusion_ring,
@@ -23,6 +22,7 @@ from brownpipe.figures.cases import (
     fitted_diffusion,
     frame_of,
     has,
+    with_components,
 )
 from brownpipe.figures.figure import Figure
 from brownpipe.figures.looks import Looks, replaced
@@ -199,22 +199,18 @@ def table_of_msd(cases: list[Dataset]) -> DataFrame:
     their windows.
     """
     frames = []
+    names = ["msd", "msd_over_4t", "msd along x", "msd along y"]
     for case in cases:
         t = case.time.values
-        names = ["msd", "msd_over_4t"]
-        of_components = {}
         fits = {}
-        for part in components_of([case]):
+        parts = components_of([case])
+        for part in parts:
             axis = component_of(part)
             words = f" along {axis}" if axis else ""
-            if axis:
-                for end in PARTS:
-                    of_components[f"msd{words}{end}"] = part[f"msd{end}"]
             for window in part.window.values:
                 fits[f"fit{words} over {window}"] = _fitted(part.sel(window=window), t)
-        names += [f"msd along {axis}" for axis in "xy" if f"msd along {axis}" in of_components]
-        frame = frame_of([case.assign(of_components)], ["time"], names)
-        if not of_components:
+        frame = frame_of([with_components(case, ["msd"])], ["time"], names)
+        if len(parts) == 1:
             diffusion, _ = _diffusion(case, t)
             ballistic = theory.ballistic_msd(t, float(case.initial_square_speed))
             frame = frame.assign(ballistic=ballistic, diffusion=diffusion)

@@ -8,21 +8,22 @@ from itertools import chain, cycle
 import numpy as np
 from matplotlib import figure as matplotlib_figure
 from matplotlib.axes import Axes
-from pandas import DataFrame
+from pandas import DataFrame, concat
 from xarray import Dataset
 
 from brownpipe.analysis import diffusive
 from brownpipe.analysis.resampling import resample
 from brownpipe.figures.cases import (
+    COMPONENT,
     PARTS,
     axis_label,
     axis_of,
-    channel_axis,
+    component_of,
     differing,
     diffusion_ring,
     diffusion_symbol,
     frame_of,
-    label_of,
+    motions_of,
     quantities_of,
     series_of,
     varied_with,
@@ -61,39 +62,56 @@ PANELS = {  # title, label of the axis, Enskog's theory
 
 def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw a panel per quantity: its values along the axis of the scan, a series for each value of
-    what else differs.
+    what else differs; of D also for each axis where there is one for each.
 
     D is that of the first fit window; the table has all.
     """
     axis = axis_of(cases)
-    series = series_of([case.isel(time=-1, window=0) for case in cases], axis, drift=True)
+    ends = [case.isel(time=-1, window=0) for case in cases]
+    series = series_of(ends, axis, drift=True)
+    motions = _motions(ends)
+    series_of_motions = series_of(motions, axis, drift=True)
     names = quantities_of(PANELS, cases)
     along = [axis_label(cases[0], axis), *also_varied(cases, axis)]
-    height = 3.6 + 0.38 * (len(series) - 1) + 0.2 * (len(along) - 1)
+    height = 3.6 + 0.38 * (len(series_of_motions) - 1) + 0.2 * (len(along) - 1)
     figure, axes = grid(-(-len(names) // 2), 2, WIDTH, height)
     for panel in axes.flat[len(names) :]:
         panel.remove()
     for panel, name in zip(axes.flat, names, strict=False):
-        shown = {label: with_value(ends, name) for label, ends in series.items()}
+        series_of_panel = series_of_motions if name == D else series
+        shown = {label: with_value(parts, name) for label, parts in series_of_panel.items()}
         _panel(panel, axis, shown, name)
         panel.set_xlabel("\n".join(along))
-        panel.set_ylabel(_label_of_diffusion(cases) if name == D else PANELS[name][1])
+        panel.set_ylabel(_label_of_diffusion(motions) if name == D else PANELS[name][1])
     titles = {name: PANELS[name][0] for name in names}
     if D in titles:
         window = cases[0].window[0].item()
-        ring = max(diffusion_ring(case.isel(window=0)) for case in cases)
+        ring = max(map(diffusion_ring, motions))
         titles[D] += f" over {window}{ring}"
     put_titles_and_legends(axes.flat[: len(names)], titles.values())
     return figure
 
 
-def _label_of_diffusion(cases: list[Dataset]) -> str:
-    """Return the label of D: in channels it is half of the slope along them."""
-    symbols = {diffusion_symbol(case) for case in cases}
-    of_channels = sorted(symbols - {"D"})
+def _motions(cases: list[Dataset]) -> list[Dataset]:
+    """Return the motions of cases whose D is stated (`cases.motions_of`), with the MSD of all
+    motion; the component of all motion is "".
+    """
+    motions: list[Dataset] = []
+    for case in cases:
+        msd = {f"{END}{part}": case[f"{END}{part}"] for part in PARTS}
+        for motion in motions_of(case):
+            along = motion.drop_dims(COMPONENT, errors="ignore").assign(msd)
+            motions.append(along.assign_coords(component=component_of(motion)))
+    return motions
+
+
+def _label_of_diffusion(motions: list[Dataset]) -> str:
+    """Return the label of D: along an axis it is half of the slope along it."""
+    symbols = {diffusion_symbol(motion) for motion in motions}
+    along_axes = sorted(symbols - {"D"})
     labels = ["$D$ = slope/4"] if "D" in symbols else []
-    if of_channels:
-        labels.append(f"{', '.join(of_channels)} = slope/2")
+    if along_axes:
+        labels.append(f"{', '.join(along_axes)} = slope/2")
     return "; ".join(labels)
 
 
@@ -137,17 +155,13 @@ def table_of_scan(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and fit window: D and the quantities of the case, theory, and
     differences.
 
-    Where some cases are channels, `component` says along which axis D is.
+    Where the motion of some cases differs along x and y, `component` says along which axis D is; a
+    case with a D for each has a row for each.
     A difference is taken from the case before along the axis, whose runs with the same seeds begin
     alike if they have as many disks; its standard error and interval are those of the mean over
     these pairs of runs. The difference of D is for the first window.
     """
     axis = axis_of(cases)
-    ends = []
-    for series in series_of(cases, axis).values():
-        cases_before: list[Dataset | None] = [None, *series[:-1]]
-        for before, case in zip(cases_before, series, strict=True):
-            ends.append(case.isel(time=-1).assign(_differences(before, case)))
     differences = [f"{name}_difference" for name in OF_RUNS]
     theory = [expected for _, _, expected in PANELS.values() if expected]
     names = (
@@ -160,13 +174,25 @@ def table_of_scan(cases: list[Dataset]) -> DataFrame:
         *theory,
         *differences,
     )
-    frame = frame_of(ends, ("window",), names).drop(columns="window")
+    ends: dict[str, list[Dataset]] = {}
+    for series in series_of(_motions(cases), axis).values():
+        ends.setdefault(component_of(series[0]), []).extend(_ends_with_differences(series))
+    frames = []
+    for component, motions in ends.items():
+        frames.append(frame_of(motions, ("window",), names).assign(component=component))
+    frame = concat(frames, ignore_index=True).drop(columns="window")
     marks = frame.pop("diffusion_mark").astype(int)
     frame = frame.assign(mark=marks.map(diffusive.mark_in_words))
-    if "channel_axis" not in cases[0]:
-        return frame
-    components = [label_of(case) | {"component": channel_axis(case)} for case in cases]
-    return frame.merge(DataFrame(components), how="left")
+    return frame if any(frame.component) else frame.drop(columns="component")
+
+
+def _ends_with_differences(series: list[Dataset]) -> list[Dataset]:
+    """Return the cases of a series at their ends, with the differences from the case before."""
+    ends = []
+    cases_before: list[Dataset | None] = [None, *series[:-1]]
+    for before, case in zip(cases_before, series, strict=True):
+        ends.append(case.isel(time=-1).assign(_differences(before, case)))
+    return ends
 
 
 def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:

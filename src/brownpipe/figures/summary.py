@@ -25,17 +25,20 @@ from brownpipe.analysis.variables import (
 from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import (
+    OF_COMPONENT,
     SPECIES,
+    Label,
     aligned,
     at_last_distribution,
+    axis_of_diffusion,
     cases_of,
-    channel_axis,
     diffusion_name,
     diffusion_ring,
     drifts,
     estimate_of,
     has,
     label_of,
+    motions_of,
     own_names,
     scene_of,
     text_of,
@@ -84,6 +87,7 @@ OF_SPREADING = (
     *("diffusion_running", "fit_windows", *OF_RINGS),
     *("figure msd", "figure diffusion", "figure displacement_distribution", "figure scan"),
 )
+GREEN_KUBO = Quantity("D (Green-Kubo)", "green_kubo", ("green_kubo",), "enskog_diffusion")
 QUANTITIES = (
     Quantity("energy", "species_energy", ("species_energy",)),
     Quantity(
@@ -99,7 +103,7 @@ QUANTITIES = (
     Quantity("|psi_6|", "orientational_order", ("orientational_order",)),
     Quantity("n(wall)", "contact_density", ("contact_density",)),
     Quantity("alpha_2", "non_gaussian_parameter", ("non_gaussian_parameter",)),
-    Quantity("D (Green-Kubo)", "green_kubo", ("green_kubo",), "enskog_diffusion"),
+    GREEN_KUBO,
 )
 # Functions of the lag: with averages over time origins their last values have few origins.
 OF_LAG = ("msd", "non_gaussian_parameter", "green_kubo")
@@ -107,6 +111,7 @@ DISPLACED = (
     Quantity("MSD", "msd", OF_SPREADING),
     Quantity("D", D, OF_SPREADING),
 )
+OF_MOTION = (D, "green_kubo")  # along x and along y where these differ
 
 
 class Answer(NamedTuple):
@@ -255,20 +260,10 @@ def columns_of(
     """Yield heading and cells of each column of a quantity: for each case the part with one number,
     None without it.
     """
-    needed = {
-        quantity.variable,
-        f"{quantity.variable}_standard_error",
-        quantity.theory,
-        "diffusion_mark",
-        "not_diffusive_before",
-        "drift_p_value",
-        "channel_axis",
-    }
-    # What `_cell` reads, and no more: of a case with all variables each part takes xarray several
-    # times as long.
-    small_cases = []
-    for case in cases:
-        small_cases.append(case[[name for name in needed if name in case]])
+    small_cases = [_reduced(case, quantity) for case in cases]
+    if quantity.variable in OF_MOTION:
+        yield from _columns_by_motion(small_cases, quantity)
+        return
     dim = next((dim for dim in SPECIES if dim in small_cases[0].dims), "")
     labels = small_cases[0][dim].values.tolist() if dim else [""]
     known = {}
@@ -277,31 +272,50 @@ def columns_of(
         parts = [_at(case, quantity) for case in of_label]
         if any(parts):
             known[label] = parts
-    if quantity.variable == D and known:
-        yield from _columns_by_name(known[""])
-        return
     for label, parts in known.items():
         yield f"{quantity.heading}, {label}" if len(known) > 1 else quantity.heading, parts
 
 
-def _columns_by_name(parts: list[Dataset | None]) -> Iterator[tuple[str, list[Dataset | None]]]:
-    """Yield name and cells of a column of D, and of D_x or D_y of channels."""
-    names = [diffusion_name(part) if part is not None else "" for part in parts]
+def _reduced(case: Dataset, quantity: Quantity) -> Dataset:
+    """Return a case with what `_cell` reads, and no more: of a case with all variables each part
+    takes xarray several times as long.
+    """
+    needed = {
+        quantity.variable,
+        f"{quantity.variable}_standard_error",
+        quantity.theory,
+        "diffusion_mark",
+        "not_diffusive_before",
+        "drift_p_value",
+        "channel_axis",
+        "component_diffusion",
+    }
+    needed |= {OF_COMPONENT[name] for name in needed if name in OF_COMPONENT}
+    return case[[name for name in needed if name in case]]
+
+
+def _columns_by_motion(
+    cases: list[Dataset], quantity: Quantity
+) -> Iterator[tuple[str, list[Dataset | None]]]:
+    """Yield heading and cells of the columns of D, and of D_x and D_y of cases that have these."""
+    by_name = []
+    for case in cases:
+        by_name.append({diffusion_name(part): _at(part, quantity) for part in motions_of(case)})
     for name in ("D", "D_x", "D_y"):
-        if name in names:
-            pairs = zip(parts, names, strict=True)
-            yield name, [part if other == name else None for part, other in pairs]
+        parts = [of_case.get(name) for of_case in by_name]
+        if any(parts):
+            yield quantity.heading.replace("D", name), parts
 
 
 def _at(case: Dataset, quantity: Quantity) -> Dataset | None:
     """Return the case at the time of `time_shown` and in the first window; None if it does not have
     the quantity there.
 
-    Without a temperature and in a channel, the Green-Kubo integral is not a D.
+    Without a temperature the Green-Kubo integral is not a D.
     """
     if not has(case, quantity.variable):
         return None
-    if quantity.variable == "green_kubo" and (channel_axis(case) or not has(case, quantity.theory)):
+    if quantity.variable == "green_kubo" and not has(case, quantity.theory):
         return None
     places = {"window": 0}
     if "time" in case[quantity.variable].dims:
@@ -360,9 +374,8 @@ def _integral_mark(part: Dataset) -> int:
 
 def _integral_ends_early(case: Dataset) -> bool:
     """Return whether the Green-Kubo integral is shown at a time at which it may not be a D yet."""
-    integral = next(quantity for quantity in QUANTITIES if quantity.variable == "green_kubo")
-    part = _at(case, integral)
-    return part is not None and bool(_integral_mark(part) & EARLY)
+    parts = [_at(motion, GREEN_KUBO) for motion in motions_of(case)]
+    return any(_integral_mark(part) & EARLY for part in parts if part is not None)
 
 
 def _verdict(p: float, rejected: bool) -> str:
@@ -376,13 +389,12 @@ def _legend(
     yield "N: number of disks. ±: one standard error over runs. All in the scene's reduced units."
     if scan_changes_density(dataset, cases):
         yield "phi: packing fraction of all disks, which changes with what is varied."
-    followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
     for quantity in shown:
-        if quantity.variable == D:
-            yield from _meanings_of_diffusion(dataset, cases)
+        if quantity.variable in OF_MOTION:
+            yield from _meanings_by_motion(dataset, cases, quantity)
             continue
         variable = dataset[quantity.variable]
-        meaning = variable.attrs.get("long_name", quantity.variable).replace(FOLLOWED, followed)
+        meaning = _meaning_of(dataset, quantity.variable)
         source = f" ({variable.observable})" if "observable" in variable.attrs else ""
         place = _place_of(dataset, quantity.variable)
         yield from textwrap.wrap(f"{quantity.heading}: {meaning}{place}{source}.", LINE)
@@ -408,6 +420,12 @@ def _legend(
         yield from _tests_of_diffusion(cases, tests)
 
 
+def _meaning_of(dataset: Dataset, name: str) -> str:
+    """Return the meaning of a variable, with the disks over which it is averaged."""
+    followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
+    return str(dataset[name].attrs.get("long_name", name)).replace(FOLLOWED, followed)
+
+
 def _place_of(dataset: Dataset, name: str) -> str:
     """Return the time and the fit window at which a quantity is shown, to be appended to its
     meaning.
@@ -423,16 +441,16 @@ def _place_of(dataset: Dataset, name: str) -> str:
     return place
 
 
-def _meanings_of_diffusion(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
-    """Lines on D, and on D_x or D_y of channels."""
-    window = dataset.window.values[0]
-    axes = {channel_axis(case) for case in cases if has(case, D)}
-    if "" in axes:
-        meaning = dataset[D].attrs.get("long_name", D)
-        yield f"D: {meaning} {window}."
-    for axis in sorted(axes - {""}):
-        meaning = f"D along the channel, half of the slope of the MSD along {axis}, in the window"
-        yield f"D_{axis}: {meaning} {window}."
+def _meanings_by_motion(
+    dataset: Dataset, cases: list[Dataset], quantity: Quantity
+) -> Iterator[str]:
+    """Lines on D, and on D_x and D_y where the motion differs by axis."""
+    place = _place_of(dataset, quantity.variable)
+    for heading, parts in columns_of(cases, quantity):
+        axis = next(axis_of_diffusion(part) for part in parts if part is not None)
+        variable = OF_COMPONENT[quantity.variable] if axis else quantity.variable
+        meaning = _meaning_of(dataset, variable).replace("x and y", axis)
+        yield from textwrap.wrap(f"{heading}: {meaning}{place}.", LINE)
 
 
 def _tests_of_diffusion(cases: list[Dataset], tests: int) -> Iterator[str]:
@@ -563,17 +581,18 @@ def _reasons_in_words(case: Dataset) -> str:
 
 def summary_table(dataset: Dataset) -> DataFrame:
     """Return every number that an answer may have, and those of the other fit windows: one row per
-    case and window, of a trade-off per case.
+    case and window, where D is along x and along y for each of them, of a trade-off per case.
     """
     from pandas import DataFrame
 
     cases = cases_of(dataset)
     if is_tradeoff(dataset):
         return DataFrame([label_of(case, *map(str, case.data_vars)) for case in cases])
-    shown = [DISPLACED[0], *quantities(dataset)[:-1]]  # D, the last, is one of the fits
     measured: list[tuple[Quantity, str, list[Dataset | None]]] = []
-    for quantity in shown:
-        measured += [(quantity, *column) for column in columns_of(cases, quantity)]
+    for quantity in (DISPLACED[0], *quantities(dataset)):
+        if quantity.variable not in OF_MOTION:
+            measured += [(quantity, *column) for column in columns_of(cases, quantity)]
+    has_integral = bool([*columns_of(cases, GREEN_KUBO)])
     rows = []
     for k, case in enumerate(cases):
         row = label_of(case, "packing_fraction", "runs", "failed_runs")
@@ -583,25 +602,31 @@ def summary_table(dataset: Dataset) -> DataFrame:
             "drifts": drifts(case),
         }
         for quantity, heading, parts in measured:
-            part = parts[k]
             column = heading.replace(quantity.heading, quantity.variable)
-            for suffix in ("", "_standard_error"):
-                value = part[quantity.variable + suffix].item() if part is not None else np.nan
-                row[column + suffix] = value
+            row |= _numbers_of(parts[k], quantity.variable, column)
         last = at_last_distribution(case)
         row |= {name: last[name].item() if name in last else np.nan for name in SHAPE}
         for model, test in product(dataset.model.values, TESTED):
             row[f"{test}, {model}"] = last[test].sel(model=model).item()
-        for w in range(case.sizes["window"]):
-            fit = case.isel(window=w)
-            numbers = {name: fit[name].item() for name in FIT}
-            mark = diffusive.mark_in_words(fit.diffusion_mark.item())
-            rows.append(row | numbers | {"mark": mark} | _component_of(case))
+        for motion in motions_of(case):
+            of_motion = row.copy()
+            if has_integral:
+                of_motion |= _numbers_of(_at(motion, GREEN_KUBO), "green_kubo", "green_kubo")
+            if diffusive.has_fits_by_component(dataset):
+                of_motion["component"] = axis_of_diffusion(motion)
+            for w in range(case.sizes["window"]):
+                fit = motion.isel(window=w)
+                numbers = {name: fit[name].item() for name in FIT}
+                mark = diffusive.mark_in_words(fit.diffusion_mark.item())
+                rows.append(of_motion | numbers | {"mark": mark})
     return DataFrame(rows)
 
 
-def _component_of(case: Dataset) -> dict[str, str]:
-    """Return of which component the fits of a case are, if some cases of its dataset are
-    channels.
+def _numbers_of(part: Dataset | None, name: str, column: str) -> dict[str, Label]:
+    """Return a variable of a part of a case with its standard error, as columns of a table; NaN
+    without the part.
     """
-    return {"component": channel_axis(case)} if "channel_axis" in case else {}
+    numbers: dict[str, Label] = {}
+    for suffix in ("", "_standard_error"):
+        numbers[f"{column}{suffix}"] = np.nan if part is None else part[f"{name}{suffix}"].item()
+    return numbers

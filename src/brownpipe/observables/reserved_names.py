@@ -20,7 +20,7 @@ OTHER_NAMES = """
     component_diffusion_mark component_drift_diffusion component_growth_exponent
     component_growth_exponent_standard_error component_intercept
     component_intercept_standard_error component_quartic_displacement component_slope_change
-    component_slope_change_p_value component_slope_change_standard_error
+    component_msd_limit component_slope_change_p_value component_slope_change_standard_error
     component_square_displacement component_wall_reduction contact_distance
     degrees_of_freedom diffusion_mark disk displacement_counts displacement_counts_high
     displacement_counts_low displacement_overflow displacement_time displacement_velocity

@@ -15,12 +15,13 @@ from brownpipe.analysis.variables import average_of
 from brownpipe.figures.cases import (
     at_equal_steps,
     cases_of,
-    channel_axis,
+    component_of,
     diffusion_name,
     drifts,
     estimate_of,
     fits_of,
     labels_in_words,
+    motions_of,
     one_count,
     plus_minus,
     title_of,
@@ -74,19 +75,22 @@ def _by_labels(cases: Sequence[Dataset], *names: str) -> list[list[Dataset]]:
 
 
 def _sentences_of(case: Dataset, cases: Sequence[Dataset]) -> Iterator[str]:
-    """Yield how far the tracer has moved, and its D or why there is none; `cases` are all that are
-    tested with it.
+    """Yield how far the tracer has moved, and its D or why there is none, along each axis where
+    there is one for each; `cases` are all that are tested with it.
     """
-    yield _distance_in_words(case)
-    fits = fits_of(case)
-    if fits:
-        yield _diffusion_in_words(fits[0], cases)
+    for motion in motions_of(case):
+        yield _distance_in_words(motion)
+        fits = fits_of(motion)
+        if fits:
+            yield _diffusion_in_words(fits[0], cases)
     if drifts(case):
         yield "The runs are found not to be in equilibrium: the numbers are of a changing state."
 
 
 def _distance_in_words(case: Dataset) -> str:
-    """Return the root of the MSD with its standard error, at the time of the summary."""
+    """Return the root of the MSD, of motion along an axis of that along it, with its standard
+    error, at the time of the summary.
+    """
     last = case.isel(time=time_shown(case, "msd"))
     msd = float(last.msd)
     root = np.sqrt(msd)
@@ -95,24 +99,31 @@ def _distance_in_words(case: Dataset) -> str:
     time = float(last.time)
     unit = "time unit" if time == 1 else "time units"
     when = "Within" if average_of(case) == "origins" else "After"
+    along = _along(case)
     return (
-        f"{when} {time:g} {unit} {disk} has moved by {plus_minus(root, error)} on average "
-        "(root of the MSD)."
+        f"{when} {time:g} {unit} {disk} has moved by {plus_minus(root, error)}{along} on average "
+        f"(root of the MSD{along})."
     )
 
 
+def _along(motion: Dataset) -> str:
+    """Return ` along x` or ` along y` of motion along one axis alone; "" of all motion."""
+    axis = component_of(motion)
+    return f" along {axis}" if axis else ""
+
+
 def _diffusion_in_words(fit: Dataset, cases: Sequence[Dataset]) -> str:
-    """Return D in a fit window, in a channel that along it, or what speaks against one."""
+    """Return D in a fit window, or what speaks against one."""
     mark = fit.diffusion_mark.item()
     window = f"between t = {float(fit.window_start):g} and {float(fit.window_end):g}"
-    axis = channel_axis(fit)
-    moves = f"It diffuses along {axis}" if axis else "It diffuses"
+    along = _along(fit)
+    name = diffusion_name(fit)
     if not mark:
         estimate = estimate_of(fit, "diffusion_coefficient")
-        coefficient = f"{diffusion_name(fit)} = {estimate} {window}"
+        coefficient = f"{name} = {estimate} {window}"
         if fall_found(cases, fit) > 1:
             return f"Nothing found speaks against {coefficient}, but there are few runs to find it."
-        return f"{moves}: {coefficient}."
+        return f"It diffuses{along}: {coefficient}."
     reasons = reasons_of_case(fit, mark & ~diffusive.EARLY)
     if mark & diffusive.EARLY:
         forgets = f"until t = {float(fit.not_diffusive_before):.3g} (3/gamma)"
@@ -120,10 +131,10 @@ def _diffusion_in_words(fit: Dataset, cases: Sequence[Dataset]) -> str:
         reasons.insert(0, f"it remembers its initial velocity {end}")
     because = "; ".join(reasons)
     if mark == diffusive.UNTESTED:
-        return f"Whether it diffuses {window} cannot be told from these runs: {because}."
+        return f"Whether it diffuses{along} {window} cannot be told from these runs: {because}."
     if mark & diffusive.EARLY and not is_lone(fit):
-        return f"It is not yet diffusive {window}, and has no D there: {because}."
-    return f"It is not diffusive {window}, and has no D there: {because}."
+        return f"It is not yet diffusive{along} {window}, and has no {name} there: {because}."
+    return f"It is not diffusive{along} {window}, and has no {name} there: {because}."
 
 
 def _tradeoffs_in_words(cases: Sequence[Dataset]) -> Iterator[str]:
