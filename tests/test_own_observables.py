@@ -343,7 +343,9 @@ FUNCTION = "def f(scene, run):\n    return "
             r"seed 1: my:f: ValueError: mine: must be al",
         ),
         (
-            "n = [2]\n" + FUNCTION + "{'x': ('x', [1, n.append(n[-1] + 1) or n[-1]])}",
+            "n = [2]\n"
+            + FUNCTION
+            + "{'x': ('x', [1, n.append(n[-1] + 1) or n[-1]]), 'mine': ('x', [1, 2])}",
             r"seed 1: my:f: ValueError: x: must be alike in all runs; its values have changed",
         ),
         (
@@ -357,6 +359,15 @@ FUNCTION = "def f(scene, run):\n    return "
             )
             for end in ("1.0", "0.0", "float('nan')")
         ),
+        (
+            FUNCTION + "{'mine': ('x', []), 'x': ('x', [])}",
+            r"my:f: ValueError: mine: must have values, and is of shape \(0,\)",
+        ),
+        (
+            FUNCTION + "{'mine': 1.0, 'x': ('x', [1.0, 2.0])}",
+            r"my:f: ValueError: x: is a coordinate, and no array is along it",
+        ),
+        (FUNCTION + "{}", r"my:f: ValueError: must return an array, not an empty mapping"),
         (
             FUNCTION + "{'x': (('x', 'y'), [[1, 2]])}",
             r"my:f: ValueError: x: must be \(dims, values\) with a dim",

@@ -196,6 +196,8 @@ def measure(
         returned = function.call(scene, _read_only(run))
         if not isinstance(returned, Mapping):
             raise TypeError(f"must return a mapping of names to arrays, not {returned!r:.40}")
+        if not returned:
+            raise ValueError("must return an array, not an empty mapping")
         for array, value in returned.items():
             variable = _as_variable(array, value)
             _refuse_misfit(array, variable, scene, axes)
@@ -214,6 +216,7 @@ def measure(
                 raise ValueError(
                     f"{array}: must be alike in all runs; {_change(before, description)}"
                 )
+        _refuse_unused_coordinates({array: known[array] for array in returned})
         _refuse_lengths(known)
     except Exception as error:
         raise RequestError(f"{title_of(name)}: {_describe_error(error, function.file)}") from error
@@ -233,6 +236,14 @@ def _as_coordinates(name: str, variable: Variable) -> tuple[float, ...]:
     if not np.isfinite(values).all() or np.any(np.diff(values) <= 0):
         raise ValueError(f"{name}: must be finite and ascending, as the coordinate of {name}")
     return tuple(values.tolist())
+
+
+def _refuse_unused_coordinates(arrays: OwnArrays) -> None:
+    """Raise ValueError for a coordinate that none of a function's arrays has."""
+    for coordinate in own_coordinates(arrays):
+        with_dimension = [name for name, array in arrays.items() if coordinate in array.dims]
+        if with_dimension == [coordinate]:
+            raise ValueError(f"{coordinate}: is a coordinate, and no array is along it")
 
 
 def _refuse_lengths(arrays: OwnArrays) -> None:
@@ -278,7 +289,7 @@ def _refuse_misfit(name: str, variable: Variable, scene: Scene, axes: Mapping[st
 
 def _as_variable(name: object, value: object) -> Variable:
     """Return a variable from what xarray takes as one: `3.0`, `("time", values)`, or `(["time"],
-    values, {"units": "1"})`. Raises ValueError for any other.
+    values, {"units": "1"})`. Raises ValueError for any other, and without any value.
     """
     along, numbers, *attributes = value if isinstance(value, tuple) else ((), value)
     dims = (along,) if isinstance(along, str) else tuple(along)
@@ -294,6 +305,8 @@ def _as_variable(name: object, value: object) -> Variable:
             f"{name}: must be (dims, values) with a dimension for each of {array.ndim} axes, not "
             f"{dims}"
         )
+    if not array.size:
+        raise ValueError(f"{name}: must have values, and is of shape {array.shape}")
     described = dict[str, object](*attributes)
     units = str(described.get("units", "1"))
     long_name = str(described.get("long_name", name))
