@@ -119,11 +119,17 @@ def install(wheel, folder, extra=""):
 
 
 @pytest.fixture(scope="session")
-def wheel(tmp_path_factory):
-    """The wheel of the checkout, as `build` makes it."""
-    folder = tmp_path_factory.mktemp("wheel")
-    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=ROOT)
-    (path,) = folder.iterdir()
+def distributions(tmp_path_factory):
+    """The folder with the wheel and the source distribution of the checkout."""
+    folder = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "hatchling", "build", "-d", folder, cwd=ROOT)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def wheel(distributions):
+    """The wheel of the checkout."""
+    (path,) = distributions.glob("*.whl")
     return path
 
 
@@ -231,6 +237,14 @@ def test_without_the_extra_a_study_is_refused_before_anything_is_written(light):
     line = "brownpipe: studies need Snakemake: pip install 'brownpipe[study]'\n"
     assert [(done.returncode, done.stdout, done.stderr) for done in refusals] == [(2, "", line)] * 2
     assert list(folder.iterdir()) == []
+
+
+def test_the_source_distribution_makes_the_same_wheel(distributions, wheel, tmp_path):
+    (source,) = distributions.glob("*.tar.gz")
+    run("tar", "-xzf", source, "-C", tmp_path, cwd=tmp_path)
+    (folder,) = tmp_path.iterdir()
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path, cwd=folder)
+    assert (tmp_path / wheel.name).read_bytes() == wheel.read_bytes()
 
 
 def test_the_workflow_and_the_examples_in_the_wheel_are_those_of_the_checkout(wheel):
