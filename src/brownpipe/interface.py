@@ -403,7 +403,7 @@ def run(
     results of their own.
 
     What is there is not made again. Raises RequestError for a mistake in the study, RunError if a
-    job fails.
+    job fails, or if Snakemake is not installed: `pip install 'brownpipe[study]'`.
 
     >>> result = bp.run("study.yaml", cores=2)
     >>> result.scene.values.tolist(), result.sizes["seed"]
