@@ -108,9 +108,23 @@ def _over_time(dataset, rng):
             np.array([0.03, 0.002]),
             rng,
         ),
+        **_passage(dataset),
         "enskog_diffusion": (CASE_DIMS, 0.21 * each),
         "accessible_half_width": (CASE_DIMS, 2.7 * each),
     }
+
+
+def _passage(dataset):
+    """A first passage at a rate of 4, known to 10 %."""
+    time = (*CASE_DIMS, "time")
+    rates = {"": 4.0, "_low": 4.4, "_high": 3.6}
+    found = {}
+    for part, rate in rates.items():
+        inside = np.exp(-rate * dataset.time.values)
+        found[f"first_passage_survival{part}"] = time, _spread(dataset, inside.shape, inside)
+        median = np.log(2) / rate
+        found[f"first_passage_median{part}"] = CASE_DIMS, _spread(dataset, (), median)
+    return found
 
 
 def _own(dataset, rng):

@@ -561,6 +561,7 @@ def test_no_diffusion_is_claimed_of_a_tracer_that_still_flies(hot):
 OVERLAID = (
     "msd",
     "diffusion",
+    "first_passage",
     "velocity_autocorrelation",
     "pair_distribution",
     "energy",
@@ -988,7 +989,7 @@ def test_the_answer_begins_with_what_the_study_measured(dataset):
     contact = [f"g(contact), {name}" for name in PAIRS[1:]]
     of_walls = [f"n(wall), {name}" for name in SPECIES]
     names = ["scene", "N", "runs", *energy, "Z", *contact, "|psi_6|", *of_walls]
-    names += ["D (Green-Kubo)", "turned", "MSD(t = 1)", "D"]
+    names += ["first passage", "D (Green-Kubo)", "turned", "MSD(t = 1)", "D"]
     assert [*found] == names
     assert (
         found["Z"]

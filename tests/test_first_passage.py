@@ -1,6 +1,7 @@
 """When the tracer leaves the circle of its radius: by hand, by its samples, over runs."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from scipy import stats
 import brownpipe as bp
 from brownpipe.engines import Engine
 from brownpipe.errors import RequestError
+from brownpipe.figures.summary import summary
 from brownpipe.observables.first_passage import exit_time
 from brownpipe.observables.trajectory import DiskPath
 from brownpipe.storage.configurations import read_scene
+from brownpipe.study import read_study
 from ensembles import make_scene
 
 NOTE = "config/scenes/harrison2020.yaml"
@@ -108,6 +111,45 @@ def test_the_median_is_that_of_the_runs(runs, result):
     ordered = np.sort(runs.first_passage_time.fillna(np.inf).values)
     assert result.first_passage_median == ordered[19]  # the 20th of 40
     assert result.first_passage_median_low < ordered[19] < result.first_passage_median_high
+
+
+def test_the_figure_has_curve_median_and_share_of_censored_runs(runs, result, tmp_path):
+    of_runs = bp.analyse(runs, quiet=True)
+    (axes,) = bp.plot(of_runs, "first_passage").axes
+    _, curve, median = axes.lines
+    np.testing.assert_array_equal(curve.get_ydata(), result.first_passage_survival)
+    ends = [result.first_passage_median_low.item(), result.first_passage_median_high.item()]
+    assert (median.get_xdata().tolist(), median.get_ydata().tolist()) == (ends, [0.5, 0.5])
+    share = runs.first_passage_time.isnull().mean().item()
+    low, high = ends
+    words = f"{result.first_passage_median.item():.3g} [{low:.3g}, {high:.3g}]"
+    assert curve.get_label() == f"median {words}; inside at the end {share:.1%}"
+    text = summary(of_runs)
+    assert text.splitlines()[0].endswith("first passage")
+    assert text.splitlines()[1].endswith(words)
+    assert "In brackets: 95 % interval" in text
+    table = bp.table(of_runs)
+    assert table.first_passage_median_high.tolist() == [high]
+
+
+@pytest.mark.parametrize(
+    ("disks", "words"),
+    [(ALONE, "median 0.1; all leave"), (AT_REST, "inside at the end 100.0%")],
+)
+def test_the_figure_of_runs_of_which_all_or_none_leave(disks, words):
+    scene = make_scene(disks=disks, particles=1)
+    result = bp.analyse(bp.simulate(scene, observables=PASSAGE, quiet=True), quiet=True)
+    (axes,) = bp.plot(result, "first_passage").axes
+    assert words in axes.lines[1].get_label()
+    assert ("first passage" in summary(result)) == (disks is ALONE)
+
+
+def test_a_study_with_the_observable_has_its_figure(tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text(f"scenes: [{Path(NOTE).resolve()}]\nseeds: 2\nobservables: [first_passage]\n")
+    assert "first_passage" in read_study(path).figures
+    path.write_text(f"scenes: [{Path(NOTE).resolve()}]\nseeds: 2\n")
+    assert "first_passage" not in read_study(path).figures
 
 
 def test_it_is_measured_alike_whatever_is_recorded(runs):

@@ -595,7 +595,7 @@ def plot(
     """Return a figure of an analysis, as `brownpipe figures` draws it.
 
     result: what `analyse`, `scan` or `run` returns.
-    figure: msd, displacement_distribution, diffusion, velocity_autocorrelation,
+    figure: msd, displacement_distribution, diffusion, first_passage, velocity_autocorrelation,
     velocity_distribution, pair_distribution, density_profile, orientational_order, energy,
     own_observables, thermodynamics, scan or health, or of a dataset of `brownpipe tradeoff`
     tradeoff; or one of your own, a `bp.Figure`.

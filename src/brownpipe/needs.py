@@ -67,6 +67,7 @@ FIGURES: dict[str, tuple[Need, ...]] = {
     "msd": (FOLLOWED_DISK, SPREADING),
     "displacement_distribution": (FOLLOWED_DISK, DISPLACEMENTS),
     "diffusion": (FOLLOWED_DISK, SPREADING),
+    "first_passage": (_observable("first_passage"),),
     "velocity_autocorrelation": (_observable("velocity_autocorrelation"),),
     "velocity_distribution": (_observable("velocity_distribution"),),
     "pair_distribution": (_observable("pair_distribution"),),

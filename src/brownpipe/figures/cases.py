@@ -452,9 +452,25 @@ def fitted_diffusion(case: Dataset) -> str:
 
 def estimate_of(case: Dataset, name: str) -> str:
     """Return a variable that is one number in this case with its standard error, as `plus_minus`
-    does.
+    does, or if it has none with its 95 % interval.
     """
-    return plus_minus(case.variables[name], case.variables[f"{name}_standard_error"])
+    error = f"{name}_standard_error"
+    if error in case:
+        return plus_minus(case.variables[name], case.variables[error])
+    return with_interval(case[name], case[f"{name}_low"], case[f"{name}_high"])
+
+
+def with_interval(value: SupportsFloat, low: SupportsFloat, high: SupportsFloat) -> str:
+    """Return `0.312 [0.27, 0.351]`: the value with the ends of its interval. An upper end that is
+    not known is infinite; without the lower one return the value alone.
+
+    >>> with_interval(0.312, 0.27, np.nan)
+    '0.312 [0.27, inf)'
+    """
+    if not np.isfinite(float(low)):
+        return f"{float(value):.3g}"
+    end = f"{float(high):.3g}]" if np.isfinite(float(high)) else "inf)"
+    return f"{float(value):.3g} [{float(low):.3g}, {end}"
 
 
 def plus_minus(value: SupportsFloat, error: SupportsFloat) -> str:

@@ -26,6 +26,7 @@ from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import (
     OF_COMPONENT,
+    PARTS,
     SPECIES,
     Label,
     aligned,
@@ -64,6 +65,7 @@ TESTED = ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 SAME_DENSITY = 1e-6  # relative difference of packing fractions that are the same
 D = "diffusion_coefficient"
+MEDIAN = "first_passage_median"  # which has an interval alone
 LINE = 100  # characters of a line of words
 WIDEST = 120  # characters of a line of the table
 
@@ -102,6 +104,7 @@ QUANTITIES = (
     ),
     Quantity("|psi_6|", "orientational_order", ("orientational_order",)),
     Quantity("n(wall)", "contact_density", ("contact_density",)),
+    Quantity("first passage", MEDIAN, ("first_passage_survival",)),
     Quantity("alpha_2", "non_gaussian_parameter", ("non_gaussian_parameter",)),
     GREEN_KUBO,
 )
@@ -281,8 +284,7 @@ def _reduced(case: Dataset, quantity: Quantity) -> Dataset:
     takes xarray several times as long.
     """
     needed = {
-        quantity.variable,
-        f"{quantity.variable}_standard_error",
+        *(f"{quantity.variable}{part}" for part in PARTS),
         quantity.theory,
         "diffusion_mark",
         "not_diffusive_before",
@@ -403,6 +405,8 @@ def _legend(
             lacks_mean = own.isnull() & (dataset.runs > 0)
             if lacks_mean.any():
                 yield f"{name}: no mean where a run has no number of it."
+    if any(quantity.variable == MEDIAN for quantity in shown):
+        yield "In brackets: 95 % interval, up to inf if it does not end within the runs."
     theories = [quantity.theory for quantity in shown if quantity.theory]
     if any(has(case, theory) for theory, case in product(theories, cases)):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
@@ -623,10 +627,11 @@ def summary_table(dataset: Dataset) -> DataFrame:
 
 
 def _numbers_of(part: Dataset | None, name: str, column: str) -> dict[str, Label]:
-    """Return a variable of a part of a case with its standard error, as columns of a table; NaN
-    without the part.
+    """Return a variable of a part of a case with its standard error, or without one with its 95 %
+    interval, as columns of a table; NaN without the part.
     """
+    uncertainties = ["_low", "_high"] if name == MEDIAN else ["_standard_error"]
     numbers: dict[str, Label] = {}
-    for suffix in ("", "_standard_error"):
+    for suffix in ("", *uncertainties):
         numbers[f"{column}{suffix}"] = np.nan if part is None else part[f"{name}{suffix}"].item()
     return numbers
