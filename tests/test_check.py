@@ -18,7 +18,7 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import parse_scene
 from brownpipe.storage.configurations import read_scene
 from brownpipe.study.check import describe_scene_or_study
-from scenes import CHANNEL_Y, WALLS
+from scenes import CHANNEL_X, CHANNEL_Y, WALLS
 
 CONFIG = Path(__file__).parent.parent / "config"
 NOTE = CONFIG / "scenes" / "harrison2020.yaml"
@@ -321,6 +321,14 @@ def cautions(lines):
     return [
         line for line in said if not line.startswith("the fit window") and "add `eq" not in line
     ]
+
+
+def test_a_box_without_a_lattice_for_its_disks_is_said(tmp_path):
+    box = {"x": [0.0, 20.0], "y": [0.0, 1.2], "boundary": CHANNEL_X}
+    narrow = crowd(19, placement="lattice", box=box)
+    (caution,) = cautions(report(tmp_path, narrow))
+    lattice = "no triangular lattice in this box has 19 places for disks of radius 0.5"
+    assert f"scene, N = 19: disks: {lattice}" in caution
 
 
 def test_a_density_too_high_for_random_places_is_said_with_the_cure(tmp_path):

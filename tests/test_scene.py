@@ -19,6 +19,7 @@ from brownpipe.errors import RequestError
 from brownpipe.scene import Scene, Species, parse_scene
 from brownpipe.scene.reading import read_yaml, yaml_text
 from brownpipe.storage.configurations import read_scene
+from scenes import CHANNEL_X, CHANNEL_Y
 
 CONFIG = Path(__file__).parent.parent / "config"
 BOX = {"x": [-3.0, 3.0], "y": [-3.0, 3.0], "boundary": "reflecting"}
@@ -269,22 +270,43 @@ def test_overlap_through_a_periodic_boundary():
 # -- what fits ---
 
 
-@pytest.mark.parametrize("boundary", ["reflecting", "periodic"])
-def test_more_disks_than_can_fit_are_refused(boundary):
-    box = BOX | {"boundary": boundary}
+def test_more_disks_than_can_fit_are_refused():
+    box = BOX | {"boundary": "periodic"}
     assert species(kind(1039), box=box).particles == 1039
     with pytest.raises(
         RequestError, match=r"disks: 1040 disks cover 0.907.*; must be at most 0.9069"
     ):
         species(kind(1040), box=box)
-    closed = {
-        "x": [0, 2.0],
-        "y": [0, 2 * math.sqrt(3)],
-        "boundary": boundary,
-    }  # hexagonal, if it is periodic
-    assert species(kind(200, radius=0.1), box=closed).packing_fraction == pytest.approx(
-        0.9069, 1e-4
+    hexagonal = {"x": [0, 2.0], "y": [0, 2 * math.sqrt(3)], "boundary": "periodic"}
+    full = species(kind(200, radius=0.1), box=hexagonal)
+    assert full.packing_fraction == pytest.approx(0.9069, 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "boundary", "most"),
+    [
+        (6.0, 6.0, "reflecting", 1030),  # 2/sqrt(3) 29^2 + 29 + 29 + 1
+        (2.0, 0.2, "reflecting", 10),  # a row that fills its box
+        (2.0, 0.3, "reflecting", 11),  # zigzag: 9/sqrt(1 - 0.25) + 1
+        (0.3, 2.0, "reflecting", 11),
+        (2.0, 0.3, CHANNEL_X, 11),  # 10/sqrt(1 - 0.25)
+        (0.3, 2.0, CHANNEL_Y, 11),
+        (2.0, 6.0, CHANNEL_X, 344),  # 2/sqrt(3) 10 29 + 10
+    ],
+)
+def test_more_disks_than_can_be_between_walls_are_refused(width, height, boundary, most):
+    box = {"x": [0, width], "y": [0, height], "boundary": boundary}
+    assert species(kind(most, radius=0.1), box=box).particles == most
+    larger = [kind(most - 1, radius=0.1), kind(1, name="small", radius=0.01)]
+    assert species(*larger, box=box).particles == most
+    message = (
+        f"disks: {most + 1} disks of radius 0.1 or larger; must be at most {most} in this "
+        f".*{width:g} x {height:g}"
     )
+    with pytest.raises(RequestError, match=message):
+        species(kind(most + 1, radius=0.1), box=box)
+    with pytest.raises(RequestError, match=message):
+        species(kind(2, radius=0.1), kind(most - 1, name="large", radius=0.1), box=box)
 
 
 # -- what floating-point numbers can tell apart ---

@@ -289,6 +289,28 @@ def test_area_of_a_disk_within_and_around_a_rectangle():
         assert inside == pytest.approx(area, rel=1e-14, abs=1e-14)
 
 
+@pytest.mark.parametrize(
+    "is_periodic", [(True, True), (True, False), (False, True), (False, False)]
+)
+def test_no_rectangle_has_more_points_than_its_bound(is_periodic):
+    """Rows of points a distance of 1 apart, every other one shifted by a half, in the smallest
+    rectangle that has them: in a row, a zigzag, and a crystal. Of large ones the bound is near.
+    """
+    up = math.sqrt(3) / 2
+    for columns, rows in ((2, 2), (9, 2), (9, 4), (400, 200)):
+        shift = 0.0 if is_periodic[0] else 0.5
+        width = columns if is_periodic[0] else columns - 1 + shift
+        height = up * (rows if is_periodic[1] else rows - 1)
+        size = np.array([width, height])
+        points = columns * rows
+        bound = theory.most_points(2.5 * size, 2.5, np.array(is_periodic))
+        assert points <= bound * (1 + 1e-12) < 1.5 * points
+        assert columns < 400 or bound < 1.01 * points
+    row = np.array([9.0 if is_periodic[0] else 8.0, 0.0])
+    if not is_periodic[1]:
+        assert theory.most_points(row, 1.0, np.array(is_periodic)) == pytest.approx(9.0)
+
+
 def test_rings_around_a_uniform_centre_in_a_channel_are_those_of_two_uniform_points():
     """Around a centre that is in the middle of the nearest images, 8 long."""
     edges = np.linspace(0, 4, 13)

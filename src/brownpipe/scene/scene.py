@@ -40,7 +40,7 @@ from brownpipe.scene.sections import (
 )
 from brownpipe.scene.times import decimal_of, logarithmic, multiples
 from brownpipe.text import shell_path
-from brownpipe.theory import HEXAGONAL_PACKING
+from brownpipe.theory import HEXAGONAL_PACKING, most_points
 
 MOST_SAMPLES = 10_000_000
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
@@ -228,6 +228,21 @@ class Scene(Section):
                 "box"
             )
             refuse(f"{cover}; must be at most {HEXAGONAL_PACKING:.4g} (hexagonal packing)", "disks")
+        for radius in dict.fromkeys(group.radius for group in self.species):
+            self._check_number(radius)
+
+    def _check_number(self, radius: float) -> None:
+        """Refuse more disks of a radius or larger than the centres of disks of this radius have
+        places for.
+        """
+        number = sum(group.count for group in self.species if group.radius >= radius)
+        _, size = self.box.accessible(radius)
+        most = math.floor(most_points(size, 2 * radius, self.box.periodic_axes) * (1 + 1e-9))
+        if number > most:
+            disks = f"{number} disks of radius {radius:g} or larger"
+            refuse(
+                f"{disks}; must be at most {most} in this {self.box.with_size_in_words}", "disks"
+            )
 
     def _check_overlaps(self, given: Configuration) -> None:
         """Refuse disks that overlap by more than the scene pushes apart."""

@@ -110,11 +110,16 @@ def never_placed(scene: Scene) -> bool:
 
 
 def placement_caution(scene: Scene) -> str | None:
-    """Return one line of caution if random insertion is expected to fail in some runs of a scene;
-    otherwise None.
+    """Return one line of caution if random insertion is expected to fail in some runs of a scene,
+    or the box has no lattice for its disks; otherwise None.
 
     Disks that grow instead are no mistake where the scene then equilibrates.
     """
+    if scene.placement == "lattice":
+        try:
+            lattice_sites(scene)
+        except RequestError as error:
+            return f"{scene.title}: {error}"
     share = crowding(scene)
     grows = scene.placement == "auto"
     if share < SOME_FAIL or (grows and scene.equilibrate.time > 0):
