@@ -196,6 +196,9 @@ def test_two_estimators_with_one_variable_and_what_is_none_are_refused(runs):
         bp.analyse(runs, estimators=[mean_of_seeds(), mean_of_seeds()], quiet=True)
     with pytest.raises(bp.RequestError, match="must be of brownpipe"):
         bp.analyse(runs, estimators=[len], quiet=True)
+    for not_a_list in (None, mean_of_seeds()):
+        with pytest.raises(bp.RequestError, match=r"must be a list of brownpipe.Estimator, not "):
+            bp.analyse(runs, estimators=not_a_list, quiet=True)
 
 
 def test_what_brownpipe_declares_fits_itself():

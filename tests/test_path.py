@@ -105,6 +105,8 @@ WITHOUT_VELOCITY = (
         ("all,events", {"seed": 4}, "seed: must be of 3,7, not 4"),
         ("all,events", {"disk": 20}, "disk: must be from 0 to 19, not 20"),
         ("all,events", {"disk": -1}, "disk: must be from 0 to 19, not -1"),
+        ("all,events", {"disk": True}, "disk: must be a valid integer, not True"),
+        ("all,events", {"seed": True}, "seed: must be a valid integer, not True"),
     ],
 )
 def test_refusals(record, arguments, message):

@@ -196,6 +196,8 @@ def test_a_notebook_shows_the_page_in_a_frame(runs):
     assert html.unescape(source) == shown.contents.decode()
     with pytest.raises(RequestError, match="runs: holds no run of seed 6; must be of 5"):
         bp.replay(tree, seed=6)
+    with pytest.raises(RequestError, match="seed: must be a valid integer, not True"):
+        bp.replay(tree, seed=True)
 
 
 def test_refusals(tmp_path, capsys, runs):

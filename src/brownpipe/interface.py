@@ -55,7 +55,10 @@ from brownpipe.scene.configuration import Configuration
 from brownpipe.scene.reading import (
     AtLeastOne,
     Document,
+    Integer,
+    Number,
     Positive,
+    SeedNumber,
     choice_of,
     did_you_mean,
     plain,
@@ -182,7 +185,9 @@ def read_configuration(
     """
     known_box = None if box is None else validated(Box, plain(box), key="box")
     file = validated(Path, path, key="path")
-    return configuration_in(file, known_box, plain(seed), plain(time))
+    chosen_seed = validated(SeedNumber | None, plain(seed), key="seed")
+    chosen_time = validated(Number | None, plain(time), key="time")
+    return configuration_in(file, known_box, chosen_seed, chosen_time)
 
 
 def simulate(
@@ -314,6 +319,10 @@ def _checked_estimators(
     """Return a user's estimators. Raises RequestError for anything else, AnalysisError for those
     whose names are taken, also by a varied key, or whose dimensions are not known.
     """
+    if isinstance(estimators, Estimator) or not isinstance(estimators, Iterable):
+        raise RequestError(
+            f"estimators: must be a list of brownpipe.Estimator, not {estimators!r:.60}"
+        )
     checked = []
     for estimator in estimators:
         if not isinstance(estimator, Estimator):
@@ -498,8 +507,8 @@ def path(runs: DataTree, seed: int | None = None, disk: int = 0) -> Dataset:
     True
     """
     trajectories = from_tree(runs)
-    number = validated(int, plain(disk), key="disk")
-    chosen_seed = _seed_of_path(trajectories, validated(int | None, plain(seed), key="seed"))
+    number = validated(Integer, plain(disk), key="disk")
+    chosen_seed = _seed_of_path(trajectories, validated(SeedNumber | None, plain(seed), key="seed"))
     scene = trajectories.scene
     if not 0 <= number < scene.particles:
         raise RequestError(f"disk: must be from 0 to {scene.particles - 1}, not {number}")
@@ -654,7 +663,7 @@ def replay(runs: DataTree, seed: int | None = None) -> "ReplayPage":
     """
     from brownpipe.report.replay import replay_page  # imports Pillow
 
-    chosen_seed = validated(int | None, plain(seed), key="seed")
+    chosen_seed = validated(SeedNumber | None, plain(seed), key="seed")
     return replay_page(from_tree(runs), "runs", chosen_seed)
 
 

@@ -266,6 +266,7 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False), NO_MINUS_ZERO
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0), NO_MINUS_ZERO]
 Pair = tuple[Number, Number]
+Integer = Annotated[int, Field(strict=True)]
 SeedNumber = Annotated[int, Field(strict=True, ge=0)]
 AtLeastOne = Annotated[int, Field(strict=True, ge=1)]
 Count = Annotated[int, Field(strict=True, ge=0, le=10_000_000)]
