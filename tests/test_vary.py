@@ -160,6 +160,21 @@ def test_the_label_of_a_velocity_in_a_file_is_that_velocity():
     assert value_of(scene, "disks.tracer.velocity") == "0.5-0"
 
 
+def test_radii_of_a_file_are_varied_beside_one_radius_for_all():
+    """A species of several radii has none of its own, whose label is a word."""
+    x, y = np.meshgrid([1.0, 3.0, 5.0, 7.0], [-3.0, -1.0, 1.0, 3.0])
+    position = np.stack([x.ravel(), y.ravel()], axis=1)
+    radius = np.repeat([0.5, 0.6], 8)
+    named = ("bath",), np.zeros(16, int)
+    sample = bp.Configuration(position, None, radius, np.ones(16), *named)
+    scene = parse_scene(FLUID | {"disks": {"configuration": sample}}, "sample.yaml")
+    result = bp.scan(scene, {"disks.species.bath.radius": [None, 0.5]}, seeds=2, quiet=True)
+    assert result.bath_radius.values.tolist() == ["none", "0.5"]
+    mean_squares = np.array([(0.5**2 + 0.6**2) / 2, 0.5**2])
+    expected = 16 * np.pi * mean_squares / scene.box.area
+    assert result.packing_fraction.values.ravel() == pytest.approx(expected)
+
+
 def test_equilibration_of_given_disks_is_varied():
     x, y = np.meshgrid(np.arange(8.0), np.arange(-4.0, 4.0))
     position = np.stack([x.ravel(), y.ravel()], axis=1)

@@ -554,10 +554,13 @@ def _union(values: Sequence[ArrayLike], in_order: bool) -> Axis:
 
 
 def _positions(values: ArrayLike, axis: Axis) -> np.ndarray:
-    """Return the indices of a piece's values in the union."""
-    numbers = np.asarray(values)
+    """Return the indices of a piece's values in the union, which has numbers as texts if other
+    pieces have texts.
+    """
     if isinstance(axis, list):
-        return np.array([axis.index(label) for label in numbers.tolist()])
+        labels = np.asarray(values, np.asarray(axis).dtype)
+        return np.array([axis.index(label) for label in labels.tolist()])
+    numbers = np.asarray(values)
     if numbers.dtype.kind == "f":
         numbers = numbers - SAME_TIME * np.abs(numbers)
     return np.searchsorted(axis, numbers)
