@@ -15,16 +15,30 @@ from pydantic import BaseModel
 
 from brownpipe.analysis import thermodynamics
 from brownpipe.engines import confinement, forecast, friction, windows
-from brownpipe.engines.start.initial_state import draw_state
+from brownpipe.engines.exact.simulation import equilibrate, prepare_equilibration
+from brownpipe.engines.start.initial_state import draw_state, draw_tracer, noise_stream
 from brownpipe.observables import equilibrium
 from brownpipe.report import description
 from brownpipe.scene import motion, parse_scene
 from brownpipe.scene.configuration import Configuration
 from brownpipe.scene.scene import Scene
 
+
+def velocities_at_start(scene):
+    """The velocities (N, 2) of all disks at t = 0 in a run, after its time to equilibrate."""
+    return equilibrate(prepare_equilibration(scene), draw_state(scene, 1)).velocity
+
+
+def lone_tracer(scene):
+    """Position and velocity (2, 2) of the tracer at t = 0 where it moves alone, among noise."""
+    return np.array(draw_tracer(scene, 1, noise_stream(scene, 1)))
+
+
 ANSWERS = {  # functions of a scene, by what they tell of it
     "drawn positions": lambda scene: draw_state(scene, 1).position,
     "drawn velocities": lambda scene: draw_state(scene, 1).velocity,
+    "velocities at t = 0": velocities_at_start,
+    "lone tracer": lone_tracer,
     "speed of the tracer": motion.mean_square_speed_of_tracer,
     "speed of the centre of mass": lambda scene: motion.mean_square_velocity_of_centre(scene).sum(),
     "temperature of the bath": motion.bath_temperature,
@@ -48,8 +62,9 @@ ANSWERS = {  # functions of a scene, by what they tell of it
     "words on the run": lambda scene: description.sentences(scene)["run"],
 }
 OF_GIVEN_VELOCITIES = (  # the answers that a scene has in which nothing is drawn
-    *("drawn positions", "drawn velocities", "speed of the tracer", "speed of the centre of mass"),
-    *("speeds", "collisions of pairs", "collisions with walls", "seconds", "drift", "walls"),
+    *("drawn positions", "drawn velocities", "velocities at t = 0", "speed of the tracer"),
+    *("speed of the centre of mass", "speeds", "collisions of pairs", "collisions with walls"),
+    *("seconds", "drift", "walls"),
 )
 SPECIES = {
     "box": {"x": [0.0, 4.0], "y": [0.0, 5.0], "boundary": "periodic"},
@@ -109,8 +124,9 @@ OTHER_PLACES = FILE["disks"]["configuration"]._replace(
 # What depends on the rates of collisions between disks
 RATES = {"collisions of pairs", "seconds", "friction", "Enskog theory", "windows"}
 WALL = "collisions with walls"
-SIZE = RATES | {WALL, "walls", "words on the disks"}  # on the radius of a species
-SPEED = {"drawn velocities", "speed of the centre of mass", "speeds", WALL}
+AT_START = "velocities at t = 0"
+SIZE = RATES | {AT_START, WALL, "walls", "words on the disks"}  # on the radius of a species
+SPEED = {"drawn velocities", AT_START, "speed of the centre of mass", "speeds", WALL}
 MASS = RATES | SPEED | {"words on the disks"}  # on the mass of a species
 HEAT = RATES | SPEED | {"temperature of the bath", "settling", "words on velocities"}
 SAMPLES = {"seconds", "bytes", "words on the run"}
@@ -118,56 +134,62 @@ CHANGES = [  # key, scene, path to the key, another value of it, and the answers
     ("box.x", WALLS, ["box", "x"], [0.0, 6.0], SIZE | {"drawn positions", "settling"}),
     ("box.y", WALLS, ["box", "y"], [0.0, 6.0], SIZE | {"drawn positions", "settling"}),
     ("box.boundary", SPECIES, ["box", "boundary"], "reflecting",
-     {"drawn positions", "share of the bath", "collisions of pairs", WALL, "seconds",
+     {"drawn positions", AT_START, "share of the bath", "collisions of pairs", WALL, "seconds",
       "walls", "Enskog theory", "windows", "equilibrium", "words on the disks",
       "words on the start"}),
     ("box.boundary.x", CHANNEL, ["box", "boundary", "x"], "reflecting",
-     {"drawn positions", "speed of the tracer", "speed of the centre of mass",
-      "share of the bath", "collisions of pairs", WALL, "seconds", "walls", "Enskog theory",
-      "windows", "equilibrium", "words on the disks", "words on the start",
-      "words on velocities"}),
+     {"drawn positions", AT_START, "lone tracer", "speed of the tracer",
+      "speed of the centre of mass", "share of the bath", "collisions of pairs", WALL, "seconds",
+      "walls", "Enskog theory", "windows", "equilibrium", "words on the disks",
+      "words on the start", "words on velocities"}),
     ("box.boundary.y", CHANNEL, ["box", "boundary", "y"], "periodic",
-     {"drawn positions", "speed of the tracer", "speed of the centre of mass",
-      "collisions of pairs", WALL, "seconds", "walls", "words on the disks",
+     {"drawn positions", AT_START, "lone tracer", "speed of the tracer",
+      "speed of the centre of mass", "collisions of pairs", WALL, "seconds", "walls",
+      "words on the disks",
       "words on velocities"}),
     ("particles", WALLS, ["particles"], 20,
-     SIZE | {"drawn positions", "drawn velocities", "speed of the centre of mass", "settling"}),
+     SIZE | {"drawn positions", "drawn velocities", "lone tracer", "speed of the centre of mass",
+             "settling"}),
     ("disks.tracer.radius", WALLS, ["disks", "tracer", "radius"], 0.5, SIZE),
-    ("disks.tracer.mass", WALLS, ["disks", "tracer", "mass"], 6.0, MASS | {"speed of the tracer"}),
+    ("disks.tracer.mass", WALLS, ["disks", "tracer", "mass"], 6.0,
+     MASS | {"lone tracer", "speed of the tracer"}),
     ("disks.tracer.position", WALLS, ["disks", "tracer", "position"], [1.0, 2.0],
-     {"drawn positions", "words on the disks"}),
+     {"drawn positions", AT_START, "lone tracer", "words on the disks"}),
     ("disks.species.count", WALLS, ["disks", "species", 0, "count"], 8,
      SIZE | {"drawn positions", "drawn velocities", "speed of the centre of mass"}),
     ("disks.species.radius", WALLS, ["disks", "species", 0, "radius"], 0.25,
      SIZE | {"drawn positions"}),
     ("disks.species.mass", WALLS, ["disks", "species", 0, "mass"], 1.0, MASS | {"settling"}),
     ("disks.placement", WALLS, ["disks", "placement"], "lattice",
-     {"drawn positions", "seconds", "settling", "words on the start"}),
+     {"drawn positions", AT_START, "seconds", "settling", "words on the start"}),
     ("velocities.temperature", WALLS, ["velocities", "temperature"], 2.6,
-     HEAT | {"speed of the tracer"}),
+     HEAT | {"lone tracer", "speed of the tracer"}),
     ("velocities.standard_deviation", HOT, ["velocities", "standard_deviation"], 2.0,
-     (HEAT | {"speed of the tracer"}) - {"Enskog theory"}),
+     (HEAT | {"lone tracer", "speed of the tracer"}) - {"Enskog theory"}),
     ("velocities.zero_momentum", SPECIES, ["velocities", "zero_momentum"], False,
-     {"speed of the tracer", "speed of the centre of mass", "share of the bath", "drift",
+     {AT_START, "lone tracer", "speed of the tracer", "speed of the centre of mass",
+      "share of the bath", "drift",
       "Enskog theory", "windows", "words on velocities"}),
-    ("equilibrate.time", WALLS, ["equilibrate", "time"], 2.0, {"seconds", "words on the start"}),
+    ("equilibrate.time", WALLS, ["equilibrate", "time"], 2.0,
+     {AT_START, "seconds", "words on the start"}),
     ("equilibrate.tracer", WALLS, ["equilibrate", "tracer"], "pinned",
-     {"stationary", "equilibrium", "words on the start"}),
+     {AT_START, "stationary", "equilibrium", "words on the start"}),
     ("duration", WALLS, ["duration"], 16.0, SAMPLES | {"windows"}),
     ("sample_interval", WALLS, ["sample_interval"], 0.2, SAMPLES),
     ("samples.per_decade", LOGARITHMIC, ["samples", "per_decade"], 10, SAMPLES),
     ("samples.first", LOGARITHMIC, ["samples", "first"], 0.001, SAMPLES),
     ("disks.tracer.velocity", COLD, ["disks", "tracer", "velocity"], [2.0, 0.0],
-     {"drawn velocities", "speed of the tracer", "speed of the centre of mass", "speeds",
-      "collisions of pairs", WALL, "seconds", "words on velocities"}),
+     {"drawn velocities", AT_START, "lone tracer", "speed of the tracer",
+      "speed of the centre of mass", "speeds", "collisions of pairs", WALL, "seconds",
+      "words on velocities"}),
     ("velocities.distribution", HOT, ["velocities", "distribution"], "uniform",
-     {"drawn velocities", "words on velocities"}),
+     {"drawn velocities", AT_START, "lone tracer", "words on velocities"}),
     ("disks.configuration", FILE, ["disks", "configuration"], OTHER_PLACES, {"drawn positions"}),
     ("position of the tracer in a file", FILE, ["disks", "tracer", "position"], [1.0, 1.25],
-     {"drawn positions", "words on the disks"}),
+     {"drawn positions", "lone tracer", "words on the disks"}),
     ("velocity of the tracer in a file", FILE, ["disks", "tracer", "velocity"], [2.0, 0.0],
-     {"drawn velocities", "speed of the tracer", "speeds", "collisions of pairs", "seconds",
-      "words on velocities"}),
+     {"drawn velocities", AT_START, "lone tracer", "speed of the tracer", "speeds",
+      "collisions of pairs", "seconds", "words on velocities"}),
     ("mass of the tracer in a file", FILE, ["disks", "tracer", "mass"], 5.0,
      (RATES | SPEED | {"share of the bath", "words on the disks"})
      - {"Enskog theory", "windows", WALL, "speed of the centre of mass"}),
@@ -178,7 +200,8 @@ CHANGES = [  # key, scene, path to the key, another value of it, and the answers
      (RATES | {"words on the disks"}) - {"Enskog theory", "windows"}),
     ("disks.position", LISTED, ["disks", 0, "position"], [1.5, 1.0], {"drawn positions"}),
     ("disks.velocity", LISTED, ["disks", 0, "velocity"], [2.0, 0.0],
-     {"drawn velocities", "speed of the tracer", "speed of the centre of mass", "speeds", "drift",
+     {"drawn velocities", AT_START, "speed of the tracer", "speed of the centre of mass", "speeds",
+      "drift",
       "collisions of pairs", "seconds"}),
     ("disks.radius", LISTED, ["disks", 0, "radius"], 0.35,
      {"collisions of pairs", "seconds"}),
