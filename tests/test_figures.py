@@ -349,6 +349,15 @@ def test_correlation_ends_where_its_band_reaches_zero(dataset, as_it_is):
     assert least.values[case.time.values > end][0] <= 0
 
 
+def test_a_correlation_resolved_at_a_single_time_is_said_not_to_be(hot):
+    is_resolved = hot.time < 1.5 * hot.time[1]
+    low = hot.velocity_autocorrelation_low.where(is_resolved, -1.0)
+    tracer = hot.assign(velocity_autocorrelation_low=low).drop_vars("bath_velocity_autocorrelation")
+    _, panels = made("velocity_autocorrelation", tracer)
+    (remark,) = panels[1].texts
+    assert remark.get_text() == "not resolved from 0"
+
+
 def test_uncertain_bins_are_pooled_for_drawing_alone(dataset):
     """The number of pairs stays, and so does the chance of the interval: errors add in squares."""
     case = dataset.sel(scene="hot", particles=20, engine="exact", species_pair=PAIRS[1])

@@ -110,7 +110,7 @@ def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> None:
         later = curve.isel(time=curve.time.values > 0)
         low = later.get(f"{TRACER}_low", later[TRACER]).values
         tail = later.isel(time=np.logical_and.accumulate(low > 0))
-        if tail.sizes["time"]:
+        if tail.sizes["time"] > 1:
             style.band(axes, tail, TRACER, **line)
             tails.append(tail)
     if not tails:
