@@ -752,6 +752,18 @@ def test_an_error_names_the_argument(call, message):
 
 
 @pytest.mark.slow
+def test_the_layout_of_a_figure_follows_its_size_after_it_was_shown(result):
+    """The labels beside a panel need a larger share of a narrower figure."""
+    figure = bp.plot(result)
+    axes = figure.axes[0]
+    figure._repr_png_()
+    share = axes.get_position().x0
+    figure.set_size_inches(3.4, 6.0)
+    figure.draw_without_rendering()
+    assert axes.get_position().x0 > 1.2 * share
+
+
+@pytest.mark.slow
 def test_a_figure_is_that_of_the_command_line(runs, result, tmp_path):
     render(result, tmp_path, ["msd"])
     shown = bp.plot(result)._repr_png_()

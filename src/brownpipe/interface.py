@@ -641,8 +641,16 @@ def plot(
             raise FigureError(f"{why}result: lacks {names}; plot what analyse returns") from error
         raise
     # by which notebooks show an object
-    drawn._repr_png_ = partial(image_bytes, drawn, "png")  # type: ignore[attr-defined]
+    drawn._repr_png_ = partial(_png, drawn)  # type: ignore[attr-defined]
     return drawn
+
+
+def _png(figure: "matplotlib_figure.Figure") -> bytes:
+    """Return the picture of a figure, whose layout still follows its size afterwards."""
+    layout = figure.get_layout_engine()
+    picture = image_bytes(figure, "png")
+    figure.set_layout_engine(layout)
+    return picture
 
 
 def replay(runs: DataTree, seed: int | None = None) -> "ReplayPage":
