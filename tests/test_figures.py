@@ -456,6 +456,18 @@ def touching(figure):
     return pairs + cut
 
 
+def covering(figure):
+    """Titles, legends and names of axes that cover a panel, where data are."""
+    above = [title(axes) for axes in figure.axes if title(axes)]
+    above += [axes.get_legend() for axes in figure.axes if axes.get_legend()]
+    above += [axes.xaxis.label for axes in figure.axes if axes.get_xlabel()]
+    assert above
+    panels = [axes.get_window_extent() for axes in panels_of(figure)]
+    return [
+        text for text, panel in product(above, panels) if text.get_window_extent().overlaps(panel)
+    ]
+
+
 def scenes(dataset, count):
     """The dataset with its two scenes over and over; every second name, as that of the last in a
     row, is long.
@@ -493,26 +505,98 @@ def test_words_cover_no_data_and_no_words(dataset, name, apart, monkeypatch):
     with style.drawing():
         lay_out(figure)
     assert not touching(figure)
-    panels = [axes.get_window_extent() for axes in panels_of(figure)]
-    titled = [axes for axes in figure.axes if title(axes)]
-    above = [title(axes) for axes in titled]
-    above += [axes.get_legend() for axes in titled if axes.get_legend()]
-    above += [axes.xaxis.label for axes in figure.axes if axes.get_xlabel()]
-    assert above
-    for text, panel in product(above, panels):
-        assert not text.get_window_extent().overlaps(panel)
+    assert not covering(figure)
     if apart:
         with_title = [axes for axes in panels_of(figure) if title(axes)]
         heights = [axes.get_position().height * figure.get_figheight() for axes in with_title]
-        assert len(titled) == 3
+        assert len(heights) == 3
         assert max(heights) - min(heights) < 0.3
 
 
-@pytest.mark.parametrize("length", [20, 90])
-def test_titles_stand_right_above_legends_small_or_not(length):
-    """A legend of long lines is set smaller; at most a line is free above it."""
+COLUMN = 3.4  # width of a column of a journal, of which some have two [inch]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [COLUMN, 7.0])
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "health"])
+def test_figures_fit_into_a_column_of_a_journal(dataset, name, width):
+    """Of three scenes, whose names are long; in a figure that is high enough for all panels."""
+    data = scenes(dataset, 3)
+    with matplotlib.rc_context({"font.size": 8, "figure.figsize": (width, 30.0)}):
+        rows = draw_figure(data, name).axes[0].get_subplotspec().get_gridspec().nrows
+    with matplotlib.rc_context({"font.size": 8, "figure.figsize": (width, 2.8 * rows)}):
+        figure = draw_figure(data, name)
+        lay_out(figure)
+    assert figure.get_figwidth() == width
+    assert not touching(figure)
+    assert not covering(figure)
+    sizes = [text.get_fontsize() for axes in figure.axes for text in axes.findobj(Text)]
+    assert min(sizes) >= 7
+    places = [axes.get_position() for axes in panels_of(figure)]
+    assert min(place.width for place in places) * width > 1.5
+    assert min(place.height for place in places) * figure.get_figheight() > 0.5
+
+
+@pytest.mark.slow
+def test_boxes_of_health_checks_fit_onto_a_page(dataset):
+    with matplotlib.rc_context({"font.size": 8, "figure.figsize": (7.0, 4.0)}):
+        figure = draw_figure(scenes(dataset, 2), "health")
+        lay_out(figure)
+    assert not touching(figure)
+    assert not covering(figure)
+
+
+def test_settings_of_the_user_hold_in_python(hot):
+    """Of the rest, titles and legends go with the size of her text, and files are brownpipe's."""
+
+    def looks(figure):
+        axes = figure.axes[0]
+        texts = (axes.xaxis.label, axes.get_legend().get_texts()[0], title(axes))
+        bath = next(line for line in axes.lines if line.get_label().startswith("bath"))
+        sizes = [text.get_fontsize() for text in texts]
+        return sizes, bath.get_linewidth(), [*figure.get_size_inches()]
+
+    assert looks(draw_figure(hot, "energy")) == ([10, 8.8, 11], 1.8, [4.8, 4.4])
+    own = {"font.size": 5.0, "lines.linewidth": 0.7, "figure.figsize": (3.4, 2.5)}
+    with matplotlib.rc_context(own):
+        sizes, width, inches = looks(draw_figure(hot, "energy"))
+        assert sizes == pytest.approx([5, 4.4, 5.5])
+        assert (width, inches) == (0.7, [3.4, 2.5])
+    with matplotlib.rc_context(own | {"legend.fontsize": 7, "font.family": "serif"}):
+        figure = draw_figure(hot, "energy")
+        assert looks(figure)[0] == pytest.approx([5, 7, 5.5])
+        assert title(figure.axes[0]).get_fontfamily() == ["serif"]
+
+
+def test_a_legend_stays_in_the_figure_without_its_title(hot):
+    figure, (axes,) = made("energy", hot)
+    with_title = title(axes)
+    axes.set_title("", loc="left")
+    lay_out(figure)
+    assert with_title.get_text() == ""
+    assert not leaves(axes.get_legend().get_window_extent(), figure.bbox)
+    assert not covering(figure)
+
+
+def test_texts_are_broken_between_words_only_where_they_are_too_long():
+    """Intervals, formulas and numbers with their errors are words; a name without spaces is broken
+    within.
+    """
+    text = "hot: D over [0.1, 1] = 0.97 ± 0.02 °, as $D = \\frac{a}{b}$"
+    assert style.broken(text, 9.0, "legend.fontsize") == text
+    at_words = style.broken(text, 1.3, "legend.fontsize").split("\n")
+    assert at_words == ["hot: D over", "[0.1, 1]", "= 0.97 ± 0.02 °,", "as $D = \\frac{a}{b}$"]
+    name = "a-scene_with.a-name-of-42-characters-at-N1"
+    parts = style.broken(name, 1.0, "legend.fontsize").split("\n")
+    assert "".join(parts) == name
+    assert max(map(len, parts)) < len(name) / 2
+
+
+@pytest.mark.parametrize("length", [20, 45])
+def test_titles_stand_right_above_legends_broken_or_not(length):
+    """Long lines of a legend are broken; at most a line is free above it."""
     with style.drawing():
-        figure, axes = style.grid(1, 1, style.WIDTH, 4)
+        figure, axes = style.grid(1, 1, style.WIDTH, 6)
         for k in range(6):
             axes[0, 0].plot([0, 1], [0, k], label="m" * length)
         style.put_titles_and_legends(axes[0], ["title"])

@@ -614,7 +614,9 @@ def plot(
     ax, looks: draw the main panel into these axes of yours, in your style, and return them; looks
     are those of the lines, such as color="red", label="my runs".
 
-    Notebooks show a figure by themselves. Raises FigureError if the dataset has no data for it.
+    Settings in matplotlib.rcParams that you have changed hold, such as font.size and
+    figure.figsize, the size of the whole figure [inch]. Notebooks show a figure by themselves.
+    Raises FigureError if the dataset has no data for it.
 
     >>> figure = bp.plot(result, "msd")
     >>> figure.savefig("msd.png")

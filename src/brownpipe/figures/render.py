@@ -18,6 +18,7 @@ from brownpipe.figures.cases import (
 from brownpipe.figures.figure import DrawCurves, Figure, figure_named
 from brownpipe.figures.style import (
     drawing,
+    drawing_for_user,
     image_bytes,
     put_titles_and_legends,
     say_shown,
@@ -184,12 +185,12 @@ def draw(
     particles: int | None = None,
     panel: Sequence[str] = (),
 ) -> matplotlib_figure.Figure:
-    """Return one figure of a dataset, as `drawn` draws it; `particles` and errors as in
-    `cases_shown`.
+    """Return one figure of a dataset, as `drawn` draws it but with the settings of the user;
+    `particles` and errors as in `cases_shown`.
     """
     cases = cases_of_figure(dataset, figure, particles)
     record = figure_named(figure) if isinstance(figure, str) else figure
-    with drawing():
+    with drawing_for_user():
         return _picture(record, cases, panel)
 
 

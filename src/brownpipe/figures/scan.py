@@ -35,6 +35,7 @@ from brownpipe.figures.style import (
     DASHED,
     MARKS,
     WIDTH,
+    columns_that_fit,
     grid,
     log_axis,
     points,
@@ -74,7 +75,8 @@ def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
     names = quantities_of(PANELS, cases)
     along = [axis_label(cases[0], axis), *also_varied(cases, axis)]
     height = 3.6 + 0.38 * (len(series_of_motions) - 1) + 0.2 * (len(along) - 1)
-    figure, axes = grid(-(-len(names) // 2), 2, WIDTH, height)
+    columns = columns_that_fit(len(names), 2)
+    figure, axes = grid(-(-len(names) // columns), columns, WIDTH, height)
     for panel in axes.flat[len(names) :]:
         panel.remove()
     for panel, name in zip(axes.flat, names, strict=False):

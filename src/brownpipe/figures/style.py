@@ -1,15 +1,19 @@
 """The style of all figures: colours, panels, axes and legends. matplotlib is imported in functions,
 as it takes long.
 
-Its settings are in `style.mplstyle`; neither the user's settings nor the date affect a file.
+Its settings are in `style.mplstyle`; neither the user's settings nor the date affect what
+`brownpipe figures` writes. In Python the user's settings go before those of the style.
 """
 
 from __future__ import annotations
 
 import io
+import re
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import cycle
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack
 
 import numpy as np
@@ -20,6 +24,7 @@ from brownpipe.figures.looks import NO_LOOKS, Looks, replaced
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.font_manager import FontProperties
     from matplotlib.typing import ColorType, LineStyleType
     from xarray import Dataset
 
@@ -47,14 +52,23 @@ MARKS: list[Looks] = [
     {"color": SERIES[k % 6][0], "marker": SERIES[(k + k // 6) % 6][2]} for k in range(36)
 ]
 LINES = [SERIES[(k + k // 6) % 6][1] for k in range(36)]
+STYLE = Path(__file__).with_name("style.mplstyle")
+# Matplotlib's settings of sizes of text, of which those of titles and legends go with all text here
+Setting = Literal["axes.titlesize", "axes.labelsize", "legend.fontsize"]
+OF_TITLES: Setting = "axes.titlesize"
+OF_KEYS: Setting = "legend.fontsize"
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
+NARROWEST = 3.0  # width of a panel, with its labels, in a figure of the user's size [inch]
 # Leading digits labelled on a logarithmic axis, by the decades below which they apply; (): labels
 # of a linear axis
 LABELLED = {0.4: (), 0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
-KEY_SIZE = 8.8  # of the words of a legend [point]
-LINE_HEIGHT = 13.5 / KEY_SIZE  # of a line of a legend, in sizes of its words
-MOST_LEGEND = 3.5  # width of the words of a legend, which are else set smaller [inch]
+LINE_HEIGHT = 13.5 / 8.8  # of an entry of a legend, in sizes of its words
+FURTHER_LINE = 1.3  # height of a further line of an entry, likewise
+BESIDE = 7.2  # width of the labels beside a panel, in sizes of all text
+KEY = 2.8  # width of the key beside the words of a legend, in sizes of these
+# Of a text that is broken into lines: a formula, an interval and a number with its error are words
+WORD = re.compile(r"(?:\$[^$]*\$|\[[^\]]*\]|(?<=[±=]) | (?=[±°])|(?<!\]) (?==)|[^ $])+")
 
 
 def drawing() -> AbstractContextManager[None]:
@@ -65,7 +79,21 @@ def drawing() -> AbstractContextManager[None]:
     """
     from matplotlib import style
 
-    return style.context(["default", "brownpipe.figures.style"])
+    return style.context(["default", STYLE])
+
+
+def drawing_for_user() -> AbstractContextManager[None]:
+    """Return the context in which figures are drawn for a user of Python: her settings, and those
+    of `style.mplstyle` in place of those that are matplotlib's defaults.
+    """
+    from matplotlib import rc_context, rc_params_from_file, rcParams, rcParamsDefault
+
+    own_size = rcParams["font.size"] / rcParamsDefault["font.size"]
+    settings = {}
+    for name, value in rc_params_from_file(STYLE, use_default_template=False).items():
+        if rcParams[name] == rcParamsDefault[name]:
+            settings[name] = value * own_size if name in (OF_TITLES, OF_KEYS) else value
+    return rc_context(settings)
 
 
 def image_bytes(figure: Figure, suffix: str, metadata: Mapping[str, str] | None = None) -> bytes:
@@ -93,16 +121,35 @@ def grid(
 ) -> tuple[Figure, np.ndarray]:
     """Return a figure of panels and its axes (rows, columns).
 
-    `width` and `height` [inch] are those of a panel, on average over the rows; the other arguments
-    are those of `Figure.subplots`.
+    `width` and `height` [inch] are those of a panel, on average over the rows, unless the user has
+    set the size of a figure; the other arguments are those of `Figure.subplots`.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure((width * columns, height * rows), layout="constrained")
+    size = _own_size() or (width * columns, height * rows)
+    figure = Figure(size, layout="constrained")
     axes = figure.subplots(
         rows, columns, sharex=sharex, sharey=sharey, squeeze=False, height_ratios=height_ratios
     )
     return figure, axes
+
+
+def _own_size() -> tuple[float, float] | None:
+    """Return width and height of a figure [inch] that the user has set, if any."""
+    from matplotlib import rcParams, rcParamsDefault
+
+    width, height = rcParams["figure.figsize"]
+    is_default = [width, height] == [*rcParamsDefault["figure.figsize"]]
+    return None if is_default else (width, height)
+
+
+def columns_that_fit(count: int, most: int) -> int:
+    """Return how many of `count` panels are side by side: at most so many, and in a figure of the
+    user's size not narrower than NARROWEST.
+    """
+    size = _own_size()
+    fitting = int(size[0] / NARROWEST) if size else most
+    return min(count, most, max(fitting, 1))
 
 
 def stacked_panels(
@@ -115,7 +162,7 @@ def stacked_panels(
     With `sharey` the panels at the same place of all stacks share their vertical axis, and only the
     leftmost of a row shows its numbers.
     """
-    wide = min(count, MOST_COLUMNS)
+    wide = columns_that_fit(count, MOST_COLUMNS)
     rows = -(-count // wide)
     panels = len(heights)
     mean_height = sum(heights) / panels
@@ -135,44 +182,88 @@ def stacked_panels(
 
 def put_titles_and_legends(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """Put titles and legends above panels, where they cover no data; all titles at the height of
-    the longest legend.
-
-    A title of more than 45 characters and a legend wider than 3.5 inches are set smaller, so that
-    they fit.
+    the longest legend. Words that are wider than a panel are broken into lines.
     """
-    labels = [axes.get_legend_handles_labels()[1] for axes in panels]
-    sizes = [_legend_size(of_panel) for of_panel in labels]
+    width = panel_width(panels[0])
+    size = _font(OF_KEYS).get_size_in_points()
+    legends = []
     heights = []
-    for of_panel, size in zip(labels, sizes, strict=True):
-        heights.append(LINE_HEIGHT * size * len(of_panel))
+    for axes in panels:
+        handles, names = axes.get_legend_handles_labels()
+        labels = [broken(name, width - KEY * size / 72, OF_KEYS) for name in names]
+        further = sum(label.count("\n") for label in labels)
+        legends.append((handles, labels))
+        heights.append(size * (LINE_HEIGHT * len(labels) + FURTHER_LINE * further))
     pad = 9 + max(heights)  # [point]
-    for axes, title, of_panel, size in zip(panels, titles, labels, sizes, strict=True):
-        title_size = 11 * min(1, 45 / max(len(title), 1))
-        axes.set_title(title or " ", pad=pad, fontsize=title_size)  # "" makes no room
-        if of_panel:
-            legend = axes.legend(
+    for axes, title, (handles, labels) in zip(panels, titles, legends, strict=True):
+        axes.set_title(broken(title, width, OF_TITLES) or " ", pad=pad)  # "" makes no room
+        if labels:
+            axes.legend(
+                handles,
+                labels,
                 loc="lower left",
                 bbox_to_anchor=(-0.02, 1.0),
                 borderaxespad=0.2,
                 labelspacing=0.35,
-                fontsize=size,
             )
-            legend.set_in_layout(False)
 
 
-def _legend_size(labels: Sequence[str]) -> float:
-    """Return the size of the words of a legend [point], with which it is at most MOST_LEGEND
-    wide.
+def text_size() -> float:
+    """Return the size of all text that has none of its own [point]."""
+    from matplotlib import rcParams
+
+    return float(rcParams["font.size"])
+
+
+def panel_width(axes: Axes) -> float:
+    """Return the width of a panel, one of equal ones side by side, without its labels [inch]."""
+    place = axes.get_subplotspec()
+    columns = place.get_gridspec().ncols if place else 1
+    figure_width = axes.figure.bbox.width / axes.figure.dpi
+    return figure_width / columns - BESIDE * text_size() / 72
+
+
+def broken(text: str, width: float, setting: Setting) -> str:
+    """Return a text in lines of at most a width [inch] where that is possible, broken between
+    words, and a longer word within; `setting` is that of matplotlib for the size of the text.
     """
+    font = _font(setting)
+    if _width(text, font) <= width:
+        return text
+    lines = [""]
+    for word in WORD.findall(text):
+        for part in _parts(word, width, font):
+            line = f"{lines[-1]} {part}".lstrip()
+            if lines[-1] and _width(line, font) > width:
+                lines.append(part)
+            else:
+                lines[-1] = line
+    return "\n".join(lines)
+
+
+def _parts(word: str, width: float, font: FontProperties) -> list[str]:
+    """Return the parts of a word that fit into a width [inch]; a formula is whole."""
+    share = width / _width(word, font)
+    if share >= 1 or "$" in word:
+        return [word]
+    return textwrap.wrap(word, max(int(share * len(word)), 1))
+
+
+def _font(setting: Setting) -> FontProperties:
+    """Return the font of a text by matplotlib's setting for its size."""
+    from matplotlib import rcParams
     from matplotlib.font_manager import FontProperties
+
+    weight = rcParams["axes.titleweight"] if setting == OF_TITLES else "normal"
+    return FontProperties(size=rcParams[setting], weight=weight)
+
+
+def _width(text: str, font: FontProperties) -> float:
+    """Return the width of a text in a font [inch]."""
     from matplotlib.textpath import text_to_path
 
-    font = FontProperties(size=KEY_SIZE)
-    widths = []
-    for text in labels:
-        width, _, _ = text_to_path.get_text_width_height_descent(text, font, "$" in text)
-        widths.append(width / 72)
-    return KEY_SIZE * min(1, MOST_LEGEND / max(widths, default=MOST_LEGEND))
+    width, _, _ = text_to_path.get_text_width_height_descent(text, font, "$" in text)
+    return width / 72
 
 
 def say_shown(figure: Figure, shown: int, number: int) -> None:

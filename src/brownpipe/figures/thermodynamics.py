@@ -22,10 +22,9 @@ from brownpipe.figures.style import (
     GREY,
     INK,
     MARKS,
-    WIDTH,
-    grid,
     points,
     put_titles_and_legends,
+    stacked_panels,
 )
 
 Z = "compressibility"
@@ -50,10 +49,9 @@ def draw_thermodynamics(cases: list[Dataset]) -> matplotlib_figure.Figure:
     with_theory = any(np.isfinite(_expected(case, name)) for case in cases for name in names)
     legend = 0.19 * max(0, len(_series(cases)) - 2)  # room for many series [inch]
     heights = (3.73, 1.87) if with_theory else (4.0,)
-    height = (sum(heights) + legend) / len(heights)
-    figure, axes = grid(
-        len(heights), len(names), WIDTH, height, sharex="col", height_ratios=heights
-    )
+    shares = [height * (1 + legend / sum(heights)) for height in heights]
+    labels = ("", "deviation\nfrom theory (%)")[: len(heights)]
+    figure, axes = stacked_panels(labels, len(names), shares, sharey=False)
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
         for (label, of_series), mark in zip(_series(measured).items(), cycle(MARKS), strict=False):
@@ -70,9 +68,9 @@ def draw_thermodynamics(cases: list[Dataset]) -> matplotlib_figure.Figure:
             main.set_ylim(bottom=0)
         main.set(xlim=np.maximum(main.get_xlim(), 0), ylabel=PANELS[name][0])
         for panel in low:
+            panel.sharex(main)
             panel.axhline(0, color=GREY, linewidth=0.8)
             panel.margins(y=0.15)
-            panel.set_ylabel("deviation\nfrom theory (%)")
         if (
             name == Z
             and with_theory

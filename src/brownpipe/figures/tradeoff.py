@@ -19,7 +19,17 @@ from brownpipe.engines.definition import REFERENCE_NAME
 from brownpipe.figures.cases import at_equal_steps, labels_in_words, plus_minus
 from brownpipe.figures.figure import ALL_CASES, Columns, Figure
 from brownpipe.figures.looks import Looks
-from brownpipe.figures.style import DOTTED, GREY, INK, SERIES, grid, log_axis, say_shown
+from brownpipe.figures.style import (
+    DOTTED,
+    GREY,
+    INK,
+    SERIES,
+    broken,
+    grid,
+    log_axis,
+    say_shown,
+    text_size,
+)
 from brownpipe.tradeoff import is_tradeoff
 from brownpipe.tradeoff.front import (
     FEWEST_RUNS,
@@ -41,15 +51,16 @@ LEAST_ERROR = 2e-3  # error down to which the exact engine is drawn at least
 WIDTH = 8.6  # of the figure [inch]
 HEIGHT = 5.4  # least height of a panel with its frame [inch]
 FRAME = 1.3  # height of the title and the axis of a panel [inch]
-LABEL_DISTANCE = 13.5  # least distance of two labels [point]
+LABEL_DISTANCE = 1.35  # least distance of two labels, in sizes of all text
 LABELS: dict[str, Any] = {
     "xycoords": "axes fraction",
     "va": "center",
-    "fontsize": 8.5,
+    "fontsize": "small",
     "annotation_clip": False,
 }
 # From a curve to its label
 LEADER = {"arrowstyle": "-", "linewidth": 0.6, "relpos": (0, 0.5), "shrinkA": 1, "shrinkB": 0}
+ERROR = "expected relative error of $\\langle r^2 \\rangle$ at the end of a run"
 KEY = (
     "Bold: Pareto front, with unresolved biases at their 95 % upper bound. Dotted: error below "
     "that bound."
@@ -58,6 +69,7 @@ ABOVE: dict[str, Any] = {
     "xycoords": "axes fraction",
     "textcoords": "offset points",
     "va": "bottom",
+    "fontsize": "small",
 }
 POINTS = 2000  # of a curve
 
@@ -69,14 +81,16 @@ def draw_tradeoff(cases: list[Dataset]) -> matplotlib_figure.Figure:
         title = labels_in_words(case, ("scene", "particles"))
         comparisons.setdefault(title, []).append(case)
     most_lines = max(map(len, comparisons.values()))
-    height = max(HEIGHT, FRAME + LABEL_DISTANCE / 72 * most_lines)
+    label_distance = LABEL_DISTANCE * text_size()  # [point]
     titles = at_equal_steps([*comparisons], MOST_PANELS)
-    figure, axes = grid(len(titles), 1, WIDTH, height)
-    distance = LABEL_DISTANCE / 72 / (height - FRAME)  # of two labels, in heights of a panel
+    least_height = FRAME + label_distance / 72 * most_lines
+    figure, axes = grid(len(titles), 1, WIDTH, max(HEIGHT, least_height))
+    height = figure.get_figheight() / len(titles) - FRAME
     for panel, title in zip(axes[:, 0], titles, strict=True):
-        draw_errors(panel, comparisons[title], distance)
-        panel.set_title(f"{title}: cost-accuracy trade-off", pad=11 + LABEL_DISTANCE)
-        panel.annotate(KEY, (0, 1), (0, 6), color=GREY, fontsize=8.8, **ABOVE)
+        draw_errors(panel, comparisons[title], label_distance / 72 / height)
+        panel.set_ylabel(broken(ERROR, height, "axes.labelsize"))
+        panel.set_title(f"{title}: cost-accuracy trade-off", pad=11 + label_distance)
+        panel.annotate(KEY, (0, 1), (0, 6), color=GREY, **ABOVE)
     if len(titles) < len(comparisons):
         say_shown(figure, len(titles), len(comparisons))
     return figure
@@ -108,7 +122,6 @@ def draw_errors(axes: Axes, cases: list[Dataset], label_distance: float) -> None
     log_axis(axes, "x", times[0], times[-1])
     log_axis(axes, "y", min(last_errors.values(), default=0.1) / 1.5, 1.0)
     axes.set_xlabel("CPU time on this machine (s)")
-    axes.set_ylabel("expected relative error of $\\langle r^2 \\rangle$ at the end of a run")
     _label_ends(axes, last_errors, colours, label_distance)
 
 
