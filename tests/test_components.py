@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import brownpipe as bp
 from brownpipe import analysis
@@ -12,10 +13,12 @@ from brownpipe.analysis.estimator import Averages, Case
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.figures.cases import PARTS, cases_of, plus_minus
+from brownpipe.figures.diffusion import table_of_diffusion
 from brownpipe.figures.marks import power_in_words
 from brownpipe.figures.msd import table_of_msd
 from brownpipe.figures.scan import table_of_scan
 from brownpipe.figures.summary import summary, summary_table
+from brownpipe.figures.velocity_autocorrelation import table_of_autocorrelations
 from brownpipe.observables.trajectory import Track
 from brownpipe.report.answer import answer_in_words
 from ensembles import make_runs, make_scene, walk
@@ -51,7 +54,7 @@ def test_a_lone_disk_flies_along_its_channel(boundary, average):
         duration=20.0,
         sample_interval=0.5,
     )
-    observables = ["square_displacement", "quartic_displacement"]
+    observables = ["square_displacement", "quartic_displacement", "velocity_autocorrelation"]
     runs = bp.simulate(
         lone, 20, observables=observables, average=average, record=["tracer", "velocity"]
     )
@@ -63,6 +66,16 @@ def test_a_lone_disk_flies_along_its_channel(boundary, average):
     np.testing.assert_allclose(msd, expected, rtol=1e-12, atol=1e-12)
     assert result.component_msd.sel(component=across).max() <= 3.0**2
     assert result.channel_axis == along
+    flight = (velocity**2).mean().item() * result.time.values
+    for name in ("green_kubo", "diffusion_running"):
+        integral = result[f"component_{name}"]
+        np.testing.assert_allclose(integral.sel(component=along), flight, rtol=1e-12, atol=1e-12)
+        assert abs(integral.sel(component=across)[-1]) < 0.2 * flight[-1]
+    correlation = result.component_velocity_autocorrelation
+    np.testing.assert_allclose(
+        correlation.sel(component=along), flight[-1] / result.time[-1].item(), rtol=1e-12
+    )
+    assert correlation.sel(component=across).min() < 0  # after a wall
     # the velocities of 20 runs
     moments = [(velocity**power).mean().item() for power in (2, 4)]
     parameter = result.component_non_gaussian_parameter.sel(component=along)[1:]
@@ -378,15 +391,118 @@ def test_the_power_is_that_of_the_tests_along_channels(of_channel, of_boxes):
     assert text.startswith("D or D_x or D_y without °") and "for 3 tests or 4 tests" in text
 
 
-def test_a_channel_has_no_green_kubo_integral_in_its_summary(of_boxes):
-    """It is a sum over both components, also where the D of Enskog's theory is known."""
+def test_the_green_kubo_integral_of_a_channel_is_that_along_it(of_boxes):
+    """And of no other box; without a temperature it is not a D."""
     integral = 0.2 + 0 * of_boxes.msd
+    along = xr.concat([0.3 + 0 * of_boxes.msd, 0.5 + 0 * of_boxes.msd], of_boxes.component)
+    along = along.where(of_boxes.component_diffusion.notnull().any("window"))
     known = {f"green_kubo{part}": integral for part in PARTS}
+    known |= {f"component_green_kubo{part}": along for part in PARTS}
     known["enskog_diffusion"] = 0.2 + 0 * of_boxes.packing_fraction
-    header, *rows = summary(of_boxes.assign(known)).splitlines()[:4]
-    start = header.index("D (Green-Kubo)")
-    cells = [row[start:].split()[0] for row in rows]
-    assert cells == ["0.20", "-", "-"]
+    result = of_boxes.assign(known)
+    header, *rows = summary(result).splitlines()[:4]
+    columns = [f"{name} (Green-Kubo)" for name in ("D", "D_x", "D_y")]
+    starts = [header.index(column) for column in columns]
+    cells = [[row[start:].split()[0] for start in starts] for row in rows]
+    assert cells == [["0.20", "-", "-"], ["-", "0.30", "-"], ["-", "-", "0.50"]]
+    assert summary_table(result).green_kubo.tolist() == [0.2, 0.3, 0.5]
+    assert "Green-Kubo" not in summary(result.drop_vars("enskog_diffusion"))
+
+
+def test_a_sum_over_both_components_is_not_shown_as_that_of_one(of_channel):
+    integral = {f"green_kubo{part}": 0.2 + 0 * of_channel.msd for part in PARTS}
+    integral["enskog_diffusion"] = 0.2 + 0 * of_channel.packing_fraction
+    assert "Green-Kubo" not in summary(of_channel.assign(integral))
+
+
+@pytest.fixture(scope="module")
+def of_fluids():
+    """Runs of disks in a channel along y, and between walls of unequal lengths."""
+    disks = {"species": [{"name": "disk", "count": 12, "radius": 0.4, "mass": 1.0}]}
+    results = {}
+    for name, boundary in (("channel", CHANNEL_Y), ("oblong", WALLS)):
+        scene = bp.Scene(
+            box={"x": [0, 4], "y": [0, 8], "boundary": boundary},
+            disks=disks,
+            velocities={"temperature": 1.0, "zero_momentum": name == "channel"},
+            equilibrate={"time": 2.0, "tracer": "free"},
+            duration=4.0,
+            sample_interval=0.1,
+            name=name,
+        )
+        observables = ["square_displacement", "velocity_autocorrelation"]
+        runs = bp.simulate(scene, 12, observables=observables, average="origins", quiet=True)
+        results[name] = bp.analyse(runs, fit_windows=[(0.5, 2.0)], quiet=True)
+    return results
+
+
+@pytest.mark.parametrize("name", ["channel", "oblong"])
+def test_what_follows_from_velocities_is_the_sum_of_its_components(of_fluids, name):
+    result = of_fluids[name]
+    shares = {"velocity_autocorrelation": 1.0, "green_kubo": 0.5, "diffusion_running": 0.5}
+    for variable, share in shares.items():
+        total = share * result[f"component_{variable}"].sum("component")
+        np.testing.assert_allclose(total, result[variable], rtol=1e-12, atol=1e-13)
+
+
+def test_both_components_of_the_autocorrelation_are_drawn(of_fluids):
+    for result in of_fluids.values():
+        upper, _ = bp.plot(result, "velocity_autocorrelation").axes
+        assert upper.get_legend_handles_labels()[1][:2] == ["along x", "along y"]
+        of_tracer = result.component_velocity_autocorrelation.squeeze()
+        for line, curve in zip(upper.lines[1:3], of_tracer.values, strict=True):
+            np.testing.assert_allclose(line.get_ydata(), curve / curve[0], rtol=1e-12)
+        table = table_of_autocorrelations(cases_of(result))
+        total = table["velocity_autocorrelation along x"]
+        total = total + table["velocity_autocorrelation along y"]
+        np.testing.assert_allclose(total, table.velocity_autocorrelation, rtol=1e-10, atol=1e-13)
+
+
+def test_d_along_a_channel_is_drawn_by_every_route(of_fluids):
+    result = of_fluids["channel"]
+    (axes,) = bp.plot(result, "diffusion").axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels[0].startswith("d$\\langle y^2 \\rangle$/d$t$ / 2")
+    assert labels[1].startswith("$\\langle y^2 \\rangle$ / 2$t$")
+    assert labels[2].startswith("Green-Kubo: $\\langle v_y(0)")
+    along = result.sel(component="y").squeeze()
+    curves = (
+        along.component_diffusion_running,
+        along.component_msd / 2 / along.time,
+        along.component_green_kubo,
+    )
+    for line, curve in zip(axes.lines, curves, strict=False):
+        np.testing.assert_allclose(line.get_ydata(), curve[1:], rtol=1e-12)
+    table = table_of_diffusion(cases_of(result))
+    np.testing.assert_array_equal(table["green_kubo along y"], along.component_green_kubo)
+    header = summary(result).splitlines()[0]
+    assert "D_y (Green-Kubo)" in header and "D_x" not in header
+
+
+def test_the_slope_and_the_integral_of_the_autocorrelation_have_one_d_along_a_channel(of_fluids):
+    """d<y^2>/dt / 2 and the integral are equal at each time in equilibrium: within 5 standard
+    errors.
+    """
+    along = of_fluids["channel"].sel(component="y").squeeze().isel(time=slice(1, 21))
+    difference = abs(along.component_diffusion_running - along.component_green_kubo)
+    error = np.hypot(
+        along.component_diffusion_running_standard_error, along.component_green_kubo_standard_error
+    )
+    assert (difference < 5 * error).all()
+
+
+def test_a_channel_without_displacements_has_its_integral_along_it_alone():
+    scene = make_scene(
+        boundary=CHANNEL_X,
+        disks={"species": [{"name": "disk", "count": 20, "radius": 0.3, "mass": 1.0}]},
+        velocities={"temperature": 1.0},
+        equilibrate={"time": 1.0, "tracer": "free"},
+    )
+    runs = bp.simulate(scene, 4, record="none", observables="velocity_autocorrelation", quiet=True)
+    result = bp.analyse(runs, quiet=True)
+    header = summary(result).splitlines()[0]
+    assert "D_x (Green-Kubo)" in header and "D_y" not in header
+    assert answer_in_words(result) == []
 
 
 def test_the_figure_of_the_msd_has_both_components_and_names_them(of_channel, of_boxes):

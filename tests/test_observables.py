@@ -303,6 +303,13 @@ def test_averages_are_those_of_plain_loops(boundary, average):
     if scene.box.is_channel:
         name = "component_quartic_displacement"
         rows.append((name, followed, unwrapped, lambda a, b: (b - a) ** 4))
+    if scene.box.axes_differ:
+        rows += [
+            ("component_displacement_velocity", followed, both, lambda a, b: b[1] * (b[0] - a[0])),
+            ("component_velocity_displacement", followed, both, lambda a, b: a[1] * (b[0] - a[0])),
+        ]
+        name = "component_velocity_autocorrelation"
+        rows.append((name, followed, run.whole.velocity, lambda a, b: a * b))
     assert {name for name, *_ in rows} == {*found}, "each array needs a row"
     for name, disks, tracks, product_of in rows:
         by_disk = []
@@ -345,6 +352,13 @@ def extended_means(scene, track, lag):
     for name, power in (("square", 2), ("quartic", 4)):
         mean = (r**power).mean(axis=(0, 1))
         along[f"component_{name}_displacement"] = (mean, mean)
+    for name, products in (
+        ("displacement_velocity", r * later),
+        ("velocity_displacement", r * earlier),
+    ):
+        along[f"component_{name}"] = (products.mean(axis=(0, 1)), growth)
+    product = (earlier * later).mean(axis=(0, 1))
+    along["component_velocity_autocorrelation"] = (product, speed**2)
     return along | {
         "square_displacement": (square.mean(), square.mean()),
         "quartic_displacement": (quartic, quartic),

@@ -19,28 +19,21 @@ from brownpipe.analysis.variables import (
     FOLLOWED,
     RATE,
     SEED,
+    SPEED2,
     Mean,
     Variable,
 )
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.observables.trajectory import displacement as displacement_of_track
-from brownpipe.scene import Scene
 
-# relative difference of the sides between walls from which on fits are made along each of them
-UNEQUAL = 0.02
+# For each variable the array of runs whose mean it is, where the axes differ
+OF_VELOCITIES = {
+    "component_velocity_autocorrelation": "component_velocity_autocorrelation",
+    "component_green_kubo": "component_velocity_displacement",
+    "component_diffusion_running": "component_displacement_velocity",
+}
 # of x^2 and x^4 of each run, and their product
 MOMENTS = ("component_msd", "component_quartic_displacement", "component_square_times_quartic")
-
-
-def differs_by_axis(scene: Scene) -> bool:
-    """Return whether walls make the motion along x and y differ: in a channel, and in a box of
-    walls whose sides differ.
-    """
-    box = scene.box
-    if box.is_channel:
-        return True
-    longer = max(box.width, box.height)
-    return not box.has_images and abs(box.width - box.height) > UNEQUAL * longer
 
 
 def component_squares(case: Case, runs: Ensemble) -> np.ndarray | None:
@@ -58,18 +51,22 @@ def component_squares(case: Case, runs: Ensemble) -> np.ndarray | None:
 
 
 def component_columns(case: Case, runs: Ensemble) -> Columns:
-    """Return x^2 and y^2 at all times; where the axes differ the lines in all windows; in channels
-    the moments for the non-Gaussian parameters.
+    """Return x^2 and y^2 at all times; where the axes differ the lines in all windows, and what
+    follows from velocities; in channels the moments for the non-Gaussian parameters.
     """
+    means = {}
+    for name, measured in OF_VELOCITIES.items():
+        if measured in runs.observables:
+            means[name] = runs.observables[measured]
     square = component_squares(case, runs)
     if square is None:
-        return Columns()
-    means = {"component_msd": square}
+        return Columns(means)
+    means["component_msd"] = square
     quartic = runs.observables.get("component_quartic_displacement")
     if quartic is not None:
         means["component_quartic_displacement"] = quartic
         means["component_square_times_quartic"] = square * quartic
-    if not differs_by_axis(case.scene):
+    if not case.scene.box.axes_differ:
         return Columns(means)
     along = [displacement.per_run_fits(square[:, axis], case) for axis in (0, 1)]
     for name in along[0]:
@@ -82,12 +79,12 @@ def component_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
     parameters.
     """
     values: dict[str, ArrayLike] = {}
+    if case.scene.box.is_channel:
+        values["channel_axis"] = "x" if case.scene.box.periodic_x else "y"
     if "component_quartic_displacement" in averages.places:
         values["component_non_gaussian_parameter"] = _non_gaussian_parameter(averages)
     if "component_slope" not in averages.places:
         return values
-    if case.scene.box.is_channel:
-        values["channel_axis"] = "x" if case.scene.box.periodic_x else "y"
     slope = averages.estimate("component_slope")
     change = averages.estimate("component_slope_change")
     msd = averages.estimate("component_msd")
@@ -138,6 +135,15 @@ WINDOW = (*CASE_DIMS, "component", "window")
 
 VARIABLES = {
     "component_msd": Mean(TIME, AREA, f"mean squared displacement along x and y {FOLLOWED}"),
+    "component_velocity_autocorrelation": Mean(
+        TIME, SPEED2, f"velocity autocorrelation v_x(0) v_x(t) along x and y {FOLLOWED}"
+    ),
+    "component_green_kubo": Mean(
+        TIME, RATE, f"integral of the velocity autocorrelation along x and y {FOLLOWED}"
+    ),
+    "component_diffusion_running": Mean(
+        TIME, RATE, f"half of the rate of change of the MSD along x and y {FOLLOWED}"
+    ),
     "component_slope": Mean(
         WINDOW, RATE, "least-squares slope of the MSD along x and y in the window"
     ),

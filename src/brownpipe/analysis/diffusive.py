@@ -117,7 +117,7 @@ def fits_along_channels(dataset: "Dataset") -> "Dataset":
     """Return the dataset with the fits along channels in place of those of all motion: of cases in
     channels D is half of the slope of the MSD along it.
     """
-    if "channel_axis" not in dataset:
+    if "channel_axis" not in dataset or not has_fits_by_component(dataset):
         return dataset
     by_component = fits_by_component(dataset)
     for axis in dataset.component.values:

@@ -31,8 +31,18 @@ SPECIES = ("species", "species_pair")  # dimensions of parts of a case
 COMPONENT = "component"  # along x or y, the dimension of further parts
 Label = str | int | float  # of a case or a part of it, or one of its numbers
 PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
-# Functions of time that are sums over the components, or their means
-SUMS = [f"{name}{part}" for name in ("msd", "green_kubo") for part in PARTS]
+# Sums over the components, or their means
+OF_BOTH_AXES = (
+    "msd",
+    "diffusion_running",
+    "green_kubo",
+    "velocity_autocorrelation",
+    "vacf_initial_slope",
+    "vacf_initial_slope_expected",
+)
+SUMS = [f"{name}{part}" for name, part in product(OF_BOTH_AXES, PARTS)]
+# Which cases alone have whose motion differs along x and y
+OF_UNEQUAL_AXES = ("component_diffusion", "component_velocity_autocorrelation")
 # For each variable of all motion that of the motion along x and y
 OF_COMPONENT = BY_COMPONENT | {name: f"component_{name}" for name in SUMS}
 
@@ -284,12 +294,12 @@ def at_last_distribution(case: Dataset) -> Dataset:
 
 
 def components_of(cases: list[Dataset]) -> list[Dataset]:
-    """Return the motion along x and along y of cases in which they differ, with MSD and fits of
-    each in place of those of all motion; other cases as they are.
+    """Return the motion along x and along y of cases in which they differ, with MSD, fits and
+    autocorrelation of each in place of those of all motion; other cases as they are.
     """
     parts: list[Dataset] = []
     for case in cases:
-        if has(case, "component_diffusion"):
+        if any(has(case, name) for name in OF_UNEQUAL_AXES):
             by_component = _by_component(case)
             parts += [by_component.sel(component=axis) for axis in case[COMPONENT].values]
         else:

@@ -5,6 +5,7 @@ The routes (docs/theory.md): the running slope of the MSD over 4, MSD/4t, and th
 integral. In two dimensions D(t) has no limit, as the velocity autocorrelation decays as 1/t.
 """
 
+from itertools import product
 from typing import Unpack
 
 from matplotlib.axes import Axes
@@ -68,14 +69,21 @@ def draw_diffusion(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> 
 
 
 def _with_route_along(motion: Dataset) -> Dataset:
-    """Return the motion; along an axis with MSD/2t in place of the routes that are sums over both
-    components.
-    """
+    """Return the motion; along an axis with MSD/2t in place of MSD/4t."""
     if not component_of(motion):
         return motion
     per_2t = 0.5 / motion.time.where(motion.time > 0)
     along = {f"{ALONG}{part}": motion[f"msd{part}"] * per_2t for part in PARTS}
-    return motion.drop_vars(ROUTES, errors="ignore").assign(along)
+    return motion.drop_vars("msd_over_4t").assign(along)
+
+
+def _routes_along(axis: str) -> dict[str, str]:
+    """Return the labels of the routes to D along an axis, by variable."""
+    return {
+        "diffusion_running": f"d$\\langle {axis}^2 \\rangle$/d$t$ / 2",
+        ALONG: f"$\\langle {axis}^2 \\rangle$ / 2$t$",
+        "green_kubo": f"Green-Kubo: $\\langle v_{axis}(0) [{axis}(t) - {axis}(0)] \\rangle$",
+    }
 
 
 def _routes(axes: Axes, case: Dataset) -> None:
@@ -89,7 +97,7 @@ def _routes(axes: Axes, case: Dataset) -> None:
     end = HEADROOM * min(max(highest.values()), REACH * from_msd) or 1.0
     later = case.isel(time=case.time.values > 0)
     axis = component_of(case)
-    routes = {ALONG: f"$\\langle {axis}^2 \\rangle$ / 2$t$"} if axis else ROUTES
+    routes = _routes_along(axis) if axis else ROUTES
     for (name, label), (colour, line, _) in zip(routes.items(), SERIES, strict=False):
         if name in highest:
             if (later[name] > end).any():
@@ -115,11 +123,13 @@ def _bar(axes: Axes, case: Dataset, **looks: Unpack[Looks]) -> None:
 
 
 def table_of_diffusion(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and time: D by every route, and the MSD of the components from which
-    that along an axis follows.
+    """Return one row per case and time: D by every route, and the same along x and y where these
+    differ, with the MSD in place of MSD/2t.
     """
-    shown = [with_components(case, ["msd"]) for case in cases]
-    return frame_of(shown, ["time"], [*ROUTES, "msd along x", "msd along y"])
+    of_components = ("diffusion_running", "msd", "green_kubo")
+    names = [f"{name} along {axis}" for name, axis in product(of_components, "xy")]
+    shown = [with_components(case, of_components) for case in cases]
+    return frame_of(shown, ["time"], [*ROUTES, *names])
 
 
 FIGURE = Figure(

@@ -26,6 +26,7 @@ from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import (
     OF_COMPONENT,
+    OF_UNEQUAL_AXES,
     PARTS,
     SPECIES,
     Label,
@@ -290,7 +291,7 @@ def _reduced(case: Dataset, quantity: Quantity) -> Dataset:
         "not_diffusive_before",
         "drift_p_value",
         "channel_axis",
-        "component_diffusion",
+        *OF_UNEQUAL_AXES,
     }
     needed |= {OF_COMPONENT[name] for name in needed if name in OF_COMPONENT}
     return case[[name for name in needed if name in case]]

@@ -10,11 +10,20 @@ from typing import Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
+from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.figures import style
-from brownpipe.figures.cases import PARTS, defined, has, plus_minus
-from brownpipe.figures.figure import Columns, Figure
+from brownpipe.figures.cases import (
+    PARTS,
+    components_of,
+    defined,
+    frame_of,
+    has,
+    plus_minus,
+    with_components,
+)
+from brownpipe.figures.figure import Figure
 from brownpipe.figures.looks import NO_LOOKS, Looks
 
 TRACER = "velocity_autocorrelation"
@@ -29,12 +38,14 @@ def draw_autocorrelations(axes: Axes, cases: list[Dataset], **looks: Unpack[Look
     slope.
 
     The slope follows from the tracer's collision rate. With `looks` there is one line per case.
+    Where walls make the motion along x and y differ, both components of the tracer are curves.
     """
     axes.axhline(0, color=style.GREY, linewidth=0.8)
-    for curve, line in _curves(cases, looks):
+    parts = components_of(cases)
+    for curve, line in _curves(parts, looks):
         style.band(axes, curve, TRACER, **line)
-    if len(cases) == 1 and not looks:
-        _initial_slope(axes, cases[0])
+    if len(parts) == 1 and not looks:
+        _initial_slope(axes, parts[0])
     style.time_axis(axes, cases)
 
 
@@ -106,7 +117,7 @@ def _tails(upper: Axes, axes: Axes, cases: list[Dataset]) -> None:
     noise.
     """
     tails = []
-    for curve, line in _curves(cases, NO_LOOKS):
+    for curve, line in _curves(components_of(cases), NO_LOOKS):
         later = curve.isel(time=curve.time.values > 0)
         low = later.get(f"{TRACER}_low", later[TRACER]).values
         tail = later.isel(time=np.logical_and.accumulate(low > 0))
@@ -143,10 +154,18 @@ def _guide(upper: Axes, axes: Axes, tail: Dataset) -> None:
     upper.plot([], [], color=style.INK, linewidth=1, label="decay as $1/t$ (lower panel)")
 
 
+def table_of_autocorrelations(cases: list[Dataset]) -> DataFrame:
+    """Return one row per case and time: the correlations of tracer and bath, and where they differ
+    those of the tracer along x and y.
+    """
+    shown = [with_components(case, [TRACER]) for case in cases]
+    return frame_of(shown, ["time"], [TRACER, BATH, f"{TRACER} along x", f"{TRACER} along y"])
+
+
 FIGURE = Figure(
     curves=draw_autocorrelations,
     labels=(f"velocity autocorrelation\n{LABEL}", LABEL),
     variables=(TRACER,),
     below=draw_decays,
-    table=Columns(("time",), (TRACER, BATH)),
+    table=table_of_autocorrelations,
 )

@@ -12,7 +12,8 @@ from brownpipe.scene import Scene
 
 def square_displacement(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
     """Return the squared displacement and half its rate of change, (T,) each, of one run, and the
-    squared displacements along x and y (2, T).
+    squared displacements along x and y (2, T); where walls make the motion along x and y differ
+    also half their rates of change (2, T).
 
     Means over runs of the first two are the MSD <r^2(t)>, for which eq. (12) is a model, and
     <v(t).(r(t) - r(0))>, which is (1/2) d<r^2>/dt without a difference quotient. `average`: of the
@@ -20,6 +21,15 @@ def square_displacement(scene: Scene, track: Track, average: str) -> dict[str, n
     and Smit, Understanding Molecular Simulation, section 4.4.2), or of all disks equal to it
     (`disks`).
     """
+    if scene.box.axes_differ:
+        squares = averaged(scene, track, average, SQUARES)
+        growths = averaged(scene, track, average, COMPONENT_GROWTHS)
+        return {
+            "square_displacement": squares.sum(axis=0),
+            "displacement_velocity": growths.sum(axis=0),
+            "component_square_displacement": squares,
+            "component_displacement_velocity": growths,
+        }
     along_x, along_y, growth = averaged(scene, track, average, (*SQUARES, GROWTH))
     return {
         "square_displacement": along_x + along_y,
@@ -78,6 +88,19 @@ def _component_quartic(axis: int) -> Product:
     return Product(lambda pairs: pairs.displacement[..., axis] ** 4, factors)
 
 
+def _component_growth(axis: int) -> Product:
+    """Return v x = v b - v a along x (0) or y (1), with the velocity v of the later sample."""
+
+    def factors(earlier: Samples, later: Samples) -> Factors:
+        v = later.velocity[axis]
+        yield earlier.present, v * later.displacement[axis]
+        yield -earlier.displacement[axis], v
+
+    return Product(
+        lambda pairs: pairs.displacement[..., axis] * pairs.later_velocity[..., axis], factors
+    )
+
+
 def _growth_factors(earlier: Samples, later: Samples) -> Factors:
     """v.r = v.b - v.a, with the velocity v of the later sample."""
     a_x, a_y = earlier.displacement
@@ -121,6 +144,7 @@ def squared(displacements: np.ndarray) -> np.ndarray:
 
 SQUARES = (_component_square(0), _component_square(1))  # whose sum is r^2
 GROWTH = Product(lambda pairs: dot(pairs.displacement, pairs.later_velocity), _growth_factors)
+COMPONENT_GROWTHS = (_component_growth(0), _component_growth(1))
 QUARTIC = Product(lambda pairs: squared(pairs.displacement) ** 2, _quartic_factors)
 COMPONENT_QUARTICS = (_component_quartic(0), _component_quartic(1))
 AXES = {"component": Axis("1", "Cartesian component", lambda _: ["x", "y"])}
@@ -135,6 +159,11 @@ SQUARE_DISPLACEMENT = Observable(
         ),
         "component_square_displacement": RunArray(
             ("component", "time"), "length^2", "squared displacement of the tracer along x and y"
+        ),
+        "component_displacement_velocity": RunArray(
+            ("component", "time"),
+            "length^2/time",
+            "where walls make the axes differ: v_x(t) (x(t) - x(0)) of the tracer, and along y",
         ),
     },
     tracks_needed="tracer",

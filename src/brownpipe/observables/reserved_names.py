@@ -7,7 +7,8 @@ test says which name is missing here.
 # Means over runs of datasets, each of which has a standard error and an interval, too.
 MEANS_WITH_INTERVALS = """
     bath_velocity_autocorrelation collision_rate collision_rate_at_temperature
-    component_diffusion component_msd component_non_gaussian_parameter component_slope
+    component_diffusion component_diffusion_running component_green_kubo component_msd
+    component_non_gaussian_parameter component_slope component_velocity_autocorrelation
     compressibility compressibility_rate contact_density contact_value contact_value_rate
     density_profile diffusion_coefficient diffusion_running green_kubo kinetic_temperature
     kurtosis msd msd_over_4t non_gaussian_parameter orientational_order
@@ -17,7 +18,8 @@ MEANS_WITH_INTERVALS = """
 """
 OTHER_NAMES = """
     a accessible_half_width b box_size box_width channel_axis chi_square component
-    component_diffusion_mark component_drift_diffusion component_growth_exponent
+    component_diffusion_mark component_displacement_velocity component_drift_diffusion
+    component_growth_exponent component_velocity_displacement
     component_growth_exponent_standard_error component_intercept
     component_intercept_standard_error component_quartic_displacement component_slope_change
     component_msd_limit component_slope_change_p_value component_slope_change_standard_error

@@ -28,11 +28,22 @@ VALUES_AT_ONCE = 2**18
 
 
 def autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
-    """Return the velocity autocorrelation v(0).v(t) (T,) of the tracer, and its integral over time.
+    """Return the velocity autocorrelation v(0).v(t) (T,) of the tracer, and its integral over time;
+    where walls make the motion along x and y differ, also those of the components (2, T).
 
     The integral of v(0).v(s) over s from 0 to t is v(0).(r(t) - r(0)); in two dimensions D is half
-    its mean (Green-Kubo). `average` as in `displacement.square_displacement`.
+    its mean (Green-Kubo), and D along x the mean of v_x(0) (x(t) - x(0)). `average` as in
+    `displacement.square_displacement`.
     """
+    if scene.box.axes_differ:
+        correlations = averaged(scene, track, average, COMPONENT_PRODUCTS)
+        integrals = averaged(scene, track, average, COMPONENT_DISPLACEMENTS)
+        return {
+            "velocity_autocorrelation": correlations.sum(axis=0),
+            "velocity_displacement": integrals.sum(axis=0),
+            "component_velocity_autocorrelation": correlations,
+            "component_velocity_displacement": integrals,
+        }
     if over_origins(average):
         products = (VELOCITY_PRODUCT, VELOCITY_DISPLACEMENT)
         correlation, integral = averaged_over_origins(scene, track, products)
@@ -78,6 +89,30 @@ def _velocity_displacement_factors(earlier: Samples, later: Samples) -> Factors:
     yield v_x, b_x
     yield v_y, b_y
     yield -(v_x * a_x + v_y * a_y), later.present
+
+
+def _component_product(axis: int) -> Product:
+    """Return v_x v_x' (0) or v_y v_y' (1) of the earlier and the later sample."""
+
+    def factors(earlier: Samples, later: Samples) -> Factors:
+        yield earlier.velocity[axis], later.velocity[axis]
+
+    return Product(
+        lambda pairs: pairs.earlier_velocity[..., axis] * pairs.later_velocity[..., axis], factors
+    )
+
+
+def _component_displacement(axis: int) -> Product:
+    """Return v x = v b - v a along x (0) or y (1), with the velocity v of the earlier sample."""
+
+    def factors(earlier: Samples, later: Samples) -> Factors:
+        v = earlier.velocity[axis]
+        yield v, later.displacement[axis]
+        yield -v * earlier.displacement[axis], later.present
+
+    return Product(
+        lambda pairs: pairs.displacement[..., axis] * pairs.earlier_velocity[..., axis], factors
+    )
 
 
 def species_energy(scene: Scene, track: Track, _: str) -> dict[str, np.ndarray]:
@@ -147,6 +182,8 @@ VELOCITY_PRODUCT = Product(
 VELOCITY_DISPLACEMENT = Product(
     lambda pairs: dot(pairs.displacement, pairs.earlier_velocity), _velocity_displacement_factors
 )
+COMPONENT_PRODUCTS = (_component_product(0), _component_product(1))
+COMPONENT_DISPLACEMENTS = (_component_displacement(0), _component_displacement(1))
 AUTOCORRELATION = Observable(
     autocorrelation,
     {
@@ -155,6 +192,16 @@ AUTOCORRELATION = Observable(
         ),
         "velocity_displacement": RunArray(
             ("time",), "length^2/time", "v(0).(r(t) - r(0)), the integral of v(0).v(s)"
+        ),
+        "component_velocity_autocorrelation": RunArray(
+            ("component", "time"),
+            "length^2/time^2",
+            "where walls make the axes differ: v_x(0) v_x(t) and v_y(0) v_y(t) of the tracer",
+        ),
+        "component_velocity_displacement": RunArray(
+            ("component", "time"),
+            "length^2/time",
+            "where walls make the axes differ: v_x(0) (x(t) - x(0)), and along y",
         ),
     },
     tracks_needed="tracer",

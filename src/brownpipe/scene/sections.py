@@ -33,6 +33,8 @@ from brownpipe.scene.reading import (
 
 # side of a box; the shortest is 1/LONGEST: squared displacements of 1e-14 of it do not underflow
 LONGEST = 1e140
+# relative difference of the sides between walls from which on the motion along each is told apart
+UNEQUAL = 0.02
 REST = "rest"  # the count of a species that fills up the particles of a scene
 
 
@@ -146,6 +148,18 @@ class Box(Section):
     def is_channel(self) -> bool:
         """Whether one axis is periodic, with walls along it."""
         return self.periodic_x != self.periodic_y
+
+    @property
+    def axes_differ(self) -> bool:
+        """Whether walls make the motion along x and y differ: in a channel, and in a box of walls
+        whose sides differ.
+
+        >>> Box(x=[0, 9], y=[0, 2]).axes_differ, Box(x=[0, 9], y=[0, 9]).axes_differ
+        (True, False)
+        """
+        longer = max(self.width, self.height)
+        is_oblong = abs(self.width - self.height) > UNEQUAL * longer
+        return self.is_channel or (is_oblong and not self.has_images)
 
     @property
     def in_words(self) -> str:
