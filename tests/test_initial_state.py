@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from brownpipe.analysis.runs import reported
 from brownpipe.engines.exact.simulation import simulate
 from brownpipe.engines.start import initial_state
 from brownpipe.engines.start.initial_state import draw_state
@@ -256,6 +257,18 @@ def test_lattices_are_sound(name):
     assert_sound(scene, state)
     assert not more or state.position[0].tolist() == more["tracer"]["position"]
     assert scene.particles < 5 or not np.array_equal(draw_state(scene, 2).position, state.position)
+
+
+def test_no_disks_have_no_momentum_after_equilibration():
+    mapping = {
+        "box": {"x": [0, 20], "y": [0, 3], "boundary": "periodic"},
+        "disks": {"species": species((0, 0.5, 1))},
+        "velocities": {"temperature": 1.0},
+        "equilibrate": {"time": 1.0, "tracer": "free"},
+        "duration": 1.0,
+    }
+    ensemble = simulate(parse_scene(mapping, "empty.yaml"), [0, 1])
+    assert not reported(ensemble, "failed").any()
 
 
 @pytest.mark.parametrize(

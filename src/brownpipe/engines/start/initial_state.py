@@ -119,7 +119,7 @@ def _velocities(scene: Scene, mass: np.ndarray, stream: np.random.Generator) -> 
         velocity = np.sqrt(distribution.temperature / mass)[:, None] * components
     if scene.tracer_velocity is not None:
         velocity[0] = scene.tracer_velocity
-    if distribution.zero_momentum and len(mass) and scene.equilibrate.time == 0:
+    if distribution.zero_momentum and scene.equilibrate.time == 0:
         return with_zero_momentum(scene, velocity)
     return velocity
 
@@ -128,6 +128,8 @@ def with_zero_momentum(scene: Scene, velocity: np.ndarray) -> np.ndarray:
     """Return velocities (N, 2) at t = 0 of zero total momentum, in a channel along its periodic
     axis; a tracer with a velocity of its own keeps it.
     """
+    if not len(velocity):
+        return velocity
     first = 0 if scene.tracer_velocity is None else 1
     balanced = remove_total_momentum(velocity, scene.mass, first)
     return np.where(motion.axes_of_zero_momentum(scene), balanced, velocity)
