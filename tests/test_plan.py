@@ -325,15 +325,17 @@ def test_achieved_error_is_the_tolerance(study_file, tmp_path, here):
     assert achieved == pytest.approx(0.05, rel=3.3 * known_to)  # a false alarm in 1,000
 
 
-def test_a_diffusion_coefficient_of_a_channel_is_not_planned(study_file, tmp_path):
-    text = """\
+CHANNEL = """\
 box: {x: [0, 20], y: [0, 3], boundary: {x: periodic, y: reflecting}}
 disks: {species: [{name: gas, count: 12, radius: 0.5, mass: 1.0}]}
 velocities: {temperature: 1.0}
 duration: 4.0
 sample_interval: 0.1
 """
-    (tmp_path / "scenes" / "few.yaml").write_text(text)
+
+
+def test_a_diffusion_coefficient_of_a_channel_is_not_planned(study_file, tmp_path):
+    (tmp_path / "scenes" / "few.yaml").write_text(CHANNEL)
     study = read_study(study_file(seeds=8))
     with pytest.raises(RequestError, match="the target d: few, N = 12 is a channel"):
         plan.performance_of(study, "d", 0.05)
@@ -487,6 +489,13 @@ def test_a_budget_gives_no_error_of_a_d_that_is_none(study_file, here, capsys):
     assert cli.main(["plan", path, *words]) == FAILED
     assert "no engine with an error of d in all cases" in capsys.readouterr().out
     assert not Path("my.yaml").exists()
+
+
+def test_a_budget_has_no_error_of_d_in_a_channel(study_file, here, capsys):
+    (here / "scenes" / "few.yaml").write_text(CHANNEL)
+    assert cli.main(["plan", str(study_file(seeds=5)), "--budget", "10s"]) == DONE
+    _, row, *_ = capsys.readouterr().out.splitlines()
+    assert row.endswith("%        not planned in channels")
 
 
 # -- the command -----------------------------------------------------------------------------------

@@ -94,7 +94,8 @@ class PaidRuns(NamedTuple):
     scene: Scene
     offer: Offer
     seconds: float  # of CPU, of one run
-    # relative errors, with bias, by target; NaN for a D that the pilot runs do not tell from zero
+    # relative errors, with bias, by target; NaN for a D that the pilot runs do not tell from zero,
+    # and in a channel
     errors: dict[str, float]
 
 
@@ -156,7 +157,7 @@ def describe_budget(
     for runs in paid:
         row = [runs.scene.title, runs.offer.engine.label, in_time(runs.seconds)]
         row.append(f"{runs.offer.runs:,}")
-        row += [_error_in_words(runs.errors[name]) for name in targets]
+        row += [_error_in_words(runs, name) for name in targets]
         for column, cell in zip(table, row, strict=True):
             column.append(cell)
     lines = aligned(table)
@@ -179,5 +180,9 @@ def describe_budget(
     return in_lines(lines)
 
 
-def _error_in_words(error: float) -> str:
-    return "not told from zero" if math.isnan(error) else percent(error)
+def _error_in_words(runs: PaidRuns, target: str) -> str:
+    """Return an error, or why there is none."""
+    error = runs.errors[target]
+    if not math.isnan(error):
+        return percent(error)
+    return "not planned in channels" if runs.scene.box.is_channel else "not told from zero"
