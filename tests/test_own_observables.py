@@ -308,7 +308,7 @@ FUNCTION = "def f(scene, run):\n    return "
         (FUNCTION + "3", r"my:f: TypeError: must return a mapping of names to arrays, not 3"),
         (
             FUNCTION + "{'mine': 'text'}",
-            r"my:f: ValueError: could not convert string to float: 'text'",
+            r"my:f: ValueError: mine: must be numbers: could not convert string to float: 'text'",
         ),
         (
             FUNCTION + "{'a b': 1}",
@@ -366,6 +366,10 @@ FUNCTION = "def f(scene, run):\n    return "
         (
             FUNCTION + "{'mine': 1.0, 'x': ('x', [1.0, 2.0])}",
             r"my:f: ValueError: x: is a coordinate, and no array is along it",
+        ),
+        (
+            FUNCTION + "{'mine': ('x', ['a'])}",
+            r"my:f: ValueError: mine: must be numbers: could not convert string to float: 'a'",
         ),
         (FUNCTION + "{}", r"my:f: ValueError: must return an array, not an empty mapping"),
         (

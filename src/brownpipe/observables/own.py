@@ -293,7 +293,10 @@ def _as_variable(name: object, value: object) -> Variable:
     """
     along, numbers, *attributes = value if isinstance(value, tuple) else ((), value)
     dims = (along,) if isinstance(along, str) else tuple(along)
-    array = np.asarray(numbers, float)
+    try:
+        array = np.asarray(numbers, float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: must be numbers: {error}") from error
     is_word = re.compile(r"[A-Za-z_]\w*", re.ASCII).fullmatch
     if not all(is_word(str(word)) for word in (name, *dims)):
         raise ValueError(
