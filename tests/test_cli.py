@@ -2,6 +2,7 @@
 
 import argparse
 import errno
+import math
 import os
 import re
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 
 import brownpipe as bp
 from brownpipe.cli import build_parser, main
+from brownpipe.engines import forecast
 from brownpipe.engines.exact import simulation as exact
 from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, RequestError, RunError
 from brownpipe.storage.trajectories import read_trajectories
@@ -275,9 +277,14 @@ def test_more_than_memory_and_disk_can_hold(said, monkeypatch):
         patch.setattr("shutil.disk_usage", lambda _: argparse.Namespace(free=1e6))
         status, _, err = said("simulate", SCENE, "--seeds", "0-99999", "--output", "a.h5")
         assert status == FAILED and "there is room for 1 MB" in err
-    monkeypatch.setattr(os, "sysconf", {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}.__getitem__)
+    monkeypatch.setattr(os, "sysconf", {"SC_PHYS_PAGES": 1000, "SC_PAGESIZE": 4096}.__getitem__)
     status, _, err = said("simulate", SCENE, "--seeds", "0-9999999")
     assert status == WRONG_REQUEST and "and this machine has 4.1 MB: take fewer" in err
+
+
+def test_where_the_system_does_not_tell_its_memory_no_request_is_too_large(monkeypatch):
+    monkeypatch.setattr(os, "sysconf", raises(ValueError("unrecognized configuration name")))
+    assert forecast.machine_memory() == math.inf
 
 
 def test_inputs_folders_and_files_of_others_are_not_replaced(runs, said):

@@ -199,7 +199,7 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
     machine's memory.
     """
     needed = memory(cost, runs)
-    available = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    available = machine_memory()
     if not needed > available:
         return
     cure = (
@@ -208,6 +208,16 @@ def refuse_too_large(scene: Scene, runs: int, cost: Cost) -> None:
     )
     need = "1 run needs" if runs == 1 else f"{runs:,} runs need"
     raise RequestError(f"{scene.name}: {need} some {in_bytes(needed)} of memory, and {cure}")
+
+
+def machine_memory() -> float:
+    """Return this machine's memory [bytes]; inf where the system does not tell, as with some builds
+    of Python for macOS.
+    """
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGESIZE")
+    except (ValueError, OSError):
+        return math.inf
 
 
 # -- collision rates -------------------------------------------------------------------------------
