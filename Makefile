@@ -1,10 +1,12 @@
 # make study | report | tradeoff | validation | stability | test | test-quick | test-of | cluster-test | bench | lint | docs | gallery : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
 .PHONY: study report tradeoff validation stability test test-quick test-of cluster-test bench lint docs gallery ready ready_dev ready_docs ready_cluster
+# Not the default, /bin/sh: for that macOS's make 3.81 looks up programs in the PATH that it was started with.
+SHELL := /bin/bash
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 PYTHON ?= python3
 STUDY ?= config/harrison2020.yaml
-CORES ?= $(shell nproc)
+CORES ?= $(shell nproc 2> /dev/null || getconf _NPROCESSORS_ONLN)
 REPORT ?= report.html
 # The locks are complete. uv installs them in a tenth of pip's time; pip does it where there is no uv or it fails, as behind an index of
 # packages that only pip was told of. Modules are compiled when they are first imported, which saves half of the time; where Python

@@ -107,3 +107,11 @@ def test_a_python_that_will_not_do(checkout, says):
     status, (line,), calls = set_up(checkout)
     assert status != 0 and calls == []
     assert line.startswith("brownpipe: set-up: python3 must be Python >= 3.11 with venv")
+
+
+def test_cores_are_counted_where_there_is_no_nproc(checkout):
+    program(checkout / "fakes" / "nproc", "#!/bin/bash\nexit 127\n")
+    surroundings = {"PATH": f"{checkout / 'fakes'}:/usr/bin:/bin", "HOME": str(checkout)}
+    command = ["make", "--dry-run", "test"]
+    printed = subprocess.check_output(command, cwd=checkout, env=surroundings, text=True)
+    assert f"pytest -n {os.cpu_count()} " in printed
