@@ -77,6 +77,16 @@ def test_an_error_of_a_process_is_raised_and_its_work_not_done_again(error):
     assert str(raised.value) == str(error)
 
 
+def test_where_processes_are_not_forked_this_one_does_the_work(reported, monkeypatch):
+    """As on macOS, where every other process would be started from the user's own script."""
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr(multiprocessing, "get_context", None)
+    assert calculated(lambda item: (item, os.getpid()), range(3), "pieces", 2) == [
+        (item, os.getpid()) for item in range(3)
+    ]
+    assert reported == [("pieces", done, 3) for done in (1, 2, 3)]
+
+
 @pytest.mark.parametrize("engine", [EXACT, STEPS], ids=lambda engine: engine.name)
 def test_a_run_is_reported_by_simulated_time_and_stays_the_same(engine, monkeypatch):
     before = engine.simulate(SCENE, [3, 4], {"tracer"}).tracer.position
