@@ -15,6 +15,7 @@ import pytest
 
 from brownpipe import provenance
 from brownpipe.engines.compiled import compiler, kernels
+from brownpipe.engines.compiled.fours import four, least_of_four
 from brownpipe.engines.compiled.kernels import entry_point, kernel
 from brownpipe.engines.compiled.records import by_reference, local_copy
 
@@ -62,6 +63,23 @@ def test_a_record_is_passed_by_reference():
         3.0,
         4.0,
     ]
+
+
+def product_and_sum(a, b, c):
+    return a * b + c
+
+
+def product_and_sum_of_fours(a, b, c):
+    return least_of_four(four(a) * four(b) + four(c))
+
+
+@pytest.mark.parametrize("function", [product_and_sum, product_and_sum_of_fours])
+def test_a_product_is_rounded_before_a_sum(function):
+    """Fused to one instruction (FMA), which every arm64 and most x86-64 processors have, the two
+    are rounded once: -(2**-60). Bits of trajectories would depend on what the compiler fuses.
+    """
+    compiled = entry_point(function)
+    assert compiled(1 + 2.0**-30, 1 - 2.0**-30, -1.0) == 0.0
 
 
 def test_a_record_leaves_no_references_to_its_arrays():
