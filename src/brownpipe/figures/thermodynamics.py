@@ -69,6 +69,7 @@ def draw_thermodynamics(cases: list[Dataset]) -> matplotlib_figure.Figure:
         main.set(xlim=np.maximum(main.get_xlim(), 0), ylabel=PANELS[name][0])
         for panel in low:
             panel.sharex(main)
+            main.tick_params(labelbottom=False)
             panel.axhline(0, color=GREY, linewidth=0.8)
             panel.margins(y=0.15)
         if (
