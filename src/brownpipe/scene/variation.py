@@ -7,7 +7,7 @@ A key is a path such as `disks.tracer.mass`, `disks.species.bath.count` (a speci
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeGuard
@@ -116,14 +116,25 @@ def scene_with(
     refuse_other_file(values)
     keys = dict(values) if particles is None else {**values, "particles": particles}
     phi = keys.pop(PACKING_FRACTION, None)
-    is_below_equilibrate = any(path.startswith("equilibrate.") for path in keys)
-    if is_below_equilibrate and is_number(mapping.get("equilibrate")):
-        # A number stands for a mapping.
-        keys = {"equilibrate": {"time": mapping["equilibrate"]}, **keys}
-    mapping = with_values(mapping, keys, where)
+    mapping = with_values(mapping, _longhand(mapping, keys) | keys, where)
     if PACKING_FRACTION in values:
         mapping = _scaled(mapping, where, phi)
     return parse_scene(mapping, where, name=name)
+
+
+def _longhand(mapping: Mapping[str, YamlValue], paths: Collection[str]) -> dict[str, YamlValue]:
+    """Return the mappings for which a scene has a number or a word, of those of which some paths
+    are keys: `{"equilibrate": {"time": 2}}` of `equilibrate: 2`.
+    """
+    longhand: dict[str, YamlValue] = {}
+    time = mapping.get("equilibrate")
+    if is_number(time) and any(path.startswith("equilibrate.") for path in paths):
+        longhand["equilibrate"] = {"time": time}
+    box = mapping.get("box")
+    boundary = box.get("boundary") if isinstance(box, dict) else None
+    if isinstance(boundary, str) and any(path.startswith("box.boundary.") for path in paths):
+        longhand["box.boundary"] = {"x": boundary, "y": boundary}
+    return longhand
 
 
 def _scaled(
