@@ -22,6 +22,7 @@ from brownpipe.observables import (
     AXES,
     OBSERVABLES,
     averages,
+    numbers_in,
     observe,
     orientation,
     pairs,
@@ -325,6 +326,20 @@ def test_averages_are_those_of_plain_loops(boundary, average):
         np.testing.assert_allclose(
             found[name], np.mean(by_disk, axis=0).T, rtol=1e-13, atol=1e-12 * 100
         )
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES)
+@pytest.mark.parametrize("top", [6.0, 7.0])
+def test_the_numbers_of_a_run_are_counted_before_it(boundary, top):
+    """Components are measured in channels and between walls of unequal lengths alone."""
+    scene = make(boundary, box={"x": [-1.0, 4.0], "y": [2.0, top], "boundary": boundary})
+    run = made_up(scene)
+    for name in TRACER_ALONE:
+        found = observe(scene, run, [name])
+        assert sum(values.size for values in found.values()) == numbers_in(scene, [name])
+    has_components = boundary != P and not (boundary == W and top == 7.0)
+    found = observe(scene, run, ["velocity_autocorrelation"])
+    assert ("component_velocity_displacement" in found) == has_components
 
 
 # -- averages over many time origins, by Fourier transforms ----------------------------------------

@@ -117,8 +117,10 @@ def numbers_in(scene: Scene, names: Iterable[str]) -> int:
     """Return how many numbers these observables yield in one run at most, all arrays together."""
     total = 0
     for name in names:
-        for array in observable_named(name).arrays.values():
-            total += math.prod(len(AXES[dim].coordinates(scene)) for dim in array.dims)
+        observable = observable_named(name)
+        for array in observable.arrays.keys() - observable.absent(scene):
+            dims = observable.arrays[array].dims
+            total += math.prod(len(AXES[dim].coordinates(scene)) for dim in dims)
     return total
 
 

@@ -168,6 +168,7 @@ SQUARE_DISPLACEMENT = Observable(
     },
     tracks_needed="tracer",
     axes=AXES,
+    absent=lambda scene: () if scene.box.axes_differ else ("component_displacement_velocity",),
     seconds_per_disk_sample=3.6e-8,
 )
 QUARTIC_DISPLACEMENT = Observable(
@@ -184,5 +185,6 @@ QUARTIC_DISPLACEMENT = Observable(
     },
     tracks_needed="tracer",
     axes=AXES,
+    absent=lambda scene: () if scene.box.is_channel else ("component_quartic_displacement",),
     seconds_per_disk_sample=3.6e-8,
 )

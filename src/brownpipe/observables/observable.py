@@ -1,6 +1,6 @@
 """The records of an observable: the arrays that it yields from tracks of a run, and its cost."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -58,6 +58,8 @@ class Observable(NamedTuple):
     relative_cost: Callable[[Scene], float] = lambda scene: 1.0
     # bytes that it takes while it is measured, besides its tracks and arrays
     working_memory: Callable[[Scene], float] = lambda scene: 0.0
+    # names of arrays over time that are not measured in this scene
+    absent: Callable[[Scene], Collection[str]] = lambda scene: ()
     # why the scene cannot have it, None if it can
     why_unfit: Callable[[Scene], str | None] = lambda scene: None
 

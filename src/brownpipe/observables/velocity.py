@@ -182,6 +182,7 @@ VELOCITY_PRODUCT = Product(
 VELOCITY_DISPLACEMENT = Product(
     lambda pairs: dot(pairs.displacement, pairs.earlier_velocity), _velocity_displacement_factors
 )
+COMPONENT_ARRAYS = ("component_velocity_autocorrelation", "component_velocity_displacement")
 COMPONENT_PRODUCTS = (_component_product(0), _component_product(1))
 COMPONENT_DISPLACEMENTS = (_component_displacement(0), _component_displacement(1))
 AUTOCORRELATION = Observable(
@@ -205,6 +206,7 @@ AUTOCORRELATION = Observable(
         ),
     },
     tracks_needed="tracer",
+    absent=lambda scene: () if scene.box.axes_differ else COMPONENT_ARRAYS,
     seconds_per_disk_sample=4e-8,
 )
 MEANING = "v(0).v(t), mean over the disks of the most numerous species except the tracer's"
