@@ -19,6 +19,7 @@ from brownpipe.observables.reserved_names import RESERVED_NAMES
 from brownpipe.storage import layout
 from brownpipe.study import read_study, trial
 from brownpipe.study.run_sets import commands, files_of, run_sets
+from ensembles import make_scene
 from pipeline import FEW_DISKS
 
 GUIDE = Path(__file__).parents[1] / "docs" / "guide.md"
@@ -116,6 +117,16 @@ def test_functions_have_exact_paths_where_collisions_are_recorded(here, capsys):
         assert runs.free_path.sel(seed=seed) == lengths.mean()
         assert runs.events_of_tracer.sel(seed=seed) == path.sizes["event"] - 2
     assert bp.analyse(file).free_path.item() == pytest.approx(runs.free_path.mean().item())
+
+
+@pytest.mark.parametrize("disk", [-1, 20])
+def test_a_disk_that_is_none_has_no_path(disk):
+    def last(scene, run):
+        return {"last": run.path(scene, disk).position[-1, 0]}
+
+    message = f"ValueError: disk: must be from 0 to 19, not {disk}"
+    with pytest.raises(RequestError, match=message):
+        bp.simulate(make_scene(), record="all,events", observables=[last], quiet=True)
 
 
 def test_an_edited_function_makes_other_runs_wherever_the_study_is_called_and_must_be_there(

@@ -125,9 +125,11 @@ class Run(NamedTuple):
     def path(self, scene: Scene, disk: int = 0) -> DiskPath:
         """Return the exact path of a disk, from its state at t = 0 and the impulses that it gets.
 
-        Raises ValueError for a run without collisions, and if that state is not recorded: in the
-        tracks of all disks, or for disk 0 in that of the tracer.
+        Raises ValueError for a number that no disk has, for a run without collisions, and if that
+        state is not recorded: in the tracks of all disks, or for disk 0 in that of the tracer.
         """
+        if not 0 <= disk < scene.particles:
+            raise ValueError(f"disk: must be from 0 to {scene.particles - 1}, not {disk}")
         if self.events is None:
             raise ValueError("run: has no collisions, which record: events keeps")
         if disk and self.whole is None:
