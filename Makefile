@@ -1,6 +1,6 @@
-# make study | report | tradeoff | validation | stability | test | test-quick | test-of | cluster-test | bench | lint | docs | gallery : each sets up .venv by itself; the second time there is nothing to set up.
+# make study | report | tradeoff | validation | stability | test | test-quick | test-of | coverage | cluster-test | bench | lint | docs | gallery : each sets up .venv by itself; the second time there is nothing to set up.
 # Needed: python3 >= 3.11 with venv. Another one: make test PYTHON=python3.12. Another study: make study STUDY=my.yaml
-.PHONY: study report tradeoff validation stability test test-quick test-of cluster-test bench lint docs gallery ready ready_dev ready_docs ready_cluster
+.PHONY: study report tradeoff validation stability test test-quick test-of coverage cluster-test bench lint docs gallery ready ready_dev ready_docs ready_cluster
 # Not the default, /bin/sh: for that macOS's make 3.81 looks up programs in the PATH that it was started with.
 SHELL := /bin/bash
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
@@ -44,6 +44,13 @@ test-quick: ready_dev
 # The tests that cover a source file: make test-of FILE=src/brownpipe/theory.py
 test-of: ready_dev
 	@tests=$$(python tests/tests_of.py "$(FILE)") && python -m pytest $$tests
+
+# Which share of the statements outside kernels the tests execute, for each room of the source; single lines: coverage report -m
+coverage: ready_dev
+	@coverage erase
+	-coverage run -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder
+	@coverage combine --quiet
+	@coverage report | awk -f tests/coverage_of_rooms.awk | sort
 
 # A study on a Slurm cluster of one node, which is started for it and thrown away. It needs Debian's packages slurm-wlm and munge, and root.
 cluster-test: ready_dev ready_cluster
