@@ -205,7 +205,7 @@ def test_reach_of_the_pair_distribution():
     distances.
     """
     low = make(W, BATH[:1], box={"x": [0, 3.0], "y": [0, 2.0]})
-    narrow = make(box={"x": [0, 3.0], "y": [0, 0.7], "boundary": CHANNEL_X})
+    narrow = make(kinds=BATH[1:], box={"x": [0, 3.0], "y": [0, 0.7], "boundary": CHANNEL_X})
     small_tracer = {"radius": 0.12, "mass": 1}
     wide = make(P, BATH[:1], small_tracer, box={"x": [0, 9], "y": [0, 9], "boundary": P})
     for scene, contact, reach in (
