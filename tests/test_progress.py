@@ -154,16 +154,15 @@ def test_a_line_is_cut_to_the_width_of_a_terminal(monkeypatch):
 @pytest.mark.parametrize(
     ("reports", "total", "left"),
     [
-        (
-            (5, 6, 10),
-            20,
-            2 * 10 / 5,
-        ),  # 5 were done before, as the runs of a checkpoint: they took no time
-        ((0.5, 5, 0.2, 1.2), 10, 8.8),  # begun again
+        # 5 were done before, as the runs of a checkpoint: they took no time
+        ((5, 6, 8), 20, 12 / 2),
+        ((0, 0, 0, 1, 2), 10, 8.0),  # kernels were compiled, or another job had the processor
+        ((0, 0, 0, 1), 10, None),
+        ((0.5, 5, 6, 0.2, 1.2, 2.2), 10, 7.8),  # begun again
         ((1, 10), 10, None),
     ],
 )
-def test_the_time_left_follows_from_the_pace_since_the_stage_began(
+def test_the_time_left_follows_from_the_pace_since_the_first_progress_of_the_stage(
     clock, capsys, reports, total, left
 ):
     display = progress.Display()
@@ -233,7 +232,7 @@ def test_the_time_left_follows_from_expected_times_and_remarks_are_shown_once(
     send(handler, LogEvent.JOB_FINISHED, job_id=1)
     clock.now += 4.0
     handler.look()
-    assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 21 s to go"  # 5 s / 19 x 81
+    assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 32 s to go"  # 4 s / 10 x 81
 
 
 def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_interruption(

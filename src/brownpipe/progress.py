@@ -160,28 +160,30 @@ class Display:
         is_terminal = getattr(sys.stderr, "isatty", lambda: False)()
         is_dumb = os.environ.get("TERM") == "dumb"
         self.overwrites = (is_terminal and not is_dumb) or "ipykernel" in sys.modules
-        self.began = self.stage_began = time.monotonic()
+        self.began = self.first_at = time.monotonic()
         self.due = self.began + (DELAY if self.overwrites else LINE_INTERVAL)
-        # of the stage: done at its first report and at the last one, all
-        self.first = self.done = self.total = 0.0
+        # of the stage: done at its first report, at the first with progress and at the last, all
+        self.start = self.first = self.done = self.total = 0.0
         self.length = 0  # of the line on the screen
 
     def update(self, text: str, done: float, total: float) -> None:
         """If an update is due, show a text with the elapsed time and the time left, from the pace
-        of the stage.
+        of the stage since its first progress: before, kernels may have been compiled.
         """
         now = time.monotonic()
         if total != self.total or done < self.done:  # another stage, or it begins again
-            self.stage_began = now
-            self.first = done
+            self.start = self.first = done
             self.total = total
+        elif self.first == self.start < done:
+            self.first = done
+            self.first_at = now
         self.done = done
         if now < self.due:
             return
         self.due = now + (INTERVAL if self.overwrites else LINE_INTERVAL)
         text += f", {_whole_seconds(now - self.began)}"
-        if self.first < done < total:
-            pace = (now - self.stage_began) / (done - self.first)
+        if self.start < self.first < done < total:
+            pace = (now - self.first_at) / (done - self.first)
             text += f", about {_whole_seconds(pace * (total - done))} to go"
         if self.overwrites:
             self._overwrite(text[: _columns() - 1])
