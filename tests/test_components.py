@@ -590,3 +590,72 @@ def test_a_channel_is_drawn_beside_a_periodic_box(order, tmp_path):
     for name in ("msd", "diffusion"):
         bp.plot(result, name).savefig(tmp_path / f"{name}.png")
     assert len(bp.table(result)) == 2
+
+
+@pytest.fixture(scope="module")
+def runs_with_velocities():
+    """Four runs in a channel along x, in a box of unequal walls and in a periodic box, of which
+    velocity autocorrelations alone are measured in the last two.
+    """
+    observables = {"channel": ["square_displacement", "velocity_autocorrelation"]}
+    runs = {}
+    for name, boundary in {"channel": CHANNEL_X, "oblong": WALLS, "periodic": PERIODIC}.items():
+        scene = make_scene(
+            name,
+            box=OBLONG | {"boundary": boundary},
+            velocities={"temperature": 1.0},
+            equilibrate={"time": 1.0, "tracer": "free"},
+        )
+        measured = observables.get(name, ["velocity_autocorrelation"])
+        runs[name] = bp.simulate(scene, 4, record="none", observables=measured, quiet=True)
+    return runs
+
+
+@pytest.mark.parametrize("order", [("channel", "periodic"), ("periodic", "channel")])
+def test_tables_have_the_components_of_a_channel_beside_a_periodic_box(order, runs_with_velocities):
+    """Columns that the periodic box lacks are empty in its rows, whichever comes first."""
+    result = bp.analyse([runs_with_velocities[name] for name in order], quiet=True)
+    columns = ["velocity_autocorrelation along x", "velocity_autocorrelation along y"]
+    table = table_of_autocorrelations(cases_of(result)).set_index("scene")
+    is_there = table[columns].notnull().groupby("scene").all()
+    assert is_there.loc["channel"].all() and not is_there.loc["periodic"].any()
+    table = table_of_diffusion(cases_of(result)).set_index("scene")
+    for name in ("diffusion_running along y", "green_kubo along x"):
+        is_there = table[name].notnull().groupby("scene").any()
+        assert is_there["channel"] and not is_there["periodic"]
+
+
+def test_curves_of_components_are_told_apart_beside_a_periodic_box(runs_with_velocities):
+    result = bp.analyse([*runs_with_velocities.values()], quiet=True)
+    labels = bp.plot(result, "velocity_autocorrelation").axes[0].get_legend_handles_labels()[1]
+    curves = [label.split(":")[0] for label in labels if "lower panel" not in label]
+    assert curves == [
+        *("channel, along x", "channel, along y", "oblong, along x", "oblong, along y"),
+        "periodic",
+    ]
+
+
+@pytest.mark.parametrize("names", [("channel", "periodic"), ("oblong",)])
+def test_the_table_says_along_which_axis_an_integral_is(names, runs_with_velocities):
+    """Where no displacements were measured, too."""
+    result = bp.analyse([runs_with_velocities[name] for name in names], quiet=True)
+    at_end = result.component_green_kubo.sel(time=result.window_end[0])
+    for row in bp.table(result).itertuples():
+        if row.component:
+            of_axis = at_end.sel(scene=row.scene, component=row.component).item()
+            assert row.green_kubo == pytest.approx(of_axis, rel=1e-12)
+    expected = {"channel": ["x"], "oblong": ["x", "y"], "periodic": [""]}
+    found = bp.table(result).groupby("scene").component.agg(list).to_dict()
+    assert found == {name: expected[name] for name in names}
+
+
+def test_the_table_of_numbers_says_at_which_time_they_are(of_fluids):
+    """With averages over time origins MSD and integral are those at the end of the window, not of
+    the runs.
+    """
+    result = of_fluids["channel"]
+    row = summary_table(result).iloc[0]
+    at_end = result.sel(time=row.msd_time, component=row.component).squeeze()
+    assert row.duration == 4.0 and row.msd_time == row.green_kubo_time == 2.0
+    assert row.msd == at_end.msd.item()
+    assert row.green_kubo == at_end.component_green_kubo.item()

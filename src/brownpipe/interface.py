@@ -581,7 +581,7 @@ def table(result: Dataset) -> "DataFrame":
     frame = summary_table(result.isel(window=[0]))
     empty = frame.columns[frame.isna().all()]
     frame = frame[[name for name in frame if name.removesuffix("_standard_error") not in empty]]
-    left_out = (*SHAPE, "failed_runs", "time", "slope", "slope_standard_error")
+    left_out = (*SHAPE, "failed_runs", "duration", "slope", "slope_standard_error")
     wanted = {"drifts", "mark", *result.variables} - {*left_out}
     shown = frame[[name for name in frame if name in wanted]]
     units = {}

@@ -124,17 +124,18 @@ def one_count(cases: list[Dataset], particles: int | None = None) -> list[Datase
 
 def differing(cases: list[Dataset]) -> list[str]:
     """Return the labels that tell cases or their parts apart: scene, varied keys, particle count,
-    engine, species, component. A label that only some of them have, as parts of a channel beside a
-    periodic box have a component, is none of all.
+    engine, species, component. Other labels than the component, which is that of all motion where
+    a part has none, must be of all of them.
     """
     names = []
     for name in _labels(cases[0]):
-        if not all(name in _labels(case) for case in cases):
+        if name == COMPONENT or not all(name in _labels(case) for case in cases):
             continue
         values = {case.variables[name].values.item() for case in cases}
         if len(values) > 1:
             names.append(name)
-    return names
+    components = {component_of(case) for case in cases}
+    return [*names, COMPONENT] if len(components) > 1 else names
 
 
 def _labels(case: Dataset) -> list[str]:
@@ -363,7 +364,7 @@ def labels_in_words(case: Dataset, names: Iterable[str]) -> str:
     labels = [*dict.fromkeys(names)]
     words = []
     for name in labels:
-        value = text_of(case, name)
+        value = component_of(case) if name == COMPONENT else text_of(case, name)
         if name in ("scene", "engine", *SPECIES):
             words.append(value)
         elif name == COMPONENT:
@@ -509,15 +510,17 @@ def frame_of(cases: Sequence[Dataset], dims: Sequence[str], names: Iterable[str]
     import pandas
 
     labels = labels_of_cases(cases[0])
+    variables = {name for case in cases for name in case.variables}
     shown = []
     for name in names:
         if name not in labels and any(has(case, name) for case in cases):
             estimates = [f"{name}{suffix}" for suffix in PARTS]
-            shown += [estimate for estimate in estimates if estimate in cases[0]]
+            shown += [estimate for estimate in estimates if estimate in variables]
     frames = []
     for case in cases:
-        frame = case[shown].expand_dims(labels).to_dataframe([*labels, *dims])
-        frames.append(frame[shown].dropna(how="all"))
+        present = [name for name in shown if name in case]
+        frame = case[present].expand_dims(labels).to_dataframe([*labels, *dims])
+        frames.append(frame.reindex(columns=shown).dropna(how="all"))
     return pandas.concat(frames).reset_index()
 
 

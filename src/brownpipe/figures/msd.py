@@ -43,7 +43,7 @@ def draw_msd(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:
     """
     single = len(cases) == 1 and not looks
     parts = components_of(cases)
-    number = _last_in_words if single else _fit_or_component
+    number = _last_in_words if single else fitted_diffusion
     for part, line in style.styled_cases(parts, number, looks):
         if single:
             line = replaced(line, DOTS)  # models are lines
@@ -64,12 +64,6 @@ def draw_msd(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:
     end = max(axes.dataLim.x1, *(case.time.values[-1] for case in cases))
     axes.set_xlim(0, 1.01 * end)
     axes.set_xlabel("time $t$")
-
-
-def _fit_or_component(part: Dataset) -> str:
-    """The D of a case or component, or the component alone if no line could be fitted."""
-    axis = component_of(part)
-    return fitted_diffusion(part) or (f"along {axis}" if axis else "")
 
 
 def _fit_in_words(fit: Dataset) -> str:

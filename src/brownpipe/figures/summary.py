@@ -34,6 +34,7 @@ from brownpipe.figures.cases import (
     at_last_distribution,
     axis_of_diffusion,
     cases_of,
+    component_of,
     diffusion_name,
     diffusion_ring,
     drifts,
@@ -598,11 +599,12 @@ def summary_table(dataset: Dataset) -> DataFrame:
         if quantity.variable not in OF_MOTION:
             measured += [(quantity, *column) for column in columns_of(cases, quantity)]
     has_integral = bool([*columns_of(cases, GREEN_KUBO)])
+    has_components = any(component_of(motion) for case in cases for motion in motions_of(case))
     rows = []
     for k, case in enumerate(cases):
         row = label_of(case, "packing_fraction", "runs", "failed_runs")
         row |= {
-            "time": case.duration.item(),
+            "duration": case.duration.item(),
             "not_diffusive_before": case.not_diffusive_before.item(),
             "drifts": drifts(case),
         }
@@ -617,7 +619,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
             of_motion = row.copy()
             if has_integral:
                 of_motion |= _numbers_of(_at(motion, GREEN_KUBO), "green_kubo", "green_kubo")
-            if diffusive.has_fits_by_component(dataset):
+            if has_components:
                 of_motion["component"] = axis_of_diffusion(motion)
             for w in range(case.sizes["window"]):
                 fit = motion.isel(window=w)
@@ -629,10 +631,13 @@ def summary_table(dataset: Dataset) -> DataFrame:
 
 def _numbers_of(part: Dataset | None, name: str, column: str) -> dict[str, Label]:
     """Return a variable of a part of a case with its standard error, or without one with its 95 %
-    interval, as columns of a table; NaN without the part.
+    interval, as columns of a table, and the time at which a function of the lag is shown; NaN
+    without the part.
     """
     uncertainties = ["_low", "_high"] if name == MEDIAN else ["_standard_error"]
     numbers: dict[str, Label] = {}
     for suffix in ("", *uncertainties):
         numbers[f"{column}{suffix}"] = np.nan if part is None else part[f"{name}{suffix}"].item()
+    if name in OF_LAG:
+        numbers[f"{column}_time"] = np.nan if part is None else part.time.item()
     return numbers
