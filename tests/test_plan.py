@@ -334,11 +334,21 @@ sample_interval: 0.1
 """
 
 
-def test_a_diffusion_coefficient_of_a_channel_is_not_planned(study_file, tmp_path):
-    (tmp_path / "scenes" / "few.yaml").write_text(CHANNEL)
+OBLONG = CHANNEL.replace(", boundary: {x: periodic, y: reflecting}", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"), [(CHANNEL, "is a channel"), (OBLONG, "has walls of unequal lengths")]
+)
+def test_a_diffusion_coefficient_by_axis_is_not_planned(text, reason, study_file, tmp_path):
+    """Neither by a study that is read, nor by `plan --target d`."""
+    (tmp_path / "scenes" / "few.yaml").write_text(text)
     study = read_study(study_file(seeds=8))
-    with pytest.raises(RequestError, match="the target d: few, N = 12 is a channel"):
+    with pytest.raises(RequestError, match=f"the target d: few, N = 12 {reason}"):
         plan.performance_of(study, "d", 0.05)
+    path = study_file(tolerance=0.05, target="d")
+    with pytest.raises(RequestError, match=f"target: few, N = 12 {reason}"):
+        read_study(path)
 
 
 @pytest.mark.slow
@@ -491,11 +501,14 @@ def test_a_budget_gives_no_error_of_a_d_that_is_none(study_file, here, capsys):
     assert not Path("my.yaml").exists()
 
 
-def test_a_budget_has_no_error_of_d_in_a_channel(study_file, here, capsys):
-    (here / "scenes" / "few.yaml").write_text(CHANNEL)
+@pytest.mark.parametrize(
+    ("text", "reason"), [(CHANNEL, "in channels"), (OBLONG, "for walls of unequal lengths")]
+)
+def test_a_budget_has_no_error_of_d_by_axis(text, reason, study_file, here, capsys):
+    (here / "scenes" / "few.yaml").write_text(text)
     assert cli.main(["plan", str(study_file(seeds=5)), "--budget", "10s"]) == DONE
     _, row, *_ = capsys.readouterr().out.splitlines()
-    assert row.endswith("%        not planned in channels")
+    assert row.endswith(f"%        not planned {reason}")
 
 
 # -- the command -----------------------------------------------------------------------------------

@@ -115,7 +115,7 @@ def errors_within(
     for case in tracked(dict.fromkeys(use.case for use in affordable), "cases"):
         pilots = pilots_of(affordable_study, case, target)
         exact = pilots[REFERENCE]
-        has_d = tells_from_zero(exact.runs, window) and not case.box.is_channel
+        has_d = tells_from_zero(exact.runs, window) and not case.box.axes_differ
         for engine in affordable_study.engines_of(case):
             pilot = pilots[engine]
             runs = by_engine[engine].runs
@@ -185,4 +185,8 @@ def _error_in_words(runs: PaidRuns, target: str) -> str:
     error = runs.errors[target]
     if not math.isnan(error):
         return percent(error)
-    return "not planned in channels" if runs.scene.box.is_channel else "not told from zero"
+    if runs.scene.box.is_channel:
+        return "not planned in channels"
+    if runs.scene.box.axes_differ:
+        return "not planned for walls of unequal lengths"
+    return "not told from zero"

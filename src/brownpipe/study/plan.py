@@ -45,7 +45,7 @@ from brownpipe.storage.files import naming, verified, write_file, write_sealed
 from brownpipe.storage.store import RUNS, seeds_without_file, stored_runs
 from brownpipe.storage.trajectories import Trajectories, write_trajectories
 from brownpipe.study.run_sets import digests, run_set, seconds_of_jobs
-from brownpipe.study.study import REFERENCE, EngineUse, Study
+from brownpipe.study.study import REFERENCE, EngineUse, Study, why_target_is_not_planned
 from brownpipe.text import counted, in_lines, in_time
 
 PILOT_SECONDS = 4.0  # CPU time of a pilot, as forecast
@@ -77,14 +77,12 @@ def pilot_of(study: Study, scene: Scene, engine: Engine, target: str) -> Pilot:
     lack are made.
 
     Squared displacements are averaged within a run as in the study, unless the target is their
-    distribution. Raises RequestError if the study's runs do not have them, for a D in a channel,
-    where a quarter of the slope is none, and if hardly any run is sound.
+    distribution. Raises RequestError if the study's runs do not have them, for a D that is not
+    planned, and if hardly any run is sound.
     """
-    if target == "d" and scene.box.is_channel:
-        raise RequestError(
-            f"{study.name}: the target d: {scene.title} is a channel, whose D is along it, and is "
-            "not planned; must be msd"
-        )
+    reason = why_target_is_not_planned(target, [scene])
+    if reason:
+        raise RequestError(f"{study.name}: the target d: {reason}; must be msd")
     record, observables, average = study.recording
     squares = SQUARES if SQUARES in observables and target != DISTRIBUTION else None
     if squares is None and "tracer" not in record:

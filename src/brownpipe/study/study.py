@@ -359,6 +359,9 @@ class Study(Section):
             reason = why_no_relative_error(self.cases)
             if reason:
                 refuse(f"{reason}; must be seeds: 1", "tolerance")
+            reason = why_target_is_not_planned(self.target, self.cases)
+            if reason:
+                refuse(f"{reason}; must be msd", "target")
             self._resolve(seeds=range(math.ceil(self.tolerance**-2)))
         sizes = [len(use.seeds or self.seeds) for use in self.uses]
         for use, size in zip(self.uses, sizes, strict=True):
@@ -500,6 +503,19 @@ def why_no_relative_error(scenes: Sequence[Scene]) -> str | None:
     for scene in scenes:
         if scene.has_one_state or rms_speed(scene) == 0.0:
             return f"{scene.name} leaves nothing to chance"
+    return None
+
+
+def why_target_is_not_planned(target: str, scenes: Sequence[Scene]) -> str | None:
+    """Return why no number of runs is planned for a target: for D where walls make the motion along
+    x and y differ, and a quarter of the slope is the D of no axis; None if it is.
+    """
+    for scene in scenes:
+        if target != "d" or not scene.box.axes_differ:
+            continue
+        if scene.box.is_channel:
+            return f"{scene.title} is a channel, whose D is along it and not planned"
+        return f"{scene.title} has walls of unequal lengths, and D along each, not planned"
     return None
 
 
