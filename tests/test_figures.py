@@ -1245,3 +1245,16 @@ def test_the_summary_of_averages_has_no_distribution():
     assert np.isnan(averages.displacement_counts).all() and not any(
         "rejected" in line for line in text
     )
+
+
+def test_curves_on_a_logarithmic_axis_begin_at_their_first_time():
+    """Not at the edge of the panel, at the height of the first sample after t = 0."""
+    figure = matplotlib.figure.Figure()
+    axes = figure.add_subplot()
+    axes.plot([0, 1, 10], [1.0, 0.2, 0.1])
+    style.log_axis(axes, "x", 0.01, 10)
+    start, first, _ = axes.lines[0].get_transform().transform(axes.lines[0].get_xydata())
+    assert not np.isfinite(start[0]) and np.isfinite(first).all()
+    axes.plot([1, 10], [1.0, -0.2])
+    style.log_axis(axes, "y", 0.01, 10)
+    assert np.isfinite(axes.transData.transform((10, -0.2))).all()

@@ -369,7 +369,11 @@ def log_axis(axes: Axes, name: str, low: float, high: float) -> None:
 
     if low == high:
         low, high = low / 2, high * 2
-    axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
+    # Curves begin at their first time after t = 0, not at the edge of the panel; in y they go on to
+    # the edge, such as bands that reach below 0
+    nonpositive = "mask" if name == "x" else "clip"
+    getattr(axes, f"set_{name}scale")("log", nonpositive=nonpositive)
+    axes.set(**{f"{name}lim": (low, high)})
     axis = getattr(axes, f"{name}axis")
     decades = np.log10(high / low)
     labelled = next(digits for fewer, digits in LABELLED.items() if decades < fewer)
