@@ -659,3 +659,22 @@ def test_the_table_of_numbers_says_at_which_time_they_are(of_fluids):
     assert row.duration == 4.0 and row.msd_time == row.green_kubo_time == 2.0
     assert row.msd == at_end.msd.item()
     assert row.green_kubo == at_end.component_green_kubo.item()
+
+
+def test_the_summary_says_over_which_disks_an_integral_is():
+    """Also where the displacement is the tracer's alone."""
+    disks = {"species": [{"name": "disk", "count": 20, "radius": 0.3, "mass": 1.0}]}
+    scene = make_scene(
+        boundary=CHANNEL_X,
+        disks=disks,
+        velocities={"temperature": 1.0},
+        equilibrate={"time": 1.0, "tracer": "free"},
+    )
+    observables = "velocity_autocorrelation"
+    runs = bp.simulate(scene, 4, observables=observables, average="disks", quiet=True)
+    result = bp.analyse(runs, quiet=True)
+    of_tracer = result.attrs["msd_of"]
+    of_disks = result.attrs["velocity_autocorrelation_of"]
+    assert (of_tracer, of_disks) == ("the tracer", "all disks equal to the tracer")
+    text = " ".join(summary(result).split())
+    assert f"integral of the velocity autocorrelation along x of {of_disks}, at" in text

@@ -236,11 +236,13 @@ def _schema_of(groups: Sequence[Group], estimators: Sequence[Estimator]) -> Sche
 def _attributes(groups: Sequence[Group], settings: Mapping[str, object]) -> dict[str, str]:
     """Return the attributes of a dataset: its meaning, and what it is made from."""
     outlines = [group.pattern.contents for group in groups]
-    averaged_disks = sorted({_followed(contents) for contents in outlines})
+    of_msd = {_followed(contents, "square_displacement") for contents in outlines}
+    of_velocities = {_followed(contents, "velocity_autocorrelation") for contents in outlines}
     origins = [(group.pattern.contents, group.seeds) for group in groups]
     return {
         **variables.ATTRIBUTES,
-        "msd_of": " or ".join(averaged_disks),
+        "msd_of": " or ".join(sorted(of_msd)),
+        "velocity_autocorrelation_of": " or ".join(sorted(of_velocities)),
         "average": outlines[0].ensemble.average,
         **origin_attributes("aggregate", origins, settings),
     }
@@ -362,9 +364,9 @@ def _own_variables(own: OwnArrays) -> dict[str, Variable]:
     return table
 
 
-def _followed(runs: Trajectories) -> str:
-    """Return in words whose squared displacement is averaged."""
-    is_measured = "square_displacement" in (runs.measured or ())
+def _followed(runs: Trajectories, observable: str) -> str:
+    """Return in words whose squared displacement or velocity autocorrelation is averaged."""
+    is_measured = observable in (runs.measured or ())
     follows_all = is_measured and over_disks(runs.ensemble.average)
     return "all disks equal to the tracer" if follows_all else "the tracer"
 

@@ -116,6 +116,7 @@ DISPLACED = (
     Quantity("MSD", "msd", OF_SPREADING),
     Quantity("D", D, OF_SPREADING),
 )
+OF_VELOCITIES = ("green_kubo", "component_green_kubo")
 OF_MOTION = (D, "green_kubo")  # along x and along y where these differ
 
 
@@ -428,7 +429,8 @@ def _legend(
 
 def _meaning_of(dataset: Dataset, name: str) -> str:
     """Return the meaning of a variable, with the disks over which it is averaged."""
-    followed = f"of {dataset.attrs.get('msd_of', 'the tracer')}"
+    attribute = "velocity_autocorrelation_of" if name in OF_VELOCITIES else "msd_of"
+    followed = f"of {dataset.attrs.get(attribute, 'the tracer')}"
     return str(dataset[name].attrs.get("long_name", name)).replace(FOLLOWED, followed)
 
 
