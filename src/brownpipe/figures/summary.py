@@ -289,6 +289,7 @@ def _reduced(case: Dataset, quantity: Quantity) -> Dataset:
     needed = {
         *(f"{quantity.variable}{part}" for part in PARTS),
         quantity.theory,
+        D,
         "diffusion_mark",
         "not_diffusive_before",
         "drift_p_value",
@@ -316,11 +317,12 @@ def _at(case: Dataset, quantity: Quantity) -> Dataset | None:
     """Return the case at the time of `time_shown` and in the first window; None if it does not have
     the quantity there.
 
-    Without a temperature the Green-Kubo integral is not a D.
+    Without a temperature the Green-Kubo integral is not a D; without an MSD nothing tells whether
+    it is.
     """
     if not has(case, quantity.variable):
         return None
-    if quantity.variable == "green_kubo" and not has(case, quantity.theory):
+    if quantity.variable == "green_kubo" and not has(case, quantity.theory, D):
         return None
     places = {"window": 0}
     if "time" in case[quantity.variable].dims:
