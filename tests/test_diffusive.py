@@ -17,6 +17,7 @@ from brownpipe import theory
 from brownpipe.analysis import diffusive, displacement
 from brownpipe.analysis.resampling import Estimate
 from brownpipe.engines.windows import candidate_windows, earlier_ends, longest_end
+from brownpipe.figures.marks import WORDS
 from brownpipe.figures.summary import summary
 from brownpipe.report.answer import answer_in_words
 from scenes import CHANNEL_X, CHANNEL_Y
@@ -337,7 +338,19 @@ def test_a_window_that_begins_before_the_velocity_is_forgotten_is_marked():
 def test_a_d_of_few_runs_is_marked_as_untested(seeds):
     result = analysis(scene(), seeds)
     assert reasons(result) == "untested"
-    assert f"{seeds} for fluid, N = 21" in " ".join(summary(result).split())
+    said = " ".join(summary(result).split())
+    runs = {1: "1 run", 7: "7 runs"}[seeds]
+    assert f"constant, {runs} for fluid, N = 21; needed: more runs (8 at least)." in said
+
+
+@pytest.mark.parametrize(
+    ("slope_change_p_value", "cure"),
+    [(0.5, "more runs"), (np.nan, "three samples in the window, and runs that differ")],
+)
+def test_what_enough_runs_need_that_do_not_tell_the_slope_from_zero(slope_change_p_value, cure):
+    fit = made_up([0.0] * 5, [0.3] * 5, slope=0.2).isel(scene=0, window=0)
+    fit["slope_change_p_value"] = fit.slope_change_p_value * 0 + slope_change_p_value
+    assert WORDS[diffusive.UNTESTED].cure(fit) == cure
 
 
 def test_the_mark_is_in_dataset_table_legend_and_inspection(tmp_path, capsys):

@@ -67,6 +67,14 @@ def _cure_of_early(fit: Dataset) -> str:
     return "other disks" if is_lone(fit) else "a later window, or longer runs"
 
 
+def _cure_of_untested(fit: Dataset) -> str:
+    if int(fit.runs) < diffusive.FEWEST_RUNS:
+        return f"more runs ({diffusive.FEWEST_RUNS} at least)"
+    if not has(fit, "slope_change_p_value"):
+        return "three samples in the window, and runs that differ"
+    return "more runs"
+
+
 WORDS = {
     diffusive.EARLY: Reason(
         f"the window begins before {DECAY_TIMES:g}/gamma of the tracer",
@@ -99,12 +107,10 @@ WORDS = {
         lambda fit: "velocities without total momentum, `zero_momentum: true`",
     ),
     diffusive.UNTESTED: Reason(
-        "there are too few runs to tell a constant slope from none",
-        lambda fit: f"{int(fit.runs)}",
+        "the runs do not tell the slope from zero, or whether it is constant",
+        lambda fit: counted(int(fit.runs), "run"),
         lambda fit: -float(fit.runs),
-        lambda fit: (
-            f"more runs ({diffusive.FEWEST_RUNS} at least), and three samples in the window"
-        ),
+        _cure_of_untested,
     ),
 }
 
