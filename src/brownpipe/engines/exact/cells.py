@@ -49,7 +49,7 @@ def cell_of(w: ws.Workspace, i: int) -> int:
 
 
 @kernel
-def interval_at(wraps: bool | None, distance: float, width: float, cells: int) -> int:
+def interval_at(wraps: ws.Periodic | None, distance: float, width: float, cells: int) -> int:
     """Return which of the `cells` intervals of a width holds a coordinate, its `distance` from the
     lower side of the box; their numbering continues beyond periodic sides.
     """
@@ -68,7 +68,7 @@ def place_at_time(w: ws.Workspace, i: int, now: float) -> tuple[int, int]:
 
 
 @kernel
-def boxes_along(wraps: bool | None, place: int, cells: int) -> int:
+def boxes_along(wraps: ws.Periodic | None, place: int, cells: int) -> int:
     """Return how many boxes away a column or row is, 0 between walls."""
     if wraps is None:
         return 0
@@ -87,7 +87,7 @@ def boxes_away(shift: np.ndarray | None, w: ws.Workspace, column: int, row: int)
 
 
 @kernel
-def ghosts_of(wraps: bool | None, place: int, cells: int) -> tuple[int, int]:
+def ghosts_of(wraps: ws.Periodic | None, place: int, cells: int) -> tuple[int, int]:
     """Return the first and last number of boxes by which a column or row is repeated in the rim:
     (0, 0) between walls.
     """
@@ -97,7 +97,7 @@ def ghosts_of(wraps: bool | None, place: int, cells: int) -> tuple[int, int]:
 
 
 @kernel
-def is_beyond_walls(wraps: bool | None, place: int, cells: int, rim: int) -> bool:
+def is_beyond_walls(wraps: ws.Periodic | None, place: int, cells: int, rim: int) -> bool:
     """Whether a column or row is beyond walls, and beyond `rim` ghost cells there."""
     if wraps is not None:
         return False
@@ -105,7 +105,7 @@ def is_beyond_walls(wraps: bool | None, place: int, cells: int, rim: int) -> boo
 
 
 @kernel
-def images_each_way(wraps: bool | None) -> int:
+def images_each_way(wraps: ws.Periodic | None) -> int:
     """Return how many boxes away images are considered in each direction."""
     return 0 if wraps is None else 1
 

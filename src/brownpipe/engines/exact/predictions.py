@@ -100,7 +100,7 @@ def set_partner(
 
 @kernel
 def leave_time(
-    wraps: bool | None,
+    wraps: ws.Periodic | None,
     position: float,
     velocity: float,
     since: float,

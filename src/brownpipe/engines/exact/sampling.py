@@ -64,7 +64,7 @@ def audit(w: ws.Workspace, i: int, now: float) -> None:
 
 
 @kernel
-def boxes_outside(wraps: bool | None, distance: float, side: float) -> int:
+def boxes_outside(wraps: ws.Periodic | None, distance: float, side: float) -> int:
     """Return how many boxes away a coordinate is, its `distance` from the lower side of the box: 0
     between walls, where round-off may put it beyond one.
     """
