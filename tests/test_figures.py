@@ -583,11 +583,11 @@ def test_texts_are_broken_between_words_only_where_they_are_too_long():
     within.
     """
     text = "hot: D over [0.1, 1] = 0.97 ± 0.02 °, as $D = \\frac{a}{b}$"
-    assert style.broken(text, 9.0, "legend.fontsize") == text
-    at_words = style.broken(text, 1.3, "legend.fontsize").split("\n")
+    assert style.broken_into_lines(text, 9.0, "legend.fontsize") == text
+    at_words = style.broken_into_lines(text, 1.3, "legend.fontsize").split("\n")
     assert at_words == ["hot: D over", "[0.1, 1]", "= 0.97 ± 0.02 °,", "as $D = \\frac{a}{b}$"]
     name = "a-scene_with.a-name-of-42-characters-at-N1"
-    parts = style.broken(name, 1.0, "legend.fontsize").split("\n")
+    parts = style.broken_into_lines(name, 1.0, "legend.fontsize").split("\n")
     assert "".join(parts) == name
     assert max(map(len, parts)) < len(name) / 2
 

@@ -11,7 +11,7 @@ from xarray import Dataset
 
 from brownpipe.figures.cases import label_of, title_of
 from brownpipe.figures.figure import Figure
-from brownpipe.figures.style import DASHED, DATA, FIT, broken, grid, panel_width
+from brownpipe.figures.style import DASHED, DATA, FIT, broken_into_lines, grid, panel_width
 
 # Axis label, and the bound below which round-off is expected; a run fails only far beyond
 # (figures/health.rst).
@@ -51,7 +51,7 @@ def draw_health(cases: list[Dataset]) -> matplotlib_figure.Figure:
         panel.axvline(bound, color=FIT, linewidth=1.2, linestyle=DASHED)
         title = f"expected below {bound:g}"
         panel.set_title(title, color=FIT, loc="right", fontsize="medium", fontweight="normal")
-        words = broken(label, panel_width(panel), "axes.labelsize")
+        words = broken_into_lines(label, panel_width(panel), "axes.labelsize")
         panel.set(xscale="log", xlabel=words)
         panel.minorticks_off()
     axes[0, 0].set_yticks(range(len(cases)), labels)

@@ -53,10 +53,10 @@ MARKS: list[Looks] = [
 ]
 LINES = [SERIES[(k + k // 6) % 6][1] for k in range(36)]
 STYLE = Path(__file__).with_name("style.mplstyle")
-# Matplotlib's settings of sizes of text, of which those of titles and legends go with all text here
+# Matplotlib's settings of sizes of text; here those of titles and legends scale with font.size
 Setting = Literal["axes.titlesize", "axes.labelsize", "legend.fontsize"]
-OF_TITLES: Setting = "axes.titlesize"
-OF_KEYS: Setting = "legend.fontsize"
+TITLE_SIZE: Setting = "axes.titlesize"
+LEGEND_SIZE: Setting = "legend.fontsize"
 WIDTH = 4.8  # of the panel of a case [inch]
 MOST_COLUMNS = 4  # panels side by side; further panels begin a new row
 NARROWEST = 3.0  # width of a panel, with its labels, in a figure of the user's size [inch]
@@ -65,8 +65,8 @@ NARROWEST = 3.0  # width of a panel, with its labels, in a figure of the user's 
 LABELLED = {0.4: (), 0.7: (1, 1.5, 2, 3, 5, 7), 1: (1, 2, 5), 2: (1, 3), np.inf: (1,)}
 LINE_HEIGHT = 13.5 / 8.8  # of an entry of a legend, in sizes of its words
 FURTHER_LINE = 1.3  # height of a further line of an entry, likewise
-BESIDE = 7.2  # width of the labels beside a panel, in sizes of all text
-KEY = 2.8  # width of the key beside the words of a legend, in sizes of these
+LABEL_WIDTH = 7.2  # width of the labels beside a panel, in sizes of all text
+KEY_WIDTH = 2.8  # width of the key beside the words of a legend, in sizes of these
 # Of a text that is broken into lines: a formula, an interval and a number with its error are words
 WORD = re.compile(r"(?:\$[^$]*\$|\[[^\]]*\]|(?<=[±=]) | (?=[±°])|(?<!\]) (?==)|[^ $])+")
 
@@ -83,16 +83,16 @@ def drawing() -> AbstractContextManager[None]:
 
 
 def drawing_for_user() -> AbstractContextManager[None]:
-    """Return the context in which figures are drawn for a user of Python: her settings, and those
-    of `style.mplstyle` in place of those that are matplotlib's defaults.
+    """Return the context in which figures are drawn for a user of Python: with the user's settings,
+    but with those of `style.mplstyle` in place of each that equals matplotlib's default.
     """
     from matplotlib import rc_context, rc_params_from_file, rcParams, rcParamsDefault
 
-    own_size = rcParams["font.size"] / rcParamsDefault["font.size"]
+    text_scale = rcParams["font.size"] / rcParamsDefault["font.size"]
     settings = {}
     for name, value in rc_params_from_file(STYLE, use_default_template=False).items():
         if rcParams[name] == rcParamsDefault[name]:
-            settings[name] = value * own_size if name in (OF_TITLES, OF_KEYS) else value
+            settings[name] = value * text_scale if name in (TITLE_SIZE, LEGEND_SIZE) else value
     return rc_context(settings)
 
 
@@ -126,7 +126,7 @@ def grid(
     """
     from matplotlib.figure import Figure
 
-    size = _own_size() or (width * columns, height * rows)
+    size = _figure_size_of_user() or (width * columns, height * rows)
     figure = Figure(size, layout="constrained")
     axes = figure.subplots(
         rows, columns, sharex=sharex, sharey=sharey, squeeze=False, height_ratios=height_ratios
@@ -134,8 +134,8 @@ def grid(
     return figure, axes
 
 
-def _own_size() -> tuple[float, float] | None:
-    """Return width and height of a figure [inch] that the user has set, if any."""
+def _figure_size_of_user() -> tuple[float, float] | None:
+    """Return width and height of a figure [inch] as the user has set them; None as by default."""
     from matplotlib import rcParams, rcParamsDefault
 
     width, height = rcParams["figure.figsize"]
@@ -144,10 +144,10 @@ def _own_size() -> tuple[float, float] | None:
 
 
 def columns_that_fit(count: int, most: int) -> int:
-    """Return how many of `count` panels are side by side: at most so many, and in a figure of the
-    user's size not narrower than NARROWEST.
+    """Return how many of `count` panels are side by side: `most` at most, and in a figure of the
+    user's size as many as are NARROWEST wide or wider.
     """
-    size = _own_size()
+    size = _figure_size_of_user()
     fitting = int(size[0] / NARROWEST) if size else most
     return min(count, most, max(fitting, 1))
 
@@ -182,21 +182,23 @@ def stacked_panels(
 
 def put_titles_and_legends(panels: Sequence[Axes] | np.ndarray, titles: Iterable[str]) -> None:
     """Put titles and legends above panels, where they cover no data; all titles at the height of
-    the longest legend. Words that are wider than a panel are broken into lines.
+    the longest legend. Those that are wider than a panel are broken into lines.
     """
     width = panel_width(panels[0])
-    size = _font(OF_KEYS).get_size_in_points()
+    size = _font(LEGEND_SIZE).get_size_in_points()
+    label_width = width - KEY_WIDTH * size / 72
     legends = []
     heights = []
     for axes in panels:
         handles, names = axes.get_legend_handles_labels()
-        labels = [broken(name, width - KEY * size / 72, OF_KEYS) for name in names]
+        labels = [broken_into_lines(name, label_width, LEGEND_SIZE) for name in names]
         further = sum(label.count("\n") for label in labels)
         legends.append((handles, labels))
         heights.append(size * (LINE_HEIGHT * len(labels) + FURTHER_LINE * further))
     pad = 9 + max(heights)  # [point]
     for axes, title, (handles, labels) in zip(panels, titles, legends, strict=True):
-        axes.set_title(broken(title, width, OF_TITLES) or " ", pad=pad)  # "" makes no room
+        lines = broken_into_lines(title, width, TITLE_SIZE)
+        axes.set_title(lines or " ", pad=pad)  # "" makes no room
         if labels:
             axes.legend(
                 handles,
@@ -220,10 +222,10 @@ def panel_width(axes: Axes) -> float:
     place = axes.get_subplotspec()
     columns = place.get_gridspec().ncols if place else 1
     figure_width = axes.figure.bbox.width / axes.figure.dpi
-    return figure_width / columns - BESIDE * text_size() / 72
+    return figure_width / columns - LABEL_WIDTH * text_size() / 72
 
 
-def broken(text: str, width: float, setting: Setting) -> str:
+def broken_into_lines(text: str, width: float, setting: Setting) -> str:
     """Return a text in lines of at most a width [inch] where that is possible, broken between
     words, and a longer word within; `setting` is that of matplotlib for the size of the text.
     """
@@ -232,7 +234,7 @@ def broken(text: str, width: float, setting: Setting) -> str:
         return text
     lines = [""]
     for word in WORD.findall(text):
-        for part in _parts(word, width, font):
+        for part in _parts_of_word(word, width, font):
             line = f"{lines[-1]} {part}".lstrip()
             if lines[-1] and _width(line, font) > width:
                 lines.append(part)
@@ -241,7 +243,7 @@ def broken(text: str, width: float, setting: Setting) -> str:
     return "\n".join(lines)
 
 
-def _parts(word: str, width: float, font: FontProperties) -> list[str]:
+def _parts_of_word(word: str, width: float, font: FontProperties) -> list[str]:
     """Return the parts of a word that fit into a width [inch]; a formula is whole."""
     share = width / _width(word, font)
     if share >= 1 or "$" in word:
@@ -254,7 +256,7 @@ def _font(setting: Setting) -> FontProperties:
     from matplotlib import rcParams
     from matplotlib.font_manager import FontProperties
 
-    weight = rcParams["axes.titleweight"] if setting == OF_TITLES else "normal"
+    weight = rcParams["axes.titleweight"] if setting == TITLE_SIZE else "normal"
     return FontProperties(size=rcParams[setting], weight=weight)
 
 

@@ -24,7 +24,7 @@ from brownpipe.figures.style import (
     GREY,
     INK,
     SERIES,
-    broken,
+    broken_into_lines,
     grid,
     log_axis,
     say_shown,
@@ -88,7 +88,7 @@ def draw_tradeoff(cases: list[Dataset]) -> matplotlib_figure.Figure:
     height = figure.get_figheight() / len(titles) - FRAME
     for panel, title in zip(axes[:, 0], titles, strict=True):
         draw_errors(panel, comparisons[title], label_distance / 72 / height)
-        panel.set_ylabel(broken(ERROR, height, "axes.labelsize"))
+        panel.set_ylabel(broken_into_lines(ERROR, height, "axes.labelsize"))
         panel.set_title(f"{title}: cost-accuracy trade-off", pad=11 + label_distance)
         panel.annotate(KEY, (0, 1), (0, 6), color=GREY, **ABOVE)
     if len(titles) < len(comparisons):
