@@ -561,7 +561,7 @@ def _seed_of_path(trajectories: Trajectories, seed: int | None) -> int:
 
 def table(result: Dataset) -> "DataFrame":
     """Return the results of an analysis as a pandas table, with a row for each scene, number of
-    disks and engine; between walls of unequal lengths with one for D along each axis.
+    disks and engine; between walls of unequal lengths with a row for each axis, with D along it.
 
     result: what `analyse`, `scan` or `run` returns.
 

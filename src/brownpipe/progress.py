@@ -162,7 +162,7 @@ class Display:
         self.overwrites = (is_terminal and not is_dumb) or "ipykernel" in sys.modules
         self.began = self.first_at = time.monotonic()
         self.due = self.began + (DELAY if self.overwrites else LINE_INTERVAL)
-        # of the stage: done at its first report, at the first with progress and at the last, all
+        # of the stage: done at its first report, at its first progress and at its last report; all
         self.start = self.first = self.done = self.total = 0.0
         self.length = 0  # of the line on the screen
 

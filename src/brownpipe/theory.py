@@ -276,9 +276,9 @@ def most_points(size: np.ndarray, distance: float, is_periodic: np.ndarray) -> f
     apart; the sides along periodic axes are closed to rings.
 
     With area A and perimeter P it is 2 A/(sqrt(3) d^2) + P/(2 d) + 1 (N. Oler, Acta Math. 105, 19
-    (1961)). Along a periodic axis that holds for any number of periods, and so without the terms
-    that do not grow with it. In a strip narrower than d, points that follow each other along it are
-    sqrt(d^2 - width^2) or more apart.
+    (1961)). Along a periodic axis it holds for any number n of periods, so that per period only the
+    terms proportional to n count. In a strip narrower than d, points that follow each other along
+    it are sqrt(d^2 - width^2) or more apart.
 
     >>> round(most_points(np.array([20.0, 0.2]), 1.0, np.array([True, False])), 2)
     20.41
@@ -287,12 +287,12 @@ def most_points(size: np.ndarray, distance: float, is_periodic: np.ndarray) -> f
     width = length[::-1]  # across it
     has_ends = (~is_periodic).astype(float)
     has_sides = has_ends[::-1]
-    in_area = 2 / math.sqrt(3) * length.prod()
-    everywhere = in_area + (length * has_sides).sum() + has_ends.prod()
+    area_term = 2 / math.sqrt(3) * length.prod()
+    plane_bound = area_term + (length * has_sides).sum() + has_ends.prod()
     is_strip = (has_sides > 0) & (width < 1)
     spacing = np.sqrt(1 - width[is_strip] ** 2)
-    in_strips = length[is_strip] / spacing + has_ends[is_strip]
-    return float(in_strips.min(initial=everywhere))
+    strip_bounds = length[is_strip] / spacing + has_ends[is_strip]
+    return float(strip_bounds.min(initial=plane_bound))
 
 
 def dilute_pair_distribution(r: Numbers, diameter: Numbers, packing_fraction: Numbers) -> Broadcast:

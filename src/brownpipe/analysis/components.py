@@ -27,7 +27,7 @@ from brownpipe.engines.ensemble import Ensemble
 from brownpipe.observables.trajectory import displacement as displacement_of_track
 
 # For each variable the array of runs whose mean it is, where the axes differ
-OF_VELOCITIES = {
+VELOCITY_ARRAYS = {
     "component_velocity_autocorrelation": "component_velocity_autocorrelation",
     "component_green_kubo": "component_velocity_displacement",
     "component_diffusion_running": "component_displacement_velocity",
@@ -55,7 +55,7 @@ def component_columns(case: Case, runs: Ensemble) -> Columns:
     follows from velocities; in channels the moments for the non-Gaussian parameters.
     """
     means = {}
-    for name, measured in OF_VELOCITIES.items():
+    for name, measured in VELOCITY_ARRAYS.items():
         if measured in runs.observables:
             means[name] = runs.observables[measured]
     square = component_squares(case, runs)

@@ -236,13 +236,15 @@ def _schema_of(groups: Sequence[Group], estimators: Sequence[Estimator]) -> Sche
 def _attributes(groups: Sequence[Group], settings: Mapping[str, object]) -> dict[str, str]:
     """Return the attributes of a dataset: its meaning, and what it is made from."""
     outlines = [group.pattern.contents for group in groups]
-    of_msd = {_followed(contents, "square_displacement") for contents in outlines}
-    of_velocities = {_followed(contents, "velocity_autocorrelation") for contents in outlines}
+    msd_disks = {_followed(contents, "square_displacement") for contents in outlines}
+    autocorrelation_disks = {
+        _followed(contents, "velocity_autocorrelation") for contents in outlines
+    }
     origins = [(group.pattern.contents, group.seeds) for group in groups]
     return {
         **variables.ATTRIBUTES,
-        "msd_of": " or ".join(sorted(of_msd)),
-        "velocity_autocorrelation_of": " or ".join(sorted(of_velocities)),
+        "msd_of": " or ".join(sorted(msd_disks)),
+        "velocity_autocorrelation_of": " or ".join(sorted(autocorrelation_disks)),
         "average": outlines[0].ensemble.average,
         **origin_attributes("aggregate", origins, settings),
     }

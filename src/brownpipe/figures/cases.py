@@ -310,27 +310,27 @@ def components_of(cases: list[Dataset]) -> list[Dataset]:
 
 def _by_component(case: Dataset) -> Dataset:
     """Return a case with the variables of `OF_COMPONENT`, which have a dimension `component`, in
-    place of those of all motion; sums that it has not by component are left out.
+    place of those of all motion; sums of which it has no components are left out.
     """
-    along = {}
-    for name, of_component in OF_COMPONENT.items():
-        if of_component in case:
-            along[name] = case[of_component]
+    components = {}
+    for name, component_name in OF_COMPONENT.items():
+        if component_name in case:
+            components[name] = case[component_name]
     sums = [name for name in SUMS if name in case]
-    return case.drop_vars(sums).assign(along)
+    return case.drop_vars(sums).assign(components)
 
 
 def with_components(case: Dataset, names: Iterable[str]) -> Dataset:
     """Return a case with variables of its motion along x and along y, such as `msd along x`, where
     this differs.
     """
-    along = {}
+    variables = {}
     for part in components_of([case]):
         axis = component_of(part)
         for name, end in product(names, PARTS):
             if axis and f"{name}{end}" in part:
-                along[f"{name} along {axis}{end}"] = part[f"{name}{end}"]
-    return case.assign(along)
+                variables[f"{name} along {axis}{end}"] = part[f"{name}{end}"]
+    return case.assign(variables)
 
 
 def motions_of(case: Dataset) -> list[Dataset]:

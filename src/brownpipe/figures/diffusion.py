@@ -73,8 +73,8 @@ def _with_route_along(motion: Dataset) -> Dataset:
     if not component_of(motion):
         return motion
     per_2t = 0.5 / motion.time.where(motion.time > 0)
-    along = {f"{ALONG}{part}": motion[f"msd{part}"] * per_2t for part in PARTS}
-    return motion.drop_vars("msd_over_4t").assign(along)
+    route = {f"{ALONG}{part}": motion[f"msd{part}"] * per_2t for part in PARTS}
+    return motion.drop_vars("msd_over_4t").assign(route)
 
 
 def _routes_along(axis: str) -> dict[str, str]:
@@ -123,8 +123,8 @@ def _bar(axes: Axes, case: Dataset, **looks: Unpack[Looks]) -> None:
 
 
 def table_of_diffusion(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and time: D by every route, and the same along x and y where these
-    differ, with the MSD in place of MSD/2t.
+    """Return one row per case and time: D by every route; where the motion along x and y differs
+    also, along each, D by the running slope and by Green-Kubo, and the MSD.
     """
     of_components = ("diffusion_running", "msd", "green_kubo")
     names = [f"{name} along {axis}" for name, axis in product(of_components, "xy")]

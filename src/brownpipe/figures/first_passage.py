@@ -13,7 +13,7 @@ from brownpipe.figures.figure import Columns, Figure
 from brownpipe.figures.looks import Looks
 from brownpipe.figures.style import DOTTED, GREY, band, styled_cases, time_axis
 
-NAME = "first_passage_survival"
+SURVIVAL = "first_passage_survival"
 MEDIAN = "first_passage_median"
 
 
@@ -23,7 +23,7 @@ def draw_survival(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> N
     """
     axes.axhline(0.5, color=GREY, linestyle=DOTTED, linewidth=1)
     for case, line in styled_cases(cases, _passage_in_words, looks):
-        band(axes, case, NAME, **line)
+        band(axes, case, SURVIVAL, **line)
         interval = [float(case[f"{MEDIAN}{end}"]) for end in ("_low", "_high")]
         axes.plot(interval, [0.5, 0.5], color=line["color"], linewidth=1.2, marker="|")
     time_axis(axes, cases)
@@ -34,7 +34,7 @@ def _passage_in_words(case: Dataset) -> str:
     """Return the median with its 95 % interval, and the share of the runs that end before the
     tracer leaves.
     """
-    inside = float(case[NAME][-1])
+    inside = float(case[SURVIVAL][-1])
     censored = f"inside at the end {inside:.1%}" if inside else "all leave"
     if np.isnan(case[MEDIAN]):
         return f"median after the end; {censored}"
@@ -44,6 +44,6 @@ def _passage_in_words(case: Dataset) -> str:
 FIGURE = Figure(
     curves=draw_survival,
     labels=("share $S(t)$ still inside",),
-    variables=(NAME,),
-    table=Columns(("time",), (NAME,)),
+    variables=(SURVIVAL,),
+    table=Columns(("time",), (SURVIVAL,)),
 )

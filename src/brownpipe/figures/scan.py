@@ -63,7 +63,7 @@ PANELS = {  # title, label of the axis, Enskog's theory
 
 def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw a panel per quantity: its values along the axis of the scan, a series for each value of
-    what else differs; of D also for each axis where there is one for each.
+    what else differs; of D also for each axis that has a D of its own.
 
     D is that of the first fit window; the table has all.
     """
@@ -102,8 +102,8 @@ def _motions(cases: list[Dataset]) -> list[Dataset]:
     for case in cases:
         msd = {f"{END}{part}": case[f"{END}{part}"] for part in PARTS}
         for motion in motions_of(case):
-            along = motion.drop_dims(COMPONENT, errors="ignore").assign(msd)
-            motions.append(along.assign_coords(component=component_of(motion)))
+            labelled = motion.drop_dims(COMPONENT, errors="ignore").assign(msd)
+            motions.append(labelled.assign_coords(component=component_of(motion)))
     return motions
 
 

@@ -116,7 +116,7 @@ DISPLACED = (
     Quantity("MSD", "msd", OF_SPREADING),
     Quantity("D", D, OF_SPREADING),
 )
-OF_VELOCITIES = ("green_kubo", "component_green_kubo")
+INTEGRALS = ("green_kubo", "component_green_kubo")
 OF_MOTION = (D, "green_kubo")  # along x and along y where these differ
 
 
@@ -431,7 +431,7 @@ def _legend(
 
 def _meaning_of(dataset: Dataset, name: str) -> str:
     """Return the meaning of a variable, with the disks over which it is averaged."""
-    attribute = "velocity_autocorrelation_of" if name in OF_VELOCITIES else "msd_of"
+    attribute = "velocity_autocorrelation_of" if name in INTEGRALS else "msd_of"
     followed = f"of {dataset.attrs.get(attribute, 'the tracer')}"
     return str(dataset[name].attrs.get("long_name", name)).replace(FOLLOWED, followed)
 
@@ -591,7 +591,7 @@ def _reasons_in_words(case: Dataset) -> str:
 
 def summary_table(dataset: Dataset) -> DataFrame:
     """Return every number that an answer may have, and those of the other fit windows: one row per
-    case and window, where D is along x and along y for each of them, of a trade-off per case.
+    case, axis with a D of its own, and window; of a trade-off one row per case.
     """
     from pandas import DataFrame
 
@@ -620,23 +620,23 @@ def summary_table(dataset: Dataset) -> DataFrame:
         for model, test in product(dataset.model.values, TESTED):
             row[f"{test}, {model}"] = last[test].sel(model=model).item()
         for motion in motions_of(case):
-            of_motion = row.copy()
+            row_of_motion = row.copy()
             if has_integral:
-                of_motion |= _numbers_of(_at(motion, GREEN_KUBO), "green_kubo", "green_kubo")
+                row_of_motion |= _numbers_of(_at(motion, GREEN_KUBO), "green_kubo", "green_kubo")
             if has_components:
-                of_motion["component"] = axis_of_diffusion(motion)
+                row_of_motion["component"] = axis_of_diffusion(motion)
             for w in range(case.sizes["window"]):
                 fit = motion.isel(window=w)
                 numbers = {name: fit[name].item() for name in FIT}
                 mark = diffusive.mark_in_words(fit.diffusion_mark.item())
-                rows.append(of_motion | numbers | {"mark": mark})
+                rows.append(row_of_motion | numbers | {"mark": mark})
     return DataFrame(rows)
 
 
 def _numbers_of(part: Dataset | None, name: str, column: str) -> dict[str, Label]:
-    """Return a variable of a part of a case with its standard error, or without one with its 95 %
-    interval, as columns of a table, and the time at which a function of the lag is shown; NaN
-    without the part.
+    """Return columns of a table: a variable of a part of a case with its standard error, or with
+    its 95 % interval if it has only that, and for a function of the lag the time at which it is
+    shown. All are NaN if there is no part.
     """
     uncertainties = ["_low", "_high"] if name == MEDIAN else ["_standard_error"]
     numbers: dict[str, Label] = {}

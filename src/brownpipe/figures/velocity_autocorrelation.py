@@ -155,8 +155,8 @@ def _guide(upper: Axes, axes: Axes, tail: Dataset) -> None:
 
 
 def table_of_autocorrelations(cases: list[Dataset]) -> DataFrame:
-    """Return one row per case and time: the correlations of tracer and bath, and where they differ
-    those of the tracer along x and y.
+    """Return one row per case and time: the correlations of tracer and bath, and where walls make
+    the motion along x and y differ those of the tracer's components.
     """
     shown = [with_components(case, [TRACER]) for case in cases]
     return frame_of(shown, ["time"], [TRACER, BATH, f"{TRACER} along x", f"{TRACER} along y"])

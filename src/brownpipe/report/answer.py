@@ -99,14 +99,15 @@ def _distance_in_words(case: Dataset) -> str:
     time = float(last.time)
     unit = "time unit" if time == 1 else "time units"
     when = "Within" if average_of(case) == "origins" else "After"
-    along = _along(case)
+    direction = _direction(case)
+    distance = f"{plus_minus(root, error)}{direction}"
     return (
-        f"{when} {time:g} {unit} {disk} has moved by {plus_minus(root, error)}{along} on average "
-        f"(root of the MSD{along})."
+        f"{when} {time:g} {unit} {disk} has moved by {distance} on average "
+        f"(root of the MSD{direction})."
     )
 
 
-def _along(motion: Dataset) -> str:
+def _direction(motion: Dataset) -> str:
     """Return ` along x` or ` along y` of motion along one axis alone; "" of all motion."""
     axis = component_of(motion)
     return f" along {axis}" if axis else ""
@@ -116,14 +117,14 @@ def _diffusion_in_words(fit: Dataset, cases: Sequence[Dataset]) -> str:
     """Return D in a fit window, or what speaks against one."""
     mark = fit.diffusion_mark.item()
     window = f"between t = {float(fit.window_start):g} and {float(fit.window_end):g}"
-    along = _along(fit)
+    direction = _direction(fit)
     name = diffusion_name(fit)
     if not mark:
         estimate = estimate_of(fit, "diffusion_coefficient")
         coefficient = f"{name} = {estimate} {window}"
         if fall_found(cases, fit) > 1:
             return f"Nothing found speaks against {coefficient}, but there are few runs to find it."
-        return f"It diffuses{along}: {coefficient}."
+        return f"It diffuses{direction}: {coefficient}."
     reasons = reasons_of_case(fit, mark & ~diffusive.EARLY)
     if mark & diffusive.EARLY:
         forgets = f"until t = {float(fit.not_diffusive_before):.3g} (3/gamma)"
@@ -131,10 +132,10 @@ def _diffusion_in_words(fit: Dataset, cases: Sequence[Dataset]) -> str:
         reasons.insert(0, f"it remembers its initial velocity {end}")
     because = "; ".join(reasons)
     if mark == diffusive.UNTESTED:
-        return f"Whether it diffuses{along} {window} cannot be told from these runs: {because}."
+        return f"Whether it diffuses{direction} {window} cannot be told from these runs: {because}."
     if mark & diffusive.EARLY and not is_lone(fit):
-        return f"It is not yet diffusive{along} {window}, and has no {name} there: {because}."
-    return f"It is not diffusive{along} {window}, and has no {name} there: {because}."
+        return f"It is not yet diffusive{direction} {window}, and has no {name} there: {because}."
+    return f"It is not diffusive{direction} {window}, and has no {name} there: {because}."
 
 
 def _tradeoffs_in_words(cases: Sequence[Dataset]) -> Iterator[str]:

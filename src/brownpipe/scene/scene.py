@@ -229,11 +229,11 @@ class Scene(Section):
             )
             refuse(f"{cover}; must be at most {HEXAGONAL_PACKING:.4g} (hexagonal packing)", "disks")
         for radius in dict.fromkeys(group.radius for group in self.species):
-            self._check_number(radius)
+            self._check_disks_fit(radius)
 
-    def _check_number(self, radius: float) -> None:
-        """Refuse more disks of a radius or larger than the centres of disks of this radius have
-        places for.
+    def _check_disks_fit(self, radius: float) -> None:
+        """Refuse more disks of a radius or larger than fit into the box if all had this radius, by
+        an upper bound.
         """
         number = sum(group.count for group in self.species if group.radius >= radius)
         _, size = self.box.accessible(radius)

@@ -95,7 +95,7 @@ class PaidRuns(NamedTuple):
     offer: Offer
     seconds: float  # of CPU, of one run
     # relative errors, with bias, by target; NaN for a D that the pilot runs do not tell from zero,
-    # and in a channel
+    # and where walls make the motion along x and y differ
     errors: dict[str, float]
 
 
