@@ -45,12 +45,12 @@ test-quick: ready_dev
 test-of: ready_dev
 	@tests=$$(python tests/tests_of.py "$(FILE)") && python -m pytest $$tests
 
-# Which share of the statements outside kernels the tests execute, for each room of the source; single lines: coverage report -m
+# Which share of the statements outside kernels the tests execute, for each folder of the source; single lines: coverage report -m
 coverage: ready_dev
 	@coverage erase
 	-coverage run -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder
 	@coverage combine --quiet
-	@coverage report | awk -f tests/coverage_of_rooms.awk | sort
+	@coverage report | awk -f tests/coverage_of_folders.awk | sort
 
 # A study on a Slurm cluster of one node, which is started for it and thrown away. It needs Debian's packages slurm-wlm and munge, and root.
 cluster-test: ready_dev ready_cluster
