@@ -14,7 +14,7 @@ from brownpipe.figures.looks import Looks
 from brownpipe.figures.style import DOTTED, GREY, band, styled_cases, time_axis
 
 SURVIVAL = "first_passage_survival"
-MEDIAN = "first_passage_median"
+MEDIAN = "first_passage_median"  # which has an interval and no standard error
 
 
 def draw_survival(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import textwrap
 from collections.abc import Collection, Iterator, Sequence
-from itertools import product
+from itertools import chain, product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -47,6 +47,7 @@ from brownpipe.figures.cases import (
     text_of,
     title_of,
 )
+from brownpipe.figures.first_passage import MEDIAN
 from brownpipe.figures.marks import power_in_words, reasons_in_words
 from brownpipe.observables.average import over_origins
 from brownpipe.scene.seeds import brief_seed_text
@@ -67,7 +68,6 @@ TESTED = ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 SAME_DENSITY = 1e-6  # relative difference of packing fractions that are the same
 D = "diffusion_coefficient"
-MEDIAN = "first_passage_median"  # which has an interval alone
 LINE = 100  # characters of a line of words
 WIDEST = 120  # characters of a line of the table
 
@@ -603,7 +603,8 @@ def summary_table(dataset: Dataset) -> DataFrame:
         if quantity.variable not in OF_MOTION:
             measured += [(quantity, *column) for column in columns_of(cases, quantity)]
     has_integral = bool([*columns_of(cases, GREEN_KUBO)])
-    has_components = any(component_of(motion) for case in cases for motion in motions_of(case))
+    motions = [motions_of(case) for case in cases]
+    has_components = any(map(component_of, chain(*motions)))
     rows = []
     for k, case in enumerate(cases):
         row = label_of(case, "packing_fraction", "runs", "failed_runs")
@@ -619,7 +620,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
         row |= {name: last[name].item() if name in last else np.nan for name in SHAPE}
         for model, test in product(dataset.model.values, TESTED):
             row[f"{test}, {model}"] = last[test].sel(model=model).item()
-        for motion in motions_of(case):
+        for motion in motions[k]:
             row_of_motion = row.copy()
             if has_integral:
                 row_of_motion |= _numbers_of(_at(motion, GREEN_KUBO), "green_kubo", "green_kubo")
