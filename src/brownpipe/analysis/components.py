@@ -26,7 +26,7 @@ from brownpipe.analysis.variables import (
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.observables.trajectory import displacement as displacement_of_track
 
-# For each variable the array of runs whose mean it is, where the axes differ
+# Variable: the array of runs whose mean it is; there where the axes differ
 VELOCITY_ARRAYS = {
     "component_velocity_autocorrelation": "component_velocity_autocorrelation",
     "component_green_kubo": "component_velocity_displacement",

@@ -31,7 +31,7 @@ SPECIES = ("species", "species_pair")  # dimensions of parts of a case
 COMPONENT = "component"  # along x or y, the dimension of further parts
 Label = str | int | float  # of a case or a part of it, or one of its numbers
 PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
-# Sums over the components, or their means
+# Variables that are sums over x and y, or means over both
 OF_BOTH_AXES = (
     "msd",
     "diffusion_running",
@@ -41,9 +41,9 @@ OF_BOTH_AXES = (
     "vacf_initial_slope_expected",
 )
 SUMS = [f"{name}{part}" for name, part in product(OF_BOTH_AXES, PARTS)]
-# Which cases alone have whose motion differs along x and y
+# Variables that a case has only if its motion along x and y differs
 OF_UNEQUAL_AXES = ("component_diffusion", "component_velocity_autocorrelation")
-# For each variable of all motion that of the motion along x and y
+# Variable of all motion: the variable of the motion along x and along y
 OF_COMPONENT = BY_COMPONENT | {name: f"component_{name}" for name in SUMS}
 
 

@@ -75,8 +75,8 @@ def _by_labels(cases: Sequence[Dataset], *names: str) -> list[list[Dataset]]:
 
 
 def _sentences_of(case: Dataset, cases: Sequence[Dataset]) -> Iterator[str]:
-    """Yield how far the tracer has moved, and its D or why there is none, along each axis where
-    there is one for each; `cases` are all that are tested with it.
+    """Yield how far the tracer has moved, and its D or why there is none; where the motion along x
+    and y differs, for each axis whose D is stated. `cases` are all that are tested with it.
     """
     for motion in motions_of(case):
         yield _distance_in_words(motion)

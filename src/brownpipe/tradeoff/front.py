@@ -162,16 +162,18 @@ def possible_spans(ranges: Sequence[SettingRange]) -> dict[str, tuple[float, flo
     """Return by label the first and the last CPU time [s] at which a setting may have the smallest
     total error: at its best it is on the Pareto front of all others at their worst.
 
-    Where it is there only because others have less than FEWEST_RUNS runs, it is left out.
+    Left out are settings that are there only before any other has FEWEST_RUNS runs. Raises
+    IndexError if no bias is finite.
     """
     worst = [setting.worst for setting in ranges]
-    all_have_runs = pareto_front(worst)[0].start
+    # before, no setting at its worst has FEWEST_RUNS runs
+    comparison_start = pareto_front(worst)[0].start
     spans: dict[str, tuple[float, float]] = {}
     for number, setting in enumerate(ranges):
         label = setting.best.label
         others = [*worst[:number], *worst[number + 1 :]]
         start, end = front_spans([setting.best, *others]).get(label, (0.0, 0.0))
-        if end > all_have_runs:
+        if end > comparison_start:
             spans[label] = (start, end)
     return spans
 
