@@ -248,7 +248,8 @@ def test_a_setting_that_is_on_the_front_twice_is_there_from_its_first_time_to_it
 
 def setting_between(label, biases, costs):
     """A setting whose squared bias and whose cost are between two values; its spread is 1."""
-    (least_bias, largest_bias), (lowest, highest) = biases, costs
+    least_bias, largest_bias = biases
+    lowest, highest = costs
     best = MeasuredSetting(label, least_bias**2, 1.0, lowest)
     return SettingRange(best, MeasuredSetting(label, largest_bias**2, 1.0, highest))
 
