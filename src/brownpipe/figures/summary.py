@@ -47,7 +47,6 @@ from brownpipe.figures.cases import (
     text_of,
     title_of,
 )
-from brownpipe.figures.first_passage import MEDIAN
 from brownpipe.figures.marks import power_in_words, reasons_in_words
 from brownpipe.observables.average import over_origins
 from brownpipe.scene.seeds import brief_seed_text
@@ -68,6 +67,7 @@ TESTED = ("chi_square", "degrees_of_freedom", "p_value", "p_value_joint")
 SHAPE = ("kurtosis", "kurtosis_standard_error", "kurtosis_p_value")
 SAME_DENSITY = 1e-6  # relative difference of packing fractions that are the same
 D = "diffusion_coefficient"
+MEDIAN = "first_passage_median"  # which has an interval alone
 LINE = 100  # characters of a line of words
 WIDEST = 120  # characters of a line of the table
 
