@@ -19,7 +19,7 @@ from brownpipe.errors import DONE, FAILED, WRONG_REQUEST, BrownpipeError
 from brownpipe.provenance import versions
 from brownpipe.text import printable
 from brownpipe.verbs import VERBS, Verb, load_verb
-from brownpipe.verbs.output import say
+from brownpipe.verbs.screen import say
 
 # new objects between two garbage collections: many, to save CPU time of figures and analysis
 GARBAGE = 500_000

@@ -18,7 +18,8 @@ from brownpipe.study.verification import verify_results
 from brownpipe.text import counted, in_bytes
 from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_seed, refuse_together, typed
-from brownpipe.verbs.output import PAGE, absent, say, show, suffix, writable
+from brownpipe.verbs.output import PAGE, absent, suffix, writable
+from brownpipe.verbs.screen import say, show
 
 FPS = 25.0  # frames a second
 

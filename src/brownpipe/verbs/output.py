@@ -1,16 +1,13 @@
-"""What verbs print, and the files they write: one line for each."""
+"""The files that verbs write: where, under which names, and when not."""
 
 import os
 import shutil
-import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
-from brownpipe.errors import DONE, RequestError, StorageError
-from brownpipe.progress import give_reason
+from brownpipe.errors import RequestError, StorageError
 from brownpipe.storage.files import refuse_foreign
-from brownpipe.text import in_bytes, in_lines, printable
+from brownpipe.text import in_bytes
 
 HDF5 = (".h5", ".hdf5", "")  # suffixes of trajectory files
 YAML = (".yaml", ".yml")
@@ -19,20 +16,6 @@ PAGE = (".html",)
 PICTURES = (".png", ".gif", *PAGE)  # that have a record of what they were made from
 IMAGES = (".png", ".svg", ".pdf", ".jpg", ".jpeg", ".gif")
 FILES = (*IMAGES, ".csv", ".txt", ".nc", ".h5", *PAGE)  # no suffixes of folders
-
-
-def show(*lines: str, flush: bool = False) -> None:
-    """Print each line on standard output; control characters in it are escaped."""
-    print(in_lines(lines), flush=flush)
-
-
-def say(message: str, status: int) -> int:
-    """Print a message on stderr, in one line; return the exit status."""
-    if status != DONE:
-        give_reason(message)
-    with suppress(OSError):  # nobody reads it
-        print("brownpipe:", printable(message), file=sys.stderr)
-    return status
 
 
 def writable(path: str, *inputs: str, suffixes: Sequence[str], size: float = 0.0) -> str:

@@ -20,7 +20,8 @@ from brownpipe.study.study import Window
 from brownpipe.text import counted, from_ascii, shell_path
 from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_config, add_particles, several, typed
-from brownpipe.verbs.output import FILES, NETCDF, PAGE, show, suffix, writable
+from brownpipe.verbs.output import FILES, NETCDF, PAGE, suffix, writable
+from brownpipe.verbs.screen import show
 
 if TYPE_CHECKING:
     from xarray import Dataset

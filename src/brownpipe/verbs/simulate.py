@@ -33,7 +33,8 @@ from brownpipe.study.request import Request
 from brownpipe.text import counted, in_time
 from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_particles, key_value, several, typed
-from brownpipe.verbs.output import HDF5, absent, say, show, writable
+from brownpipe.verbs.output import HDF5, absent, writable
+from brownpipe.verbs.screen import say, show
 
 
 def _simulate_options(add: AddOption) -> None:

@@ -41,7 +41,8 @@ from brownpipe.study.workflow import pipeline_folder, require_snakemake, run_stu
 from brownpipe.text import shell_path
 from brownpipe.verbs import AddOption, Verb
 from brownpipe.verbs.options import add_config, add_particles, refuse_together, typed
-from brownpipe.verbs.output import YAML, absent, show, writable
+from brownpipe.verbs.output import YAML, absent, writable
+from brownpipe.verbs.screen import show
 
 
 def _new_options(add: AddOption) -> None:
