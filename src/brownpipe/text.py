@@ -13,7 +13,8 @@ def printable(text: object) -> str:
     """Return a text as one line; control characters and undecodable bytes of file names become
     escapes: \\x1b.
     """
-    return "".join(map(_printable_character, str(text)))
+    line = str(text)
+    return line if line.isprintable() else "".join(map(_printable_character, line))
 
 
 def _printable_character(character: str) -> str:
