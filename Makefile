@@ -96,6 +96,7 @@ ready_dev ready_docs ready_cluster: ready_%: .venv/installed-run .venv/installed
 	@echo "brownpipe: set-up: installing the packages of $< into .venv, which takes up to a minute" >&2
 	@$(INSTALL) --require-hashes --requirement $<
 	@$(INSTALL) --no-build-isolation --editable .
+	@$(if $(PYTHONDONTWRITEBYTECODE),.venv/bin/python -m compileall -q src || true)
 	@touch $@
 
 .venv/installed-%: requirements-%.lock | .venv/created
