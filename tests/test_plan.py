@@ -241,7 +241,7 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(
     monkeypatch.setattr(plan, "digests", lambda _: {"plan": "502393894986"})  # as a number in YAML
     runs, (pilot,) = plan.write_plan(study := read_study(path), "counted.yaml")
     (file,) = Path("results/runs").rglob("*.h5")
-    assert (file.name, pilot.made, len(pilot.runs.seeds)) == (
+    assert (file.name, pilot.new_runs, len(pilot.runs.seeds)) == (
         f"0-{MOST_PILOT_RUNS - 1}.h5",
         *2 * [MOST_PILOT_RUNS],
     )
@@ -250,7 +250,7 @@ def test_pilot_runs_are_the_first_of_the_study_which_uses_them_again(
     assert first.path == file
     assert (ends[0], ends[-1]) == (f"{MOST_PILOT_RUNS}", f"{runs - 1}")
     again, (pilot,) = plan.write_plan(study, "counted.yaml")
-    assert (again, pilot.made) == (runs, 0)
+    assert (again, pilot.new_runs) == (runs, 0)
     assert [*Path("results/runs").rglob("*.h5")] == [file]
     assert cli.main(["plan", str(path), "--write", "planned.yaml"]) == DONE
     said = capsys.readouterr().out
@@ -429,13 +429,13 @@ def test_a_tolerance_that_is_the_error_of_a_budget_needs_its_runs(study_file, he
     paid, pilots = budget.errors_within(study, budget.paid_offers(study, 60.0), "d")
     assert [runs.offer.engine.name for runs in paid] == ["exact", "timestep"]
     assert len({runs.offer.runs for runs in paid}) == 2, "the engines differ in cost"
-    assert all(pilot.made == MOST_PILOT_RUNS for pilot in pilots)
+    assert all(pilot.new_runs == MOST_PILOT_RUNS for pilot in pilots)
     for target in ("msd", "d"):
         for runs in paid:
             performances, again = plan.performance_of(study, target, runs.errors[target])
             needed = {one.engine: one.runs for one in performances}
             assert needed[runs.offer.engine] == pytest.approx(runs.offer.runs, abs=1)
-            assert not any(pilot.made for pilot in again), "the pilot runs are the same"
+            assert not any(pilot.new_runs for pilot in again), "the pilot runs are the same"
 
 
 def test_the_best_engine_of_a_budget_has_the_smallest_error_in_its_worst_case(study_file):

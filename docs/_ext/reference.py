@@ -48,7 +48,7 @@ def command_line() -> str:
 
 def _verb(name: str) -> str:
     """Return the section of a verb."""
-    parser = build_parser([name]).of_verb
+    parser = build_parser([name]).verb_parser
     if parser is None or parser.description is None or parser.epilog is None:
         raise ValueError(f"{name}: must be a verb with a description and an example")
     paragraphs = [" ".join(part.split()) for part in parser.description.split("\n\n")]

@@ -100,7 +100,7 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
         )
         subparser.set_defaults(verb=verb)
         if requested:
-            parser.of_verb = subparser
+            parser.verb_parser = subparser
             verb.add_options(subparser.add_argument)
     return parser
 
@@ -108,10 +108,10 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
 class _Parser(argparse.ArgumentParser):
     """An argparse parser whose error messages are one line, with a hint for common mistakes."""
 
-    of_verb: argparse.ArgumentParser | None = None  # that of the given verb
+    verb_parser: argparse.ArgumentParser | None = None  # that of the given verb
 
     def error(self, message: str) -> NoReturn:
-        parser = self.of_verb or self
+        parser = self.verb_parser or self
         options: list[str] = []
         for action in parser._actions:
             options += action.option_strings

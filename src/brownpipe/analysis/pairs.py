@@ -60,8 +60,10 @@ def ideal(scene: Scene, edges: np.ndarray) -> np.ndarray:
     shares = []
     for k, m in zip(a, b, strict=True):
         if box.is_channel:
-            within = theory.pair_distance_in_channel(edges, *_channel(scene, areas[k], areas[m]))
-            shares.append(np.diff(within))
+            cumulative = theory.pair_distance_in_channel(
+                edges, *_channel(scene, areas[k], areas[m])
+            )
+            shares.append(np.diff(cumulative))
         else:
             shares.append(theory.pair_distance_probability(edges, areas[k], areas[m]))
     return number[:, None] * shares
@@ -188,21 +190,23 @@ def _by_rate(case: Case, runs: Ensemble) -> dict[str, np.ndarray]:
     tracer. Between walls its contact value needs the ideal gas around it.
     """
     scene = case.scene
-    seen = runs.observables
+    measured = runs.observables
     names = ("pair_collisions", "tracer_collisions", "kinetic_energy")
-    if not is_stationary(scene) or not seen.keys() >= {*names}:
+    if not is_stationary(scene) or not measured.keys() >= {*names}:
         return {}
-    pair_collisions, tracer_collisions, energy = (np.asarray(seen[name], float) for name in names)
+    pair_collisions, tracer_collisions, energy = (
+        np.asarray(measured[name], float) for name in names
+    )
     number = species_table(scene).number
     if not species_table(scene).has_one_kind.all():
         return {}
-    is_ideal_known = not scene.box.has_walls or "pair_expected" in seen
+    is_ideal_known = not scene.box.has_walls or "pair_expected" in measured
     if len(number) == 1 and number[0] > 1:
         collisions = pair_collisions[:, None]
     elif len(number) == 2 and number[0] == 1 and is_ideal_known:
         none = np.full_like(pair_collisions, np.nan)  # of the tracer with its own species
-        others = pair_collisions - tracer_collisions
-        collisions = np.stack([none, tracer_collisions, others], axis=1)
+        bath_collisions = pair_collisions - tracer_collisions
+        collisions = np.stack([none, tracer_collisions, bath_collisions], axis=1)
     else:
         return {}
     kt = temperature(scene, energy)
@@ -238,17 +242,19 @@ def weights_of(scene: Scene) -> np.ndarray:
 
 def pair_columns(case: Case, runs: Ensemble) -> Columns:
     """Return g(r), contact values, and the density at the walls; in the totals numbers of pairs."""
-    seen = runs.observables
+    measured = runs.observables
     means = _by_rate(case, runs)
-    if "density_profile" in seen and case.scene.box.has_walls:
-        means |= _extrapolated("contact_density", seen["density_profile"], wall_weights(case.scene))
-    if "pair_counts" not in seen:
+    if "density_profile" in measured and case.scene.box.has_walls:
+        means |= _extrapolated(
+            "contact_density", measured["density_profile"], wall_weights(case.scene)
+        )
+    if "pair_counts" not in measured:
         return Columns(means)
-    uniform = ideal(case.scene, bin_edges(case.scene)) * seen["pair_snapshots"][:, None, None]
-    counts = np.asarray(seen["pair_counts"], float)
+    uniform = ideal(case.scene, bin_edges(case.scene)) * measured["pair_snapshots"][:, None, None]
+    counts = np.asarray(measured["pair_counts"], float)
     g = _over(counts, uniform)
     means |= {"pair_distribution": g} | _extrapolated("contact_value", g, weights_of(case.scene))
-    expected = seen.get("pair_expected", np.full_like(counts, np.nan))
+    expected = measured.get("pair_expected", np.full_like(counts, np.nan))
     totals = {
         "pairs": counts,
         "one_pair": _over(np.ones_like(uniform), uniform),

@@ -105,16 +105,16 @@ def thermodynamic_columns(case: Case, runs: Ensemble) -> Columns:
     """Return rates, temperatures and compressibility factors of the runs of hard disks."""
     scene = case.scene
     duration = case.times[-1]
-    seen = runs.observables
-    if "pair_collisions" not in seen or not scene.particles:
+    measured = runs.observables
+    if "pair_collisions" not in measured or not scene.particles:
         return Columns()
     counts = ("pair_collisions", "wall_collisions", "tracer_collisions")
-    means = {name: seen[name] for name in counts}
-    means["collision_rate"] = 2 * seen["pair_collisions"] / (scene.particles * duration)
-    means["tracer_collision_rate"] = seen["tracer_collisions"] / duration
-    if "kinetic_energy" not in seen:
+    means = {name: measured[name] for name in counts}
+    means["collision_rate"] = 2 * measured["pair_collisions"] / (scene.particles * duration)
+    means["tracer_collision_rate"] = measured["tracer_collisions"] / duration
+    if "kinetic_energy" not in measured:
         return Columns(means)
-    kt = temperature(scene, seen["kinetic_energy"])
+    kt = temperature(scene, measured["kinetic_energy"])
     hot = np.where(kt > 0, kt, np.nan)  # NaN: nothing moves
     if scene.particles > 1 and np.ptp(scene.radius) == np.ptp(scene.mass) == 0:
         rate = means["collision_rate"]
@@ -123,11 +123,11 @@ def thermodynamic_columns(case: Case, runs: Ensemble) -> Columns:
         for name in ("collision_rate", "tracer_collision_rate"):
             means[f"{name}_at_temperature"] = rate_at_temperature(scene, means[name], hot)
     means["kinetic_temperature"] = kt
-    means["compressibility"] = compressibility(scene, seen["virial"], hot, duration)
-    if "wall_impulse" in seen:
+    means["compressibility"] = compressibility(scene, measured["virial"], hot, duration)
+    if "wall_impulse" in measured:
         across = scene.box.size[::-1]  # how long the sides at right angles to x and y are
         walls = 2 * across[~scene.box.periodic_axes].sum()
-        pressure = seen["wall_impulse"] / (walls * duration)
+        pressure = measured["wall_impulse"] / (walls * duration)
         means["wall_pressure"] = pressure
         means["wall_compressibility"] = pressure * scene.box.area / (scene.particles * hot)
     return Columns(means)

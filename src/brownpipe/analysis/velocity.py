@@ -187,10 +187,10 @@ def tail_of_fluid(case: Case) -> np.ndarray | None:
 
 def velocity_columns(case: Case, runs: Ensemble) -> Columns:
     """Return autocorrelation, its slope at 0, running D and densities."""
-    seen = runs.observables
+    measured = runs.observables
     means = {}
-    if "velocity_autocorrelation" in seen:
-        autocorrelation = seen["velocity_autocorrelation"]
+    if "velocity_autocorrelation" in measured:
+        autocorrelation = measured["velocity_autocorrelation"]
         means["velocity_autocorrelation"] = autocorrelation
         if len(case.times) > 2:
             fastest = fastest_rate(case.scene)
@@ -198,13 +198,13 @@ def velocity_columns(case: Case, runs: Ensemble) -> Columns:
             if fastest * case.times[samples[2]] <= LATEST:
                 weights = slope_weights(case.times[samples], enskog_rate(case.scene))
                 means["vacf_initial_slope"] = (autocorrelation[:, samples] * weights).sum(axis=1)
-    if "displacement_velocity" in seen:
-        means["diffusion_running"] = seen["displacement_velocity"] / 2
-    if "velocity_displacement" in seen:
-        means["green_kubo"] = seen["velocity_displacement"] / 2
+    if "displacement_velocity" in measured:
+        means["diffusion_running"] = measured["displacement_velocity"] / 2
+    if "velocity_displacement" in measured:
+        means["green_kubo"] = measured["velocity_displacement"] / 2
     for name in ("velocity", "speed"):
-        if f"{name}_counts" in seen:
-            counts = seen[f"{name}_counts"]  # (n, K, V) of K species in V bins of equal width
+        if f"{name}_counts" in measured:
+            counts = measured[f"{name}_counts"]  # (n, K, V) of K species in V bins of equal width
             middles = np.asarray(AXES[f"{name}_bin"].coordinates(case.scene))
             shares = counts / counts.sum(axis=-1, keepdims=True)
             means[f"{name}_density"] = shares / (middles[1] - middles[0])

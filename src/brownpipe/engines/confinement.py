@@ -45,8 +45,8 @@ def confinement(scene: Scene) -> Confinement:
     bulk_contact = float(theory.contact_value(phi))
     pairs = room * np.prod(open_arc(sigma / sides)) * contact / bulk_contact
 
-    others = crowding * (1 - 1 / scene.particles)
-    excess = others * _contact_value_between_walls(others, narrow)
+    crowding_by_others = crowding * (1 - 1 / scene.particles)
+    excess = crowding_by_others * _contact_value_between_walls(crowding_by_others, narrow)
     return Confinement(float(pairs), 1 + excess * _wall_shares(sigma, sides))
 
 

@@ -155,9 +155,9 @@ def comparison_in_words(original: Trajectories, distances: Differences) -> str:
         return f"identical: {runs}, all variables bit-identical"
     differing = set().union(*distances.values())
     lines = [f"different: {len(differing)} of {runs}"]
-    for name, of_seeds in distances.items():
-        largest = np.max([*of_seeds.values()])
+    for name, distance_by_seed in distances.items():
+        largest = np.max([*distance_by_seed.values()])
         size = "in shape, type or NaN" if np.isnan(largest) else f"by at most {largest:.2g}"
-        word = "seed" if len(of_seeds) == 1 else "seeds"
-        lines.append(f"  {name}: {size} ({word} {brief_seed_text([*of_seeds])})")
+        word = "seed" if len(distance_by_seed) == 1 else "seeds"
+        lines.append(f"  {name}: {size} ({word} {brief_seed_text([*distance_by_seed])})")
     return in_lines(lines)

@@ -49,9 +49,9 @@ def disks_in_words(scene: Scene) -> str:
 
 def _range_of(values: np.ndarray, table: SpeciesTable, species: int) -> str:
     """Return the values (N,) of the disks of a species in words: 0.5, or 0.4 to 0.6."""
-    of_species = values[table.species_index == species]
-    least = of_species.min()
-    most = of_species.max()
+    members = values[table.species_index == species]
+    least = members.min()
+    most = members.max()
     return f"{least:g}" if least == most else f"{least:g} to {most:g}"
 
 
@@ -80,8 +80,10 @@ def velocities_in_words(scene: Scene) -> str:
     else:
         width = f"standard deviation {velocities.standard_deviation:g} of each component"
     momentum = f"; the total momentum{scene.box.along} is zero" if velocities.zero_momentum else ""
-    own = scene.tracer_velocity
-    tracer = "" if own is None else f"; that of the tracer is ({own[0]:g}, {own[1]:g})"
+    velocity = scene.tracer_velocity
+    tracer = (
+        "" if velocity is None else f"; that of the tracer is ({velocity[0]:g}, {velocity[1]:g})"
+    )
     return f"{velocities.distribution}, {width}{tracer}{momentum}"
 
 
@@ -126,9 +128,9 @@ def setup_in_words(dataset: Dataset) -> list[str]:
         return []
     shared = list[str]()
     for subject in SUBJECTS:
-        of_scenes = {scene[subject]: None for scene in described.values()}
-        if len(of_scenes) == 1:
-            shared += of_scenes
+        texts = {scene[subject]: None for scene in described.values()}
+        if len(texts) == 1:
+            shared += texts
     beginning = []
     if varied := _varied_in_words(dataset, records):
         beginning.append(f"Varied: {varied}; described is the first of them.")
@@ -137,9 +139,9 @@ def setup_in_words(dataset: Dataset) -> list[str]:
     runs = _runs_in_words(dataset, len(records))
     paragraphs = [" ".join([*beginning, *shared, runs]).strip()]
     for name, scene in described.items():
-        own = [sentence for sentence in scene.values() if sentence not in shared]
-        if own:
-            paragraphs.append(f"{name}: {' '.join(own)}")
+        particular = [sentence for sentence in scene.values() if sentence not in shared]
+        if particular:
+            paragraphs.append(f"{name}: {' '.join(particular)}")
     return paragraphs
 
 

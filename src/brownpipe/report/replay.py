@@ -159,7 +159,7 @@ def _motion(trajectories: Trajectories, seed: int, shades: np.ndarray) -> dict[s
     scene = trajectories.scene
     track = trajectories.ensemble.whole[seed]
     events = trajectories.ensemble.events[seed]
-    of_disks = {
+    arrays = {
         "radius": scene.radius,
         "mass": scene.mass,
         "shade": shades,
@@ -169,7 +169,7 @@ def _motion(trajectories: Trajectories, seed: int, shades: np.ndarray) -> dict[s
     collisions = {
         name: values[:MOST_COLLISIONS].tolist() for name, values in events._asdict().items()
     }
-    numbers = {name: values.tolist() for name, values in of_disks.items()}
+    numbers = {name: values.tolist() for name, values in arrays.items()}
     box = scene.box
     sides = {"x": box.x, "y": box.y, "periodic": box.periodic_axes.tolist()}
     return {"box": sides, "collisions": collisions} | numbers

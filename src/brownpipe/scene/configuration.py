@@ -124,30 +124,30 @@ def csv_text(configuration: Configuration) -> str:
 def _validated(value: object) -> Configuration:
     """Return a configuration that was handed in, or whose arrays are in the text of a scene."""
     if isinstance(value, Configuration):
-        given = value._asdict()
+        fields = value._asdict()
     elif isinstance(value, Mapping):
-        given = {name: _decoded(name, item) for name, item in value.items()}
+        fields = {name: _decoded(name, item) for name, item in value.items()}
     else:
         refuse("must be a brownpipe.Configuration")
-    configuration = _with_types(given)
+    configuration = _with_types(fields)
     _check(configuration)
     return configuration
 
 
-def _with_types(given: Mapping[str, object]) -> Configuration:
+def _with_types(fields: Mapping[str, object]) -> Configuration:
     """Return the configuration of values by field, as arrays of their own, read-only."""
-    lacking = [name for name in ("position", "radius", "mass") if given.get(name) is None]
+    lacking = [name for name in ("position", "radius", "mass") if fields.get(name) is None]
     if lacking:
         refuse(f"must have {', '.join(lacking)}")
     arrays: dict[str, np.ndarray] = {}
     for name in TYPES:
-        value = given.get(name)
+        value = fields.get(name)
         if value is None:
             continue
         array = _array_of_numbers(name, value)
         array.flags.writeable = False
         arrays[name] = array
-    names = given.get("names", ())
+    names = fields.get("names", ())
     if not isinstance(names, list | tuple):
         refuse(f"must be a list of names, not {names!r:.80}", "names")
     return Configuration(

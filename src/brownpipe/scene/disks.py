@@ -84,28 +84,30 @@ def changed_disks(disks: GivenDisks, has_velocities: bool) -> Configuration:
     """Return the disks of a file with the keys that replace those in it."""
     if disks.configuration is None:
         refuse("must be in a scene file, or in a new Scene, which read it", "disks", "file")
-    given = disks.configuration
-    if has_velocities and given.velocity is None:
+    configuration = disks.configuration
+    if has_velocities and configuration.velocity is None:
         refuse("missing; must be given, as the disks have none", "velocities")
-    given = with_names(given) if disks.tracer is None else with_own_species(given)
-    position = given.position.copy()
-    velocity = None if given.velocity is None else given.velocity.copy()
-    radius = given.radius.copy()
-    mass = given.mass.copy()
+    configuration = (
+        with_names(configuration) if disks.tracer is None else with_own_species(configuration)
+    )
+    position = configuration.position.copy()
+    velocity = None if configuration.velocity is None else configuration.velocity.copy()
+    radius = configuration.radius.copy()
+    mass = configuration.mass.copy()
     for name, changes in disks.species.items():
-        if name not in given.names:
-            known = ", ".join(given.names)
+        if name not in configuration.names:
+            known = ", ".join(configuration.names)
             refuse(f"must be a species of the disks: {known}", "disks", "species", name)
-        of_species = given.species_index == given.names.index(name)
-        _replace_where(of_species, radius, changes.radius)
-        _replace_where(of_species, mass, changes.mass)
+        members = configuration.species_index == configuration.names.index(name)
+        _replace_where(members, radius, changes.radius)
+        _replace_where(members, mass, changes.mass)
     if disks.tracer is not None:
         _replace_where(0, radius, disks.tracer.radius)
         _replace_where(0, mass, disks.tracer.mass)
         _replace_where(0, position, disks.tracer.position)
         if has_velocities and velocity is not None:
             _replace_where(0, velocity, disks.tracer.velocity)
-    changed = given._replace(position=position, velocity=velocity, radius=radius, mass=mass)
+    changed = configuration._replace(position=position, velocity=velocity, radius=radius, mass=mass)
     return _read_only(changed)
 
 

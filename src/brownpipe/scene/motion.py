@@ -142,13 +142,13 @@ def mean_square_speed_of_tracer(scene: Scene) -> float:
     """
     if not scene.particles:
         return math.nan
-    before = scene.equilibrate
-    if before.time > 0 and before.tracer == "free" and not is_thermal(scene):
+    equilibration = scene.equilibrate
+    if equilibration.time > 0 and equilibration.tracer == "free" and not is_thermal(scene):
         return math.nan
     velocity = given_velocities(scene)
-    own = scene.tracer_velocity if velocity is None else velocity[0]
-    if own is not None:
-        return float(np.square(own).sum())
+    tracer_velocity = scene.tracer_velocity if velocity is None else velocity[0]
+    if tracer_velocity is not None:
+        return float(np.square(tracer_velocity).sum())
     variance = _component_variance(scene)
     share = _share_of_mass(scene)
     balanced = variance[0] * (1 - 2 * share[0]) + (share**2 * variance).sum()

@@ -468,12 +468,12 @@ def _place_and_problem(refusal: ValidationError, value: object) -> tuple[list[st
     if first["type"] != "missing":
         refused = first.get("ctx", {}).get("tag", first["input"])
         return path, f"{problem}, not {refused!r:.80}"
-    beside = []  # other missing keys of the same mapping
+    missing = []  # other missing keys of the same mapping
     for error, place in zip(errors, paths, strict=True):
         if error["type"] == "missing" and place != path and place[:-1] == path[:-1]:
-            beside.append(str(place[-1]))
-    if beside:
-        problem += f", and so must {' and '.join(dict.fromkeys(beside))}"
+            missing.append(str(place[-1]))
+    if missing:
+        problem += f", and so must {' and '.join(dict.fromkeys(missing))}"
     return path, problem
 
 

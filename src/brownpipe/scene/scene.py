@@ -244,32 +244,33 @@ class Scene(Section):
                 f"{disks}; must be at most {most} in this {self.box.with_size_in_words}", "disks"
             )
 
-    def _check_overlaps(self, given: Configuration) -> None:
+    def _check_overlaps(self, configuration: Configuration) -> None:
         """Refuse disks that overlap by more than the scene pushes apart."""
-        if not len(given.radius):
+        if not len(configuration.radius):
             return
         sides = self.box.periodic_sides
-        crowded = crowd(given.position, given.radius, sides)
+        crowded = crowd(configuration.position, configuration.radius, sides)
         if crowded is not None:
             k = crowded.disk
-            place = f"disk {k} at {given.position[k].tolist()}"
-            near = f"{crowded.neighbours} disks closer than its diameter, {2 * given.radius[k]:g}"
+            place = f"disk {k} at {configuration.position[k].tolist()}"
+            diameter = 2 * configuration.radius[k]
+            near = f"{crowded.neighbours} disks closer than its diameter, {diameter:g}"
             refuse(
                 f"{place} has {near}; must not overlap, with radii in units of positions", "disks"
             )
-        self._overlaps = overlaps(given.position, given.radius, sides)
+        self._overlaps = overlaps(configuration.position, configuration.radius, sides)
         if self._overlaps is None:
             return
-        found = self._overlaps
-        if found.depth <= self.push_apart:
+        overlap = self._overlaps
+        if overlap.depth <= self.push_apart:
             return
-        deepest = (found.first, found.second)
-        pair = " and ".join(f"disk {k} at {given.position[k].tolist()}" for k in deepest)
-        problem = f"{pair} overlap: the gap between their edges is {found.gap:.6g}; must be >= 0"
-        if found.number > 1:
-            problem += f"; {found.number} pairs overlap, these two most"
+        deepest = (overlap.first, overlap.second)
+        pair = " and ".join(f"disk {k} at {configuration.position[k].tolist()}" for k in deepest)
+        problem = f"{pair} overlap: the gap between their edges is {overlap.gap:.6g}; must be >= 0"
+        if overlap.number > 1:
+            problem += f"; {overlap.number} pairs overlap, these two most"
         if isinstance(self.disks, GivenDisks):
-            problem += f"; push_apart: {_rounded_up(found.depth):g} would push all apart"
+            problem += f"; push_apart: {_rounded_up(overlap.depth):g} would push all apart"
         refuse(problem, "disks")
 
     def _check_places(self) -> None:
@@ -290,16 +291,16 @@ class Scene(Section):
         if outside is not None:
             refuse(outside.problem, "disks", "tracer", "position")
 
-    def _check_given_places(self, given: Configuration) -> None:
+    def _check_given_places(self, configuration: Configuration) -> None:
         """Refuse given disks that are too small or too large for the box, or outside it."""
-        if not len(given.radius):
+        if not len(configuration.radius):
             return
-        smallest = int(given.radius.argmin())
-        largest = int(given.radius.argmax())
+        smallest = int(configuration.radius.argmin())
+        largest = int(configuration.radius.argmax())
         for k in (smallest, largest):
-            self._check_radius(float(given.radius[k]), "disks", k, "radius")
-        slack = 2 * self.push_apart * given.radius
-        outside = first_outside(self.box, given.position, given.radius, slack)
+            self._check_radius(float(configuration.radius[k]), "disks", k, "radius")
+        slack = 2 * self.push_apart * configuration.radius
+        outside = first_outside(self.box, configuration.position, configuration.radius, slack)
         if outside is not None:
             refuse(outside.problem, "disks", outside.disk, "position")
 
@@ -540,16 +541,16 @@ class Scene(Section):
         """Return disks of a file as they are in the text of the scene: with what was in the file,
         radii and masses of species beside them, and without its name.
         """
-        given = self._configuration
-        assert given is not None
-        keys: dict[str, YamlValue] = {"configuration": encoded(given)}
+        configuration = self._configuration
+        assert configuration is not None
+        keys: dict[str, YamlValue] = {"configuration": encoded(configuration)}
         if disks.push_apart:
             keys["push_apart"] = disks.push_apart
         species: dict[str, dict[str, YamlValue]] = {}
-        for k, name in enumerate(given.names):
-            of_species = given.species_index == k
-            radii = np.unique(given.radius[of_species])
-            masses = np.unique(given.mass[of_species])
+        for k, name in enumerate(configuration.names):
+            members = configuration.species_index == k
+            radii = np.unique(configuration.radius[members])
+            masses = np.unique(configuration.mass[members])
             species[name] = {}
             if len(radii) == 1:
                 species[name]["radius"] = float(radii[0])
@@ -624,9 +625,9 @@ def scaled_disks(scene: Scene, factor: float) -> YamlValue:
     """Return the disks of a scene whose positions are given, as in its mapping, with positions
     multiplied by a factor.
     """
-    given = scene.configuration
-    assert given is not None
-    position = factor * given.position
+    configuration = scene.configuration
+    assert configuration is not None
+    position = factor * configuration.position
     if isinstance(scene.disks, tuple):
         disks = _list_as_mappings(scene.disks)
         for disk, place in zip(disks, position.tolist(), strict=True):
@@ -634,7 +635,7 @@ def scaled_disks(scene: Scene, factor: float) -> YamlValue:
         return disks
     assert isinstance(scene.disks, GivenDisks)
     keys = scene._given_disks_as_mapping(scene.disks)
-    return {**keys, "configuration": given._replace(position=position)}
+    return {**keys, "configuration": configuration._replace(position=position)}
 
 
 def disks_without_own_velocity(scene: Scene) -> YamlValue:

@@ -39,9 +39,9 @@ def species_table(scene: Scene) -> SpeciesTable:
     """Return the species of a scene, as they are named in it (`scene.configuration.with_names` says
     what unnamed disks are called).
     """
-    given = scene.configuration
-    if given is not None:
-        return _species_of_given(given.names, given.species_index, scene)
+    configuration = scene.configuration
+    if configuration is not None:
+        return _species_of_given(configuration.names, configuration.species_index, scene)
     present = [species for species in scene.species if species.count]
     number = np.array([species.count for species in present], np.int64)
     radius = np.array([species.radius for species in present], float)
@@ -84,8 +84,8 @@ def kinds_of(scene: Scene) -> Kinds:
     and the mass of the mean speed at a temperature, <m^(-1/2)>^-2. Other sums differ by the square
     of the width of a class.
     """
-    given = scene.configuration
-    if given is None:
+    configuration = scene.configuration
+    if configuration is None:
         table = species_table(scene)
         return Kinds(table.number, table.radius, table.mass)
     disks = np.stack([scene.radius, scene.mass], axis=1)

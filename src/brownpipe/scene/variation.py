@@ -190,12 +190,16 @@ def _all_keys(scene: Scene) -> dict[str, YamlValue]:
     keys = scene.as_mapping() | {PACKING_FRACTION: scene.packing_fraction}
     keys |= scene.model_dump(include={"velocities", "equilibrate"}, exclude_none=True)
     disks = keys["disks"]
-    given = scene.configuration
-    if given is None or not isinstance(disks, dict):
+    configuration = scene.configuration
+    if configuration is None or not isinstance(disks, dict):
         return keys
     disks["push_apart"] = scene.push_apart
     if scene.has_tracer:
-        velocity = scene.tracer_velocity if given.velocity is None else given.velocity[0].tolist()
+        velocity = (
+            scene.tracer_velocity
+            if configuration.velocity is None
+            else configuration.velocity[0].tolist()
+        )
         disks["tracer"] |= {"position": scene.tracer_position, "velocity": velocity}
     return keys
 

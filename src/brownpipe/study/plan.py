@@ -68,7 +68,7 @@ class Pilot(NamedTuple):
 
     runs: tradeoff.EngineRuns
     cost: forecast.Cost  # of one run
-    made: int  # runs that were not there before
+    new_runs: int  # that were not there before
     drifts: list[str]  # a line that says whether the runs drift, if that is tested
 
 
@@ -151,7 +151,7 @@ def drifts_of(pilots: Sequence[Pilot]) -> list[str]:
 
 def spent_on(pilots: Sequence[Pilot]) -> str:
     """Return a line that says how many pilot runs were made, and where they are."""
-    number = sum(pilot.made for pilot in pilots)
+    number = sum(pilot.new_runs for pilot in pilots)
     return f"{counted(number, 'pilot run')} made in {RUNS}; the study uses them again"
 
 

@@ -87,11 +87,11 @@ def _relative_bias(approximate: np.ndarray, exact: np.ndarray, pairs: Pairs | No
     scale = np.where(defined, mean, 1.0)
     residual, slope = _corrected(approximate / scale, exact / scale, pairs)
     value = residual.mean(axis=0) + (slope - 1.0) * mean / scale
-    own = _resampled(residual)
-    other = _resampled((1.0 + value - slope) * exact / scale)
-    low = value - np.hypot(own.mean - own.low, other.high - other.mean)
-    high = value + np.hypot(own.high - own.mean, other.mean - other.low)
-    error = np.hypot(own.standard_error, other.standard_error)
+    residuals = _resampled(residual)
+    reference = _resampled((1.0 + value - slope) * exact / scale)
+    low = value - np.hypot(residuals.mean - residuals.low, reference.high - reference.mean)
+    high = value + np.hypot(residuals.high - residuals.mean, reference.mean - reference.low)
+    error = np.hypot(residuals.standard_error, reference.standard_error)
     fields = (value, error, low, high)
     return Estimate(*(np.where(defined, field, np.nan).reshape(shape) for field in fields))
 

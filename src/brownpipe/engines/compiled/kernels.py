@@ -211,8 +211,8 @@ if not config.DISABLE_JIT:
             )
             for_reading = word(0)
             into_all_caches = word(3)
-            of_data = word(1)
-            builder.call(instruction, [address, for_reading, into_all_caches, of_data])
+            data_cache = word(1)
+            builder.call(instruction, [address, for_reading, into_all_caches, data_cache])
             return context.get_dummy_value()
 
         return types.void(array, types.intp), code

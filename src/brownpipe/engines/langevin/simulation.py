@@ -184,9 +184,9 @@ def follow(path: np.ndarray, normal: np.ndarray, weights: np.ndarray) -> None:
         decay, w1, w2, w3 = weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3]
         for c in range(2):
             v = path[k, 1, c]
-            after = decay * v + w1 * normal[k, 0, c]
-            path[k + 1, 1, c] = after
-            path[k + 1, 0, c] = path[k, 0, c] + w2 * (v + after) + w3 * normal[k, 1, c]
+            next_v = decay * v + w1 * normal[k, 0, c]
+            path[k + 1, 1, c] = next_v
+            path[k + 1, 0, c] = path[k, 0, c] + w2 * (v + next_v) + w3 * normal[k, 1, c]
 
 
 @entry_point

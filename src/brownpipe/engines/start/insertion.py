@@ -177,20 +177,20 @@ def coverage(p: Places, i: int, half: float) -> int:
     for k in p.big:
         if k >= i:
             break
-        of_disk = coverage_by_disk(p, i, k, half)
-        if of_disk == COVERED:
+        coverage = coverage_by_disk(p, i, k, half)
+        if coverage == COVERED:
             return COVERED
-        if of_disk == UNDECIDED:
+        if coverage == UNDECIDED:
             verdict = UNDECIDED
     left, right, bottom, top = block_around(p, i, p.radius[i] + p.common)
     for column in range(left, right + 1):
         for row in range(bottom, top + 1):
             k = first_in_cell(p, column, row)
             while k >= 0:
-                of_disk = coverage_by_disk(p, i, k, half)
-                if of_disk == COVERED:
+                coverage = coverage_by_disk(p, i, k, half)
+                if coverage == COVERED:
                     return COVERED
-                if of_disk == UNDECIDED:
+                if coverage == UNDECIDED:
                     verdict = UNDECIDED
                 k = p.following[k]
     return verdict
@@ -318,8 +318,8 @@ def separate(p: Places, held: int, stretch: float, i: int, k: int) -> bool:
         if distance == 0.0:
             x, distance = sigma, sigma
         away = (wanted - math.sqrt(square)) / distance
-        of_i = share_of_path(radius, held, i, k)
-        step_of_i, step_of_k = -of_i * away, (1.0 - of_i) * away
+        share = share_of_path(radius, held, i, k)
+        step_of_i, step_of_k = -share * away, (1.0 - share) * away
         position[i, 0] = next_coordinate(
             position[i, 0], step_of_i * x, radius[i], size[0], p.periodic_x
         )
