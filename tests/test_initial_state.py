@@ -212,41 +212,42 @@ def test_a_disk_is_uniform_over_where_it_can_be(boundary):
         margin = 0.0 if scene.box.periodic_axes[axis] else 0.3
         law = stats.uniform(low + margin, high - low - 2 * margin)
         assert stats.kstest(places[:, 0, axis], law.cdf).pvalue > 1e-6
-    if (
-        boundary == PERIODIC
-    ):  # the second one sees the first as uniform over what is left: a ring of the torus
+    if boundary == PERIODIC:
+        # the second one sees the first as uniform over what is left: a ring of the torus
         size = np.array((2.0, 3.0))
-        apart = places[:, 1] - places[:, 0]
-        distance = np.hypot(*(apart - size * np.round(apart / size)).T)
+        separation = places[:, 1] - places[:, 0]
+        separation -= size * np.round(separation / size)
+        distance = np.hypot(separation[:, 0], separation[:, 1])
         near = distance[distance < 1.0]
         assert stats.kstest(near, lambda r: (r**2 - 0.36) / (1 - 0.36)).pvalue > 1e-6
         expected = 3000 * np.pi * (1 - 0.36) / (6 - np.pi * 0.36)
         assert abs(len(near) - expected) < 5 * np.sqrt(expected)
 
 
+TWO_SIZES = [(80, 0.12, 1.0), (80, 0.08, 1.0)]
+# Of disks on a lattice: the box, species of (number, radius, mass), and further keys of the disks
 LATTICES = {
-    **{
-        f"{n} of {radius}, {side}": (box(3, 2.5, side, (10.0, 0.0)), [(n, radius, 1.0)], {})
-        for side in (WALLS, PERIODIC, CHANNEL_X, CHANNEL_Y)
-        for n, radius in [(1, 0.5), (2, 0.4), (7, 0.3), (100, 0.14), (1000, 0.043)]
-    },
     "phi = 0.85": (
         box(30, 15 * np.sqrt(3), PERIODIC),
         [(900, 0.5 * np.sqrt(0.85 / 0.9069), 1.0)],
         {},
     ),
-    "walls, tracer": (box(4, 4, WALLS), [(80, 0.12, 1.0), (80, 0.08, 1.0)], {"tracer": TRACER}),
+    "walls, tracer": (box(4, 4, WALLS), TWO_SIZES, {"tracer": TRACER}),
     "channel, tracer": (
         box(4, 4, CHANNEL_X),
-        [(80, 0.12, 1), (80, 0.08, 1)],
+        TWO_SIZES,
         {"tracer": TRACER | {"position": [1.9, -1.5]}},
     ),
     "periodic, tracer": (
         box(4, 4, PERIODIC),
-        [(80, 0.12, 1), (80, 0.08, 1)],
+        TWO_SIZES,
         {"tracer": TRACER | {"position": [1.9, -2]}},
     ),
 }
+for boundary in (WALLS, PERIODIC, CHANNEL_X, CHANNEL_Y):
+    small_box = box(3, 2.5, boundary, (10.0, 0.0))
+    for number, radius in [(1, 0.5), (2, 0.4), (7, 0.3), (100, 0.14), (1000, 0.043)]:
+        LATTICES[f"{number} of {radius}, {boundary}"] = (small_box, [(number, radius, 1.0)], {})
 
 
 @pytest.mark.parametrize("name", LATTICES)
