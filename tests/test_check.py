@@ -156,13 +156,17 @@ def test_disks_that_cannot_pass_each_other_are_said(height, passes, tmp_path):
     assert said == ([] if passes else [expected])
 
 
-@pytest.mark.parametrize(("height", "fills"), [(1.0, True), (1.001, False)])
-def test_a_disk_that_touches_both_walls_is_said(height, fills, tmp_path):
-    """Its first run stops at t = 0."""
-    box = {"x": [0, 20], "y": [0, height], "boundary": {"x": "periodic", "y": "reflecting"}}
-    lines = cautions(report(tmp_path, crowd(8) | {"box": box}))
-    said = [line for line in lines if "touches two opposite walls" in line]
-    assert len(said) == fills
+def test_collisions_in_a_channel_with_hardly_any_room_are_forecast():
+    """Three free disks between walls that leave them a gap of 1e-9: 2 sqrt(2/pi)/gap each per
+    time, which no least gap bounds.
+    """
+    gap = 1e-9
+    scene = crowd(3) | {"box": {"x": [0, 20], "y": [0, 1 + gap], "boundary": CHANNEL_X}}
+    scene |= {"duration": 2.0}
+    cost = forecast.run_cost(parse_scene(scene, "narrow.yaml"))
+    width = parse_scene(scene, "narrow.yaml").box.height - 1
+    expected = 3 * 2.0 * np.sqrt(2 / np.pi) / width
+    assert cost.wall_collisions == pytest.approx(expected, rel=1e-3)
 
 
 def test_nothing_is_said_of_diffusion_where_its_start_is_not_known(tmp_path):

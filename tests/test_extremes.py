@@ -289,6 +289,13 @@ def crowded_row():
     return State(*(np.concatenate(pair) for pair in zip(first, free, strict=True)))
 
 
+def struck_in_slit():
+    """A disk that touches both walls and moves along them, struck on its shoulder by a small
+    one.
+    """
+    return state_of([(0.25, 0, 0, 0.7), (0.2, 0.5, 0, -1)], [0.15, 0.05])
+
+
 UNLIKE = np.random.default_rng(5).uniform(0.1, 8.0, 14)
 JAMMED = {
     "crystal": crystal(6, 0.0, 1.0),
@@ -299,7 +306,7 @@ JAMMED = {
     "unlike masses": scene_of_state(box(1, 2, WALLS), row(14, mass=UNLIKE), 1.0),
     "ring": scene_of_state(box(3, 3, PERIODIC), row(17, 3.0, 5), 1.0),
     "block": scene_of_state(box(1, 2 / 6, WALLS), block(6), 1.0),
-    "slit": scene_of_state(box(0.3, 4, WALLS, (0.25, 0)), state_of([(0.25, 0, 1, 0.7)], 0.15), 1.0),
+    "slit": scene_of_state(box(0.3, 4, WALLS, (0.25, 0)), struck_in_slit(), 1.0),
     "free disks beside": scene_of_state(box(1, 3, WALLS), crowded_row(), 1.0),
 }
 

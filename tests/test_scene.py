@@ -250,13 +250,77 @@ def test_overlap_is_refused_beyond_round_off(gap):
 
 def test_wall_contact_is_accepted_to_round_off():
     assert explicit(disk(x=2.9, y=-2.9), disk(x=math.nextafter(2.9, 3), y=0)).particles == 2
-    assert explicit(disk(radius=3.0)).particles == 1
+    assert explicit(disk(radius=3.0, velocity=(0, 0))).particles == 1
     far = {"x": [1e6 - 3, 1e6 + 3], "y": [-3, 3]}
     assert explicit(disk(math.nextafter(1e6 + 2.9, 2e6)), box=far).particles == 1
     with pytest.raises(
         RequestError, match=r"disks\[0\].position: must .* inside the box, -2.9 <= x <= 2.9"
     ):
         explicit(disk(x=2.9 + 1e-9))
+
+
+ROUND_UP = math.nextafter(1.0, 2.0)
+FILLED = "touches, a disk would collide for ever"
+# sides of the box, boundary, radii of tracer and bath; the key that is refused
+FILLING = {
+    "channel along x": ((10.0, 1.0), CHANNEL_X, 0.5, 0.5, "disks.tracer.radius"),
+    "channel along y": ((1.0, 10.0), CHANNEL_Y, 0.5, 0.5, "disks.tracer.radius"),
+    "walls in x": ((1.0, 10.0), "reflecting", 0.5, 0.5, "disks.tracer.radius"),
+    "wide tracer": ((10.0, 1.0), CHANNEL_X, 0.5, 0.2, "disks.tracer.radius"),
+    "wide bath": ((10.0, 1.0), CHANNEL_X, 0.2, 0.5, "disks.species[0].radius"),
+    "rounded up": ((10.0, ROUND_UP), CHANNEL_X, 0.5, 0.5, "disks.tracer.radius"),
+}
+
+
+@pytest.mark.parametrize(("sides", "boundary", "tracer", "bath", "key"), FILLING.values())
+def test_a_disk_as_wide_as_a_channel_with_drawn_velocities_is_refused(
+    sides, boundary, tracer, bath, key
+):
+    """Every run would stop at t = 0."""
+    width, height = sides
+    box = {"x": [0, width], "y": [0, height], "boundary": boundary}
+    with pytest.raises(RequestError, match=FILLED) as refused:
+        species(kind(2, radius=bath), box=box, tracer={"radius": tracer, "mass": 1.0})
+    assert key in str(refused.value)
+
+
+def test_a_channel_hardly_wider_than_its_disks_is_accepted():
+    box = {"x": [0, 10], "y": [0, 1 + 1e-9], "boundary": CHANNEL_X}
+    assert species(kind(2, radius=0.5), box=box).particles == 2
+
+
+def test_hard_rods_fill_a_channel_and_exchange_velocities():
+    """Disks as wide as their channel that move along it alone; across it they are refused.
+
+    Equal rods pass on their velocities, as if points of a ring of length 10 - 3 went through each
+    other: the pair with relative velocity u collides u t/7 times, +- 1.
+    """
+    box = {"x": [0, 10], "y": [0, 1], "boundary": CHANNEL_X}
+    velocities = (1.0, 0.0, -1.0)
+    rods = [disk(1 + 3 * k, 0.5, 0.5, 1.0, (velocities[k], 0.0)) for k in range(3)]
+    scene = explicit(*rods, box=box, duration=70.0)
+    runs = simulate(scene, [0], frozenset({"none"}))
+    assert not runs.observables["failed"].any()
+    assert runs.observables["pair_collisions"][0] == pytest.approx((1 + 1 + 2) * 70 / 7, abs=3)
+    rods[1]["velocity"] = [0.0, 1e-9]
+    with pytest.raises(RequestError, match=rf"disks\[1\].radius.*{FILLED}"):
+        explicit(*rods, box=box)
+
+
+def lone_rod(velocity):
+    """A lone tracer as wide as its channel along x."""
+    return {
+        "box": {"x": [0, 10], "y": [0, 1], "boundary": CHANNEL_X},
+        "disks": {"tracer": {"radius": 0.5, "mass": 1.0, "velocity": velocity}},
+        "velocities": {"standard_deviation": 0.0, "zero_momentum": False},
+        "duration": 1.0,
+    }
+
+
+def test_a_tracer_as_wide_as_its_channel_may_move_along_it_alone():
+    assert parse_scene(lone_rod([1.0, 0.0]), "test.yaml").particles == 1
+    with pytest.raises(RequestError, match=rf"disks.tracer.radius.*{FILLED}"):
+        parse_scene(lone_rod([1.0, 0.5]), "test.yaml")
 
 
 def test_overlap_through_a_periodic_boundary():
@@ -286,7 +350,7 @@ def test_more_disks_than_can_fit_are_refused():
     ("width", "height", "boundary", "most"),
     [
         (6.0, 6.0, "reflecting", 1030),  # 2/sqrt(3) 29^2 + 29 + 29 + 1
-        (2.0, 0.2, "reflecting", 10),  # a row that fills its box
+        (2.0, 0.2 + 1e-9, "reflecting", 10),  # a row that all but fills its box
         (2.0, 0.3, "reflecting", 11),  # zigzag: 9/sqrt(1 - 0.25) + 1
         (0.3, 2.0, "reflecting", 11),
         (2.0, 0.3, CHANNEL_X, 11),  # 10/sqrt(1 - 0.25)

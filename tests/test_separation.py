@@ -91,7 +91,7 @@ def without_room():
         {
             "box": {"x": [0.0, 10.0], "y": [0.0, 1.0]},
             "disks": {"configuration": given, "push_apart": 0.2},
-            "velocities": {"temperature": 1.0},
+            "velocities": {"temperature": 0.0},
             "duration": 1.0,
         },
         "row.yaml",

@@ -80,6 +80,14 @@ SCENES = [  # of which text, what in it, is replaced by what; line, key, and a w
     (
         SPECIES,
         "y: [-3, 3]",
+        "y: [-0.3, 0.3]\n  boundary: {x: periodic, y: reflecting}",
+        7,
+        "disks.tracer.radius",
+        "below 0.3 by more than round-off, or the velocity along y 0, not 0.3: between walls in y",
+    ),
+    (
+        SPECIES,
+        "y: [-3, 3]",
         "y: [-3, 3]\n  boundary: {x: periodic}",
         4,
         "box.boundary.y",

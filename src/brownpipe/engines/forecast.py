@@ -313,12 +313,14 @@ def _pair_rates(scene: Scene, speed: np.ndarray) -> Iterator[np.ndarray]:
 def wall_rate(scene: Scene) -> float:
     """Return the expected collisions with walls per time [1/time]: of each disk Z speed
     sqrt(2/pi)/side, summed over those sides of the rectangle accessible to its centre that end at
-    walls; Z is the density of centres at the walls, relative to the mean.
+    walls; Z is the density of centres at the walls, relative to the mean. Disks that touch two
+    opposite walls do not move across.
     """
     if not scene.box.has_walls or not scene.particles:
         return 0.0
     kinds = kinds_of(scene)
-    side = scene.box.size[:, None] - (2 - theory.SMALLEST_GAP) * kinds.radius
+    is_filled = scene.box.is_filled_by(kinds.radius[:, None]).T
+    side = np.where(is_filled, np.inf, scene.box.size[:, None] - 2 * kinds.radius)
     at_walls = np.where(scene.box.periodic_axes, 0.0, confinement(scene).walls)
     hits = at_walls[:, None] * kinds.number * speeds(scene) / side
     return math.sqrt(2 / math.pi) * float(hits.sum())
@@ -353,13 +355,11 @@ def disks_in_cells(scene: Scene) -> float:
 def caution(scene: Scene) -> str | None:
     """Return one line of caution on runs of all disks of a scene; otherwise None.
 
-    If random placement is expected to fail, if a disk fills the box between two walls, or if the
-    mean free path between collisions with disks, mean speed over mean collision rate of all disks,
-    is longer than the shorter side of the box, or than a channel.
+    If random placement is expected to fail, or if the mean free path between collisions with disks,
+    mean speed over mean collision rate of all disks, is longer than the shorter side of the box, or
+    than a channel.
     """
     if line := placement_caution(scene):
-        return line
-    if line := _caution_of_filled_box(scene):
         return line
     rate = 2 * pair_rate(scene)
     if scene.has_one_state or scene.particles < 2 or not rate > 0:
@@ -375,21 +375,6 @@ def caution(scene: Scene) -> str | None:
     return (
         f"{scene.name}: {scene.particles} disks are too few for Brownian motion in this box: "
         f"{too_long}"
-    )
-
-
-def _caution_of_filled_box(scene: Scene) -> str | None:
-    """Return one line of caution if a disk touches two opposite walls and may have a velocity
-    across; otherwise None.
-    """
-    if scene.has_one_state or not scene.particles or not motion.moves(scene):
-        return None
-    room = scene.box.size - 2 * scene.radius.max()
-    if np.all(scene.box.periodic_axes | (room > 0)):
-        return None
-    return (
-        f"{scene.name}: a disk of radius {scene.radius.max():g} touches two opposite walls: moving "
-        "across, it collides with them for ever at one time; must be smaller"
     )
 
 

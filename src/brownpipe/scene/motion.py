@@ -43,7 +43,7 @@ def moves(scene: Scene) -> bool:
         return False
     if scene.tracer_velocity is not None and any(scene.tracer_velocity):
         return True
-    return bool(scene.velocities.temperature or scene.velocities.standard_deviation)
+    return scene.velocities.draws_motion
 
 
 # -- the total momentum ----------------------------------------------------------------------------

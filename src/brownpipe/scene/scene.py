@@ -98,6 +98,7 @@ class Scene(Section):
         self._resolve_start()
         if info.context is None:
             self._check_places()
+            self._check_room_between_walls()
             self._check_packing()
         return self
 
@@ -316,6 +317,46 @@ class Scene(Section):
         if not smallest <= radius <= largest:
             allowed = f"{smallest:g} to {largest!r} in this {box.in_words}"
             refuse(f"must be {allowed}, not {radius!r}", *path)
+
+    def _check_room_between_walls(self) -> None:
+        """Refuse disks that touch two opposite walls and move from one to the other: they would
+        collide with both for ever, at one time. Along the walls they may move, as hard rods do.
+        """
+        if not self.box.is_filled_by(self.radius.max(initial=0.0)).any():
+            return
+        is_filled = self.box.is_filled_by(self.radius[:, None])
+        stuck = np.argwhere(is_filled & self._has_velocity_along_axes())
+        if not len(stuck):
+            return
+        disk, axis = stuck[0].tolist()
+        name = "xy"[axis]
+        refuse(
+            f"must be below {self.box.size[axis] / 2:g} by more than round-off, or the velocity "
+            f"along {name} 0, not {float(self.radius[disk])!r}: between walls in {name} that it "
+            "touches, a disk would collide for ever",
+            *self._path_of_disk(disk),
+            "radius",
+        )
+
+    def _has_velocity_along_axes(self) -> np.ndarray:
+        """Return which components (N, 2) of the velocities at t = 0 are given or drawn, and not
+        0.
+        """
+        is_drawn = self.velocities is not None and self.velocities.draws_motion
+        has_velocity = np.full((self.particles, 2), is_drawn)
+        if self._configuration is not None and self._configuration.velocity is not None:
+            has_velocity = self._configuration.velocity != 0
+        if self.tracer_velocity is not None:
+            has_velocity[0] |= np.array(self.tracer_velocity) != 0
+        return has_velocity
+
+    def _path_of_disk(self, disk: int) -> tuple[str | int, ...]:
+        """Return the path of keys to the disk of this number, or to its species."""
+        if self._configuration is not None:
+            return ("disks", disk)
+        last = np.cumsum([group.count for group in self.species])
+        k = int(np.searchsorted(last, disk, side="right")) - self.has_tracer
+        return ("disks", "tracer") if k < 0 else ("disks", "species", k)
 
     def __repr__(self) -> str:
         box = self.box.with_size_in_words

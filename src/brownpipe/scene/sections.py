@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Discriminator, Field, StrictBool, Tag, model_validator
 
 from brownpipe.scene.configuration import TRACER, ConfigurationKey
-from brownpipe.scene.overlaps import PeriodicSides
+from brownpipe.scene.overlaps import ROUND_OFF, PeriodicSides
 from brownpipe.scene.reading import (
     As,
     AtLeastOne,
@@ -223,6 +223,19 @@ class Box(Section):
         margin = self.margins(radius)
         return np.array(self.origin) + margin, self.size - 2 * margin
 
+    def is_filled_by(self, radius: float | np.ndarray) -> np.ndarray:
+        """Return along which of x and y (2,) a disk touches both walls, to round-off; (n, 2) for
+        radii (n, 1).
+
+        >>> channel = {"x": "periodic", "y": "reflecting"}
+        >>> Box(x=[0, 9], y=[0, 2], boundary=channel).is_filled_by(1.0)
+        array([False,  True])
+        """
+        room = self.size - 2 * radius
+        farthest = np.abs((self.x, self.y)).max(axis=1)
+        round_off = ROUND_OFF * np.maximum(farthest, 2 * radius)
+        return ~self.periodic_axes & (room <= round_off)
+
     def nearest_image(self, apart: np.ndarray) -> np.ndarray:
         """Return vectors (..., 2) between disks, each to the nearest periodic image."""
         return apart - self.size * np.where(self.periodic_axes, np.rint(apart / self.size), 0.0)
@@ -362,6 +375,11 @@ class Velocities(Section):
         "or a channel); in a channel along its periodic axis alone",
         None,
     )
+
+    @property
+    def draws_motion(self) -> bool:
+        """Whether drawn velocities are not all zero."""
+        return bool(self.temperature or self.standard_deviation)
 
 
 class Samples(Section):
