@@ -123,6 +123,24 @@ def test_a_signal_at_a_random_moment_ends_a_simulation(tmp_path, faults):
         verified(tmp_path / file)
 
 
+def test_a_study_that_is_interrupted_while_snakemake_starts_ends_with_one_line(tmp_path):
+    """In the seconds before it reads signals itself; a module of its name is interrupted here."""
+    program = tmp_path / "snakemake"
+    program.mkdir()
+    (program / "__init__.py").touch()
+    interrupt = "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
+    (program / "__main__.py").write_text(interrupt)
+    (tmp_path / "study.yaml").write_text("scenes: scene.yaml\nseeds: 2\n")
+    process = subprocess.run(
+        [*MODULE, "run", "study.yaml"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert (process.returncode, process.stderr) == (130, "brownpipe: interrupted\n")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A study of one case in four batches, and in `whole` its trajectory files, made without a

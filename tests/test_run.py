@@ -96,7 +96,7 @@ def test_run_starts_the_workflow_of_this_installation_and_passes_other_options_o
     further = ["tradeoff_figures", "-n", "--config", "seeds=3"]
     assert said("run", study, "-j", "3", *further) == (DONE, "", "")
     ((command, environment),) = started
-    assert command[1:4] == ["-P", "-m", "snakemake"]
+    assert command[1:4] == ["-P", "-c", workflow.PROGRAM]
     assert command[4:6] == [
         "--snakefile",
         str(ROOT / "Snakefile"),

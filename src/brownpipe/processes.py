@@ -1,12 +1,13 @@
 """Signals, and independent pieces of work on several cores.
 
-Ctrl-C and SIGTERM raise exceptions, except while kernels are compiled. Work on several cores is
-done in processes that are forked from this one and inherit its data. They only calculate: this
-process alone writes files and shows progress.
+Ctrl-C and SIGTERM raise exceptions, except while kernels are compiled; of another program, too, an
+interruption is one line. Work on several cores is done in processes that are forked from this one
+and inherit its data. They only calculate: this process alone writes files and shows progress.
 """
 
 import multiprocessing
 import os
+import runpy
 import signal
 import sys
 import threading
@@ -80,6 +81,20 @@ def handled(handlers: dict) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def run_program(module: str, name: str) -> None:
+    """Run the module of another program, as `python -m` does; in its messages it has this name.
+
+    An interruption that the program does not handle, such as one while it starts, is one line, as
+    that of brownpipe.
+    """
+    sys.argv[0] = name
+    try:
+        runpy.run_module(module, run_name="__main__")
+    except KeyboardInterrupt:
+        progress.Display().say("brownpipe: interrupted")
+        sys.exit(128 + signal.SIGINT)
 
 
 # -- several cores ---------------------------------------------------------------------------------

@@ -28,6 +28,8 @@ from brownpipe.study.study import Study, read_study
 from brownpipe.text import counted, in_time, shell_path
 
 LOCKS = Path(".snakemake/locks")
+# Snakemake with one line for an interruption while it starts, of which it makes a traceback
+PROGRAM = "from brownpipe import processes; processes.run_program('snakemake', 'brownpipe run')"
 WILDCARD = re.compile(r"\{\s*(\w+)\s*(?:,([^{}]*))?\}")  # in a path, as Snakemake understands it
 _held: list[int] = []  # the open file that says that a Snakemake is alive in this folder
 
@@ -170,7 +172,7 @@ def run_study(
             f"{Path.cwd()}: Snakemake cannot run in a folder with such braces in its path; run the "
             "study from another folder"
         ) from None
-    command = [sys.executable, "-P", "-m", "snakemake"]
+    command = [sys.executable, "-P", "-c", PROGRAM]
     command += ["--snakefile", str(pipeline_folder() / "Snakefile")]
     command += ["--configfile", study_file]
     if profile is None:
