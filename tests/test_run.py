@@ -160,6 +160,30 @@ def test_run_refuses_at_once(said, study, started, monkeypatch):
     assert said("run", study) == (FAILED, "", line) and not started
 
 
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (
+            "-n --seeds 10",
+            "--seeds: is no option; --config seeds=VALUE replaces the key",
+        ),
+        ("--fit-windows=[[1,2]]", "--fit-windows: is no option; --config fit_windows=VALUE "),
+        ("--config seeds", "--config: must be KEY=VALUE, like seeds=100, not 'seeds'"),
+        ("-C seeds=3 seeds:4", "-C: must be KEY=VALUE, like seeds=100, not 'seeds:4'"),
+    ],
+)
+def test_run_refuses_keys_of_the_study_in_a_wrong_place(said, study, started, words, reason):
+    status, out, err = said("run", study, *words.split())
+    assert (status, out) == (WRONG_REQUEST, "") and not started
+    assert err.startswith(f"brownpipe: {reason}") and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", ["--batch all=1/2", "--config seeds=3 batch=2 -n", "-n results"])
+def test_run_passes_on_the_options_of_snakemake(said, study, started, words):
+    assert said("run", study, *words.split()) == (DONE, "", "")
+    assert started[-1][0][-len(words.split()) :] == words.split()
+
+
 def test_a_lock_of_a_study_that_runs_outlives_a_dry_run_that_began_before(monkeypatch):
     monkeypatch.setattr(workflow, "_held", [])
     workflow.remove_stale_locks()  # of the dry run

@@ -31,6 +31,7 @@ LOCKS = Path(".snakemake/locks")
 # Snakemake with one line for an interruption while it starts, of which it makes a traceback
 PROGRAM = "from brownpipe import processes; processes.run_program('snakemake', 'brownpipe run')"
 WILDCARD = re.compile(r"\{\s*(\w+)\s*(?:,([^{}]*))?\}")  # in a path, as Snakemake understands it
+OPTION_AND_KEY = "--batch"  # of Snakemake an option, of studies a key
 _held: list[int] = []  # the open file that says that a Snakemake is alive in this folder
 
 
@@ -149,9 +150,10 @@ def run_study(
     cores: jobs at the same time (None: all cores, or as many as the profile says). profile: where
     the jobs run (`profile_folder`); None: on this machine. further: other arguments of Snakemake,
     such as targets.
-    Raises RequestError without Snakemake, for a file that is no YAML, a second study and a profile
-    that cannot be used, or in a folder whose name Snakemake takes for a wrong wildcard,
-    PermissionError if the folder cannot be written to. The Snakefile refuses all other mistakes.
+    Raises RequestError without Snakemake, for a file that is no YAML, a second study, keys of the
+    study in a wrong place and a profile that cannot be used, or in a folder whose name Snakemake
+    takes for a wrong wildcard, PermissionError if the folder cannot be written to. The Snakefile
+    refuses all other mistakes.
     """
     require_snakemake()
     read_yaml(study_file)
@@ -160,6 +162,7 @@ def run_study(
         raise RequestError(
             f"{study_file}: must be the only study; --config KEY=VALUE replaces its keys"
         )
+    _refuse_misplaced_keys(further)
     if not os.access(".", os.W_OK):
         raise PermissionError(
             f"{Path.cwd()}: cannot be written to; run the study from another folder"
@@ -187,6 +190,25 @@ def run_study(
     environment["PATH"] = os.pathsep.join([sysconfig.get_path("scripts"), path])
     environment |= cache_folder(profile is not None)
     os.execve(sys.executable, command, environment)
+
+
+def _refuse_misplaced_keys(further: Sequence[str]) -> None:
+    """Raise RequestError for a key of the study as an option, and for a word behind --config that
+    is not KEY=VALUE. Snakemake answers the first by its hundred options, the second by a traceback.
+    """
+    options_of_keys = {"--" + key.replace("_", "-"): key for key in Study.model_fields}
+    del options_of_keys[OPTION_AND_KEY]
+    option = ""
+    for word in further:
+        if word.startswith("-"):
+            option = word.partition("=")[0].replace("_", "-")
+            key = options_of_keys.get(option)
+            if key:
+                raise RequestError(
+                    f"{option}: is no option; --config {key}=VALUE replaces the key of the study"
+                )
+        elif option in ("--config", "-C") and "=" not in word:
+            raise RequestError(f"{option}: must be KEY=VALUE, like seeds=100, not {word!r}")
 
 
 def cache_folder(is_shared: bool) -> dict[str, str]:
