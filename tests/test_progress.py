@@ -223,8 +223,8 @@ def test_the_time_left_follows_from_expected_times_and_remarks_are_shown_once(
     start(handler, seconds={"file 1": 10.0, "file 2": 90.0})
     remark = "brownpipe: compiling the kernels for this kind of scene, once per machine: about 8 s"
     for number in (1, 2):
-        (tmp_path / f"{number}.log").write_text(f"something else\n{remark}\n")
         begin(handler, number, log=tmp_path / f"{number}.log")
+        (tmp_path / f"{number}.log").write_text(f"something else\n{remark}\n")
         handler.look()
     assert screen.getvalue().count(f"{remark}\n") == 1
     clock.now += 1.0
@@ -233,6 +233,20 @@ def test_the_time_left_follows_from_expected_times_and_remarks_are_shown_once(
     clock.now += 4.0
     handler.look()
     assert last_line(screen) == "simulate: 110 of 200 runs, 5 s, about 32 s to go"  # 4 s / 10 x 81
+
+
+def test_what_an_earlier_attempt_left_in_the_log_of_a_job_is_not_shown(monkeypatch, tmp_path):
+    """A study that goes on said `brownpipe: interrupted` until its first job had begun its log."""
+    handler, screen = display(monkeypatch)
+    log = tmp_path / "1.log"
+    log.write_text("simulate: 90 of 100 runs, 9 s\nbrownpipe: interrupted\n")
+    start(handler, runs=100)
+    begin(handler, 1, log=log)
+    handler.look()
+    assert handler.shares == {} and "interrupted" not in screen.getvalue()
+    log.write_text("brownpipe: a caution\nsimulate: 10 of 100 runs, 1 s\n")
+    handler.look()
+    assert handler.shares == {"file 1": 0.1} and "brownpipe: a caution\n" in screen.getvalue()
 
 
 def test_only_jobs_that_failed_in_every_attempt_are_explained_and_none_after_an_interruption(

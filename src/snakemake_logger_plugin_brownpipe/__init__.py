@@ -65,6 +65,7 @@ class LogHandler(LogHandlerBase):
         self.shares: dict[str, float] = {}  # how much of them is done
         # Snakemake's messages on running jobs, by its number of the job
         self.running: dict[int, Any] = {}
+        self.earlier_logs: dict[int, str] = {}  # by its number: what an earlier attempt has left
         self.remarks: set[str] = set()  # that were shown
         # an explanation of each failed job, by its number, shown at the end
         self.failures: dict[int, str] = {}
@@ -81,6 +82,7 @@ class LogHandler(LogHandlerBase):
             self.display.say(self.format(record))
         elif event == LogEvent.JOB_INFO:
             self.running[record.jobid] = record
+            self.earlier_logs[record.jobid] = log_of(record)
         elif event == LogEvent.JOB_FINISHED:
             self.look()
             self.failures.pop(record.job_id, None)  # of an earlier attempt
@@ -124,8 +126,10 @@ class LogHandler(LogHandlerBase):
         As runs of different cases take different times, the time left follows from the times
         expected of the jobs.
         """
-        for job in self.running.values():
+        for number, job in self.running.items():
             log = log_of(job)
+            if log == self.earlier_logs[number]:  # not begun anew yet, or empty
+                continue
             for remark in REMARK.findall(log):
                 if remark not in self.remarks:
                     self.remarks.add(remark)
