@@ -82,6 +82,15 @@ def test_every_verb_is_in_the_list():
     assert listed == [*VERBS]
 
 
+def test_help_says_of_each_verb_what_it_does_in_a_whole_sentence(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    listed = capsys.readouterr().out.partition("VERB\n")[2].partition("\n\n")[0]
+    described = re.split(r"^    (\w+)\s+", listed, flags=re.MULTILINE)[1:]
+    assert described[::2] == [*VERBS]
+    assert all(text.strip().endswith((".", ").")) for text in described[1::2])
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_help_has_an_example_that_parses(verb, capsys):
     with pytest.raises(SystemExit) as left:

@@ -117,6 +117,7 @@ def test_one_run_says_all_about_itself(folder):
         (line,) = (line for line in text.splitlines() if line.startswith(f"{name} "))
         assert f" {units} " in line
         assert values.ndim > 1 or f" {values[1]:.6g} " in line
+    assert re.search(r"^velocity_autocorrelation .*\(time 101\)$", text, re.MULTILINE)
     assert "recorded     none\n" in inspection.file_report(folder / "nothing.h5", 5)
 
 

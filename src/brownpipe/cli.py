@@ -94,7 +94,8 @@ def build_parser(argv: Sequence[str]) -> "_Parser":
     for name in requested or VERBS:
         verb = load_verb(name)
         description, _, example = (verb.run.__doc__ or "").rpartition("\n\n")
-        brief = description.partition("\n")[0]
+        first_sentence = " ".join(description.split()).partition(". ")[0]
+        brief = first_sentence.removesuffix(".") + "."
         subparser = subparsers.add_parser(
             name, help=brief, description=description, epilog=example.strip()
         )

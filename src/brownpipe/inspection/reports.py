@@ -216,7 +216,7 @@ def table_of_runs(ensemble: Ensemble) -> list[str]:
     """Return a table of all observables: mean, min and max of the runs that did not fail, or that
     of one run.
 
-    Of arrays it has the dimensions instead.
+    Of arrays it has the dimensions, those of one run, instead.
     """
     statistics: dict[str, Callable[[np.ndarray], float]]
     if len(ensemble.seeds) > 1:
@@ -232,8 +232,8 @@ def table_of_runs(ensemble: Ensemble) -> list[str]:
         units, meaning = [*described(name, ensemble.own).values()][:2]
         numbers = [""] * len(statistics)
         if values.ndim > 1:
-            dims = dims_of("/", name, ensemble.own)
-            sizes = [f"{dim} {size}" for dim, size in zip(dims, values.shape, strict=True)]
+            _, *dims = dims_of("/", name, ensemble.own)  # of the array of each run
+            sizes = [f"{dim} {size}" for dim, size in zip(dims, values.shape[1:], strict=True)]
             meaning += f" ({', '.join(sizes)})"
         elif shown.any():
             numbers = [f"{statistic(values[shown]):12.6g}" for statistic in statistics.values()]
