@@ -17,6 +17,7 @@ from inspect import signature
 from pathlib import Path
 
 import h5py
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas
 import pytest
@@ -752,6 +753,27 @@ def test_an_error_names_the_argument(call, message):
 
 
 @pytest.mark.slow
+def test_analyses_that_xarray_joins_are_refused_if_their_windows_differ(runs, result, tmp_path):
+    """Marks are bits, and NaN fills the gaps: table and summary ended with a traceback."""
+    other = bp.analyse(runs, fit_windows=[(0.2, 1.0)]).assign_coords(scene=["other"])
+    joined = xarray.concat(
+        [result, other], "scene", join="outer", coords="different", compat="equals"
+    )
+    reason = (
+        r": joins analyses of different fit windows or variables; .* analyse\(\[runs, others\]\)"
+    )
+    with pytest.raises(RequestError, match=f"result{reason}"):
+        bp.table(joined)
+    with pytest.raises(FigureError, match=f"result{reason}"):
+        bp.plot(joined)
+    with pytest.raises(RequestError, match=f"data{reason}"):
+        bp.save(joined, tmp_path / "joined.nc")
+    same = result.assign_coords(scene=["other"])
+    table = bp.table(xarray.concat([result, same], "scene", coords="different", compat="equals"))
+    assert [*table.scene] == ["harrison2020", "other"] and table["mark"].nunique() == 1
+
+
+@pytest.mark.slow
 def test_the_layout_of_a_figure_follows_its_size_after_it_was_shown(result):
     """The labels beside a panel need a larger share of a narrower figure."""
     figure = bp.plot(result)
@@ -771,8 +793,12 @@ def test_a_figure_is_that_of_the_command_line(runs, result, tmp_path):
         assert one.tobytes() == other.tobytes(), "in notebooks"
     with pytest.raises(RequestError, match=r"figure: must be .*, not 'mds'"):
         bp.plot(result, "mds")
+    _, axes = plt.subplots(1, 2)
     with pytest.raises(FigureError, match="panel: must not be given with ax"):
-        bp.plot(result, panel="scene", ax=io)
+        bp.plot(result, panel="scene", ax=axes[0])
+    with pytest.raises(FigureError, match="ax: must be the axes of one panel, not ndarray"):
+        bp.plot(result, ax=axes)
+    plt.close()
     with pytest.raises(
         AnalysisError, match=r"fit window \[0.1, 0.115\]: must .* have three samples"
     ):

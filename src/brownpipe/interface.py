@@ -626,6 +626,8 @@ def plot(
     if not isinstance(figure, Figure):
         validated(choice_of(FIGURES), figure, key="figure")
     _refuse_incomplete_analysis(result, FigureError)
+    if ax is not None and not _is_axes(ax):
+        raise FigureError(f"ax: must be the axes of one panel, not {type(ax).__name__}")
     if looks and ax is None:
         raise FigureError(f"{next(iter(looks))}: must be given with ax, the axes to draw into")
     if panel and ax is not None:
@@ -645,6 +647,12 @@ def plot(
     # by which notebooks show an object
     drawn._repr_png_ = partial(_png, drawn)  # type: ignore[attr-defined]
     return drawn
+
+
+def _is_axes(ax: object) -> bool:
+    from matplotlib.axes import Axes  # takes 0.3 s
+
+    return isinstance(ax, Axes)
 
 
 def _png(figure: "matplotlib_figure.Figure") -> bytes:
@@ -721,6 +729,7 @@ def save(data: DataTree | Dataset, path: str | Path) -> None:
         with progress.shown("save"):
             write_trajectories(path, *from_tree(data, strict=True))
         return
+    _refuse_joined_analysis("data", data, RequestError)
     try:
         write_dataset(path, data)
     # of xarray, for contents that no file can have
@@ -823,6 +832,21 @@ def _refuse_incomplete_analysis(result: object, kind: type[BrownpipeError]) -> N
             raise kind(
                 f"result: has no dimension {dim}, or nothing along it; take it before squeeze or "
                 "sel"
+            )
+    _refuse_joined_analysis("result", result, kind)
+
+
+def _refuse_joined_analysis(key: str, result: Dataset, kind: type[BrownpipeError]) -> None:
+    """Raise an error of this kind for analyses that xarray has joined although their cases differ
+    in fit windows or variables.
+
+    It fills the gaps by NaN, which no set of bits has: marks become numbers with a fraction.
+    """
+    for name in ("diffusion_mark", "component_diffusion_mark"):
+        if name in result and result[name].dtype.kind == "f":
+            raise kind(
+                f"{key}: joins analyses of different fit windows or variables; analyse their runs "
+                "together, as in analyse([runs, others])"
             )
 
 
