@@ -3,6 +3,7 @@ equilibrium laws.
 """
 
 import math
+from collections import Counter
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 import naive
 from brownpipe.engines import units
+from brownpipe.engines.exact import events as exact_events
 from brownpipe.engines.exact import layout, predictions
 from brownpipe.engines.exact import run as exact_run
 from brownpipe.engines.exact.simulation import simulate
@@ -609,7 +611,43 @@ def plain_runs():
 
     predictions.edges_ahead = blind
     found["blind"] = [simulate(scene, [0]).observables for scene in strays()]
+    predictions.edges_ahead = edges_ahead
+    found["phases"] = runs_phase_by_phase()
     return found
+
+
+def runs_phase_by_phase():
+    """A run of few dense disks, which are each other's neighbours as images, too: as it is, and
+    with both disks of a collision predicted one after the other. And how often both were predicted
+    phase by phase (True), and could not be (False).
+    """
+    scene = from_lattice(box(2.25, 2.25, PERIODIC), [(2, 0.5, 1.0), (2, 0.5, 2.0)], 12.0)
+    predict_both = exact_events.predict_both
+    outcomes = Counter()
+
+    def counted(*arguments):
+        outcome = predict_both(*arguments)
+        outcomes[outcome] += 1
+        return outcome
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(exact_events, "predict_both", counted)
+        usual = simulate(scene, [0], {"all", "events"})
+        patch.setattr(exact_events, "predict_both", lambda *arguments: False)
+        in_turn = simulate(scene, [0], {"all", "events"})
+    return usual, in_turn, outcomes
+
+
+@pytest.mark.slow
+def test_predictions_phase_by_phase_change_no_bit(plain):
+    """Nor where disk k meets an image of disk i, whose own next collision may be earlier."""
+    usual, in_turn, outcomes = plain["phases"]
+    assert outcomes[True] > 50
+    assert outcomes[False] > 50
+    assert np.array_equal(usual.whole[0].position, in_turn.whole[0].position)
+    for column, expected in zip(usual.events[0], in_turn.events[0], strict=True):
+        assert np.array_equal(column, expected)
+    assert usual.observables == in_turn.observables
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from brownpipe.engines.compiled.kernels import entry_point, kernel
 from brownpipe.engines.compiled.records import local_copy
 from brownpipe.engines.exact import calendar, cells, neighbour_lists
 from brownpipe.engines.exact import workspace as ws
-from brownpipe.engines.exact.predictions import predict
+from brownpipe.engines.exact.predictions import predict, predict_both
 from brownpipe.engines.exact.prefetch import prefetch_entry, prefetch_upcoming
 from brownpipe.engines.exact.sampling import audit_place, take_sample
 from brownpipe.engines.exact.workspace import (
@@ -157,6 +157,8 @@ def execute_event(w: ws.Workspace, r: ws.Recorder, i: int, now: float) -> None:
         count[ws.CROSSINGS] += 1
         if cross(w.lists, w, i, now, event):
             event = ws.PAIR
+    if k != i and predict_both(w.lists, w, i, k, now):
+        return
     while True:
         predict(w, i, now, event)
         if k == i:

@@ -72,6 +72,17 @@ def earliest(
 
 
 @kernel
+def earliest_candidate(
+    candidates: np.ndarray, best: np.ndarray, chosen: np.ndarray, time: float
+) -> np.int64:
+    """Return the candidate whose collision is the earliest, at `time`, the least of `best`; the
+    first of equal ones.
+    """
+    index = least_of_four(where(best <= time, chosen, four(math.inf)))
+    return np.int64(candidates[int(index)])
+
+
+@kernel
 def set_partner(
     w: ws.Workspace,
     i: int,
@@ -90,9 +101,7 @@ def set_partner(
     sooner = time < disk[a + ws.PAIR_TIME]
     disk[a + ws.PAIR_TIME] = time
     partner, changes = np.int64(link[a + ws.PARTNER]), np.int64(link[a + ws.PARTNER_CHANGES])
-    # the first of equal ones
-    index = least_of_four(where(best <= time, chosen, four(math.inf)))
-    other = np.int64(candidates[int(index)])
+    other = earliest_candidate(candidates, best, chosen, time)
     other_changes = np.int64(disk[ws.ROW * (other & ws.DISK_MASK) + ws.CHANGES])
     link[a + ws.PARTNER] = partner + sooner * (other - partner)
     link[a + ws.PARTNER_CHANGES] = changes + sooner * (other_changes - changes)
@@ -197,3 +206,32 @@ def predict(w: ws.Workspace, i: int, now: float, event: int) -> None:
     pair_time = least_of_four(best)
     schedule(w, i, now, pair_time)
     set_partner(w, i, pair_time, candidates, best, chosen)
+
+
+@kernel
+def predict_both(
+    lists: ws.NeighbourLists | None, w: ws.Workspace, i: int, k: int, now: float
+) -> bool:
+    """Predict the next events of two disks that have collided, phase by phase. Return False if they
+    must be predicted one after the other; then nothing has been scheduled.
+
+    Predicted second, disk k would wait for the pair time of its neighbour, disk i, which is what
+    the first prediction ends with; here the processor computes the collisions of both at the same
+    time. Only if an image of disk i is the earliest partner of disk k is that time needed, as disk
+    k may have to skip it (see `earliest`).
+    """
+    if lists is None:
+        return False  # with the cell list alone some boxes would lose
+    neighbour, first_i, m_i = candidates_after(lists, w, i, ws.PAIR)
+    _, first_k, m_k = candidates_after(lists, w, k, ws.PAIR)
+    best_i, chosen_i = earliest(w, i, now, neighbour, first_i, m_i)
+    best_k, chosen_k = earliest(w, k, now, neighbour, first_k, m_k)
+    time_i, time_k = least_of_four(best_i), least_of_four(best_k)
+    partner_of_k = earliest_candidate(neighbour, best_k, chosen_k, time_k) & ws.DISK_MASK
+    if (time_k < math.inf) & (partner_of_k == i):
+        return False
+    schedule(w, i, now, time_i)
+    schedule(w, k, now, time_k)
+    set_partner(w, i, time_i, neighbour, best_i, chosen_i)
+    set_partner(w, k, time_k, neighbour, best_k, chosen_k)
+    return True
