@@ -331,32 +331,53 @@ def test_expected_slope_is_enskogs_friction():
     assert velocity.expected_slope(case, found) == pytest.approx(at_rest)
     by_origins = case._replace(average="origins")
     assert velocity.expected_slope(by_origins, found) == pytest.approx(at_rest)
-    walls = case_of(gas("reflecting", tracer={"radius": 1.0, "mass": 3.0}))
-    assert np.isnan(velocity.expected_slope(walls, found))  # which turn the velocity, too
-    apart = gas("reflecting", tracer={"radius": 1.0, "mass": 3.0, "position": [4.0, 4.0]})
-    walls = case_of(apart.replace(equilibrate={"time": 1.0, "tracer": "pinned"}))
-    assert velocity.expected_slope(walls, found) == pytest.approx(expected)
-    assert np.isnan(velocity.expected_slope(walls._replace(average="origins"), found))
+    pinned = case.scene.replace(equilibrate={"time": 1.0, "tracer": "pinned"})
+    assert velocity.expected_slope(case_of(pinned), found) == pytest.approx(at_rest)
 
 
-@pytest.mark.parametrize("boundary", CHANNELS)
-def test_expected_slope_in_a_channel_is_that_of_one_component_at_rest(boundary):
-    """<v^2> lacks the motion of the centre of mass along the channel alone."""
+NOT_SETTLED = {
+    "hot": {"velocities": {"standard_deviation": 1.0}},
+    "uniform": {"velocities": {"standard_deviation": 1.0, "distribution": "uniform"}},
+    "inserted": {"equilibrate": 0.0},
+    "own velocity": {"disks.tracer.velocity": [1.0, 0.0]},
+}
+
+
+@pytest.mark.parametrize("changes", NOT_SETTLED.values(), ids=NOT_SETTLED)
+def test_no_expected_slope_where_the_collision_rate_changes_within_the_runs(changes):
+    """The mean rate of the runs is not that at t = 0: it is 17(1) % smaller for a tracer of 20
+    times the mass and kT of its bath that cools within the runs.
+    """
     tracer = {"radius": 1.0, "mass": 3.0, "position": [4.0, 4.0]}
-    scene = gas(boundary, tracer=tracer, equilibrate={"time": 1.0, "tracer": "pinned"})
+    pinned = {"time": 1.0, "tracer": "pinned"}
+    settled = gas(tracer=tracer, equilibrate=pinned)
+    assert np.isfinite(velocity.expected_slope(case_of(settled), collided(settled)))
+    scene = settled.replace(**changes)
+    assert np.isnan(velocity.expected_slope(case_of(scene), collided(scene)))
+
+
+@pytest.mark.parametrize("boundary", ["reflecting", *CHANNELS])
+@pytest.mark.parametrize("tracer", ["pinned", "free"])
+def test_no_expected_slope_between_walls(boundary, tracer):
+    """They turn the velocity, too, and near them the rate is not that of a start apart from them:
+    for a disk of radius 0.3 that begins in the middle of a square of side 3 the mean rate of long
+    runs is 9(1) % smaller than that at t = 0.
+    """
+    disk = {"radius": 1.0, "mass": 3.0, "position": [4.0, 4.0]}
+    scene = gas(boundary, tracer=disk, equilibrate={"time": 1.0, "tracer": tracer})
     case = case_of(scene)
+    assert np.isnan(velocity.expected_slope(case, collided(scene)))
+    by_origins = case._replace(average="origins")
+    assert np.isnan(velocity.expected_slope(by_origins, collided(scene)))
+
+
+def collided(scene):
+    """Averages over runs of a scene whose tracer collides 2.5 times in a unit of time."""
     means = {
-        "tracer_collisions": np.full(12, 2.5 * case.times[-1]),
-        "velocity_autocorrelation": np.full((12, len(case.times)), 0.6),
+        "tracer_collisions": np.full(12, 2.5 * scene.duration),
+        "velocity_autocorrelation": np.full((12, len(scene.times)), 0.6),
     }
-    found = estimator.Averages().add(np.arange(12), estimator.Columns(means))
-    along, across = 1 - 3 / 19, 1.0  # of kT/m in <v_x^2> and <v_y^2>, or the other way round
-    square_speed = 0.6 * 2 / (along + across)
-    expected = -2 * 0.75 / 3 * 2.5 * square_speed
-    assert velocity.expected_slope(case, found) == pytest.approx(expected, rel=1e-14)
-    assert np.isnan(velocity.expected_slope(case._replace(average="origins"), found))
-    free = scene.replace(equilibrate={"time": 1.0, "tracer": "free"})
-    assert np.isnan(velocity.expected_slope(case_of(free), found))
+    return estimator.Averages().add(np.arange(12), estimator.Columns(means))
 
 
 @pytest.mark.slow

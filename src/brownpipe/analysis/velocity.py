@@ -24,7 +24,7 @@ from brownpipe.analysis.variables import (
 from brownpipe.engines.ensemble import Ensemble
 from brownpipe.engines.friction import partners_of
 from brownpipe.observables import AXES
-from brownpipe.observables.average import over_origins
+from brownpipe.observables.equilibrium import claims_equilibrium
 from brownpipe.scene import Scene, motion
 
 # last of the samples that give the initial slope, in units of the inverse of `fastest_rate`
@@ -123,27 +123,22 @@ def expected_slope(case: Case, averages: Averages) -> float:
     collision rate: a collision changes the tracer's velocity by 2 mu/m times the relative velocity
     along the line of centres, whose mean square in a collision is 2 kT/mu. 2 kT/m is the measured
     <v^2> or, with zero total momentum, M/(M - m) times that, M the mass of all disks: <v^2> lacks
-    the motion of the centre of mass, relative velocities do not. In a channel <v_x^2> or <v_y^2>
-    alone lacks it, and m/2 takes the place of m. NaN if the partners differ in mass, without a
-    rate, and where the tracer may be at a wall, which turns its velocity, too.
+    the motion of the centre of mass, relative velocities do not.
+
+    NaN if the partners differ in mass, without a rate, and where the rate at t = 0 is not the mean
+    rate of the runs, which is measured: in scenes that do not claim to be in equilibrium at one
+    temperature, and with walls, near which the rate differs and which turn the velocity, too.
     """
     scene = case.scene
     partners = np.unique(scene.mass[1:])
-    is_free = scene.equilibrate.time > 0 and scene.equilibrate.tracer == "free"
-    begins_apart = scene.tracer_position is not None and not is_free
-    at_walls = scene.box.has_walls and (over_origins(case.average) or not begins_apart)
-    has_own_velocity = scene.tracer_velocity is not None
-    if (
-        partners.size != 1
-        or at_walls
-        or has_own_velocity
-        or "tracer_collisions" not in averages.places
-    ):
+    is_settled = motion.is_thermal(scene) and claims_equilibrium(scene)
+    has_one_rate = is_settled and not scene.box.has_walls
+    if partners.size != 1 or not has_one_rate or "tracer_collisions" not in averages.places:
         return np.nan
     rate = averages.mean("tracer_collisions") / case.times[-1]
     share = 2 * theory.reduced_mass(scene.mass[0], partners[0]) / scene.mass[0]
-    balanced_share = motion.axes_of_zero_momentum(scene).mean()  # of the components
-    lacking_share = balanced_share * scene.mass[0] / scene.mass.sum()
+    is_at_rest = motion.keeps_momentum_zero(scene)
+    lacking_share = scene.mass[0] / scene.mass.sum() if is_at_rest else 0.0
     square_speed = averages.mean("velocity_autocorrelation")[0] / (1 - lacking_share)
     return -share * rate * square_speed
 
