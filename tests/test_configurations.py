@@ -446,6 +446,21 @@ def scene_of_arrays(**arrays):
     return bp.Scene(box=BOX, disks=given, velocities={"temperature": 1.0}, duration=1.0)
 
 
+def test_a_configuration_is_named_among_the_disks():
+    disks = Configuration(**{"velocity": None, **PAIR})
+    with pytest.raises(RequestError, match=r'disks: must be {"configuration": disks}, not the'):
+        bp.Scene(box=BOX, disks=disks, velocities={"temperature": 1.0}, duration=1.0)
+
+
+def test_a_disk_that_is_given_twice_is_not_to_be_pushed_apart():
+    twice = [[1.0, 2.0], [1.0, 2.0]]
+    with pytest.raises(RequestError, match=r"must be >= 0; is a disk given twice\?$"):
+        scene_of_arrays(position=twice)
+    near = [[1.0, 2.0], [1.35, 2.0]]  # half a contact distance apart
+    with pytest.raises(RequestError, match=r"; push_apart: \S+ would push all apart$"):
+        scene_of_arrays(position=near)
+
+
 def test_wrong_files(exported, tmp_path):
     for name in ("absent.csv", "absent.xyz", "absent.gsd", "absent.h5"):
         with pytest.raises(RequestError, match=f"{name}: cannot be read: No such file"):

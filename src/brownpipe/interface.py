@@ -137,6 +137,8 @@ def Scene(  # noqa: N802  # makes what its name says, like a class
     ... )
     <Scene heavy: 31 disks in a periodic box 8 x 8, packing fraction 0.07118, duration 8>
     """
+    if isinstance(disks, Configuration):
+        raise RequestError('Scene: disks: must be {"configuration": disks}, not the Configuration')
     keys = Document({key: plain(value) for key, value in locals().items() if key != "name"})
     return parse_scene(with_disks_of_file(keys, "Scene", Path()), "Scene", name=name)
 

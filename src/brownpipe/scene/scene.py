@@ -44,6 +44,7 @@ from brownpipe.theory import HEXAGONAL_PACKING, most_points
 
 MOST_SAMPLES = 10_000_000
 SAME = 1e-6  # in steps: a sample time this close to the duration is the duration
+SAME_PLACE = 0.9  # contact distances: an overlap that no rounding makes
 # with it, products of masses and squared speeds neither overflow nor underflow
 LARGEST_MASS_RATIO = 1e200
 # in units of the longer side of the box: round-off of a position is then 1e-6 of the radius
@@ -270,7 +271,9 @@ class Scene(Section):
         problem = f"{pair} overlap: the gap between their edges is {overlap.gap:.6g}; must be >= 0"
         if overlap.number > 1:
             problem += f"; {overlap.number} pairs overlap, these two most"
-        if isinstance(self.disks, GivenDisks):
+        if overlap.depth > SAME_PLACE:
+            problem += "; is a disk given twice?"
+        elif isinstance(self.disks, GivenDisks):
             problem += f"; push_apart: {_rounded_up(overlap.depth):g} would push all apart"
         refuse(problem, "disks")
 
