@@ -127,7 +127,8 @@ def test_the_figure_has_curve_median_and_share_of_censored_runs(runs, result, tm
     text = summary(of_runs)
     assert text.splitlines()[0].endswith("first passage")
     assert text.splitlines()[1].endswith(words)
-    assert "In brackets: 95 % interval" in text
+    footnote = "first passage: median of when the tracer first leaves the circle of its radius"
+    assert footnote in text and "In brackets: 95 % interval" in text
     table = bp.table(of_runs)
     assert table.first_passage_median_high.tolist() == [high]
 

@@ -64,7 +64,10 @@ ESTIMATOR = Estimator(
             TIME, "1", "probability that the tracer has not left the circle of its radius", ENDS
         ),
         "first_passage_median": Variable(
-            CASE_DIMS, "time", "median of the tracer's first passage time, if within the runs", ENDS
+            CASE_DIMS,
+            "time",
+            "median of when the tracer first leaves the circle of its radius, if within the runs",
+            ENDS,
         ),
     },
     columns=passage_columns,
