@@ -32,6 +32,11 @@ BOX = {"x": [-3.0, 3.0], "y": [-2.0, 2.0]}
 OBLONG = {"x": [-3.0, 3.0], "y": [-2.0, 2.0], "boundary": "reflecting"}
 
 
+def analysed(runs):
+    """The dataset with one fit window: the choice of default windows takes 0.5 s and more."""
+    return bp.analyse(runs, fit_windows=[WINDOW], quiet=True)
+
+
 def words(result, component):
     """The reasons of the mark of D along x or y in the first window."""
     return diffusive.mark_in_words(
@@ -58,7 +63,7 @@ def test_a_lone_disk_flies_along_its_channel(boundary, average):
     runs = bp.simulate(
         lone, 20, observables=observables, average=average, record=["tracer", "velocity"]
     )
-    result = bp.analyse(runs).isel(scene=0, particles=0, engine=0)
+    result = bp.analyse(runs, fit_windows=[(5.0, 10.0)]).isel(scene=0, particles=0, engine=0)
     along, across = ("x", "y") if boundary == CHANNEL_X else ("y", "x")
     velocity = runs.velocity.isel(time=0).sel(component=along)
     expected = (velocity**2).mean().item() * result.time.values**2
@@ -92,7 +97,7 @@ def test_the_msd_is_the_sum_of_its_components(boundary, average):
         equilibrate={"time": 1.0, "tracer": "free"},
     )
     runs = bp.simulate(scene, 12, observables="square_displacement", average=average)
-    result = bp.analyse(runs)
+    result = analysed(runs)
     total = result.component_msd.sum("component")
     np.testing.assert_allclose(total, result.msd, rtol=1e-12, atol=1e-14)
     is_channel = boundary in CHANNELS
@@ -135,7 +140,7 @@ def test_fits_along_each_axis_are_those_of_a_walk_along_it():
 
 
 @pytest.mark.slow
-def test_errors_cover_the_truth_for_different_d_along_x_and_y():
+def test_errors_cover_the_truth_for_different_d_along_x_and_y(fewer_replicates):
     """Of 400 ensembles of 40 walks. A coverage of 95 % is then known to 1.1 %, four of which it may
     be off by; the scatter of 400 means to 3.5 %, of which it may differ by four from the rms of the
     stated errors.
@@ -587,7 +592,7 @@ def test_a_channel_is_drawn_beside_a_periodic_box(order, tmp_path):
     channel = make_scene(box=BOX | {"boundary": CHANNEL_X})
     periodic = channel.replace(box=BOX | {"boundary": PERIODIC}, name="periodic")
     runs = [bp.simulate(scene, 4, quiet=True) for scene in (channel, periodic)]
-    result = bp.analyse([runs[k] for k in order])
+    result = analysed([runs[k] for k in order])
     for name in ("msd", "diffusion"):
         bp.plot(result, name).savefig(tmp_path / f"{name}.png")
     assert len(bp.table(result)) == 2
@@ -615,7 +620,7 @@ def runs_with_velocities():
 @pytest.mark.parametrize("order", [("channel", "periodic"), ("periodic", "channel")])
 def test_tables_have_the_components_of_a_channel_beside_a_periodic_box(order, runs_with_velocities):
     """Columns that the periodic box lacks are empty in its rows, whichever comes first."""
-    result = bp.analyse([runs_with_velocities[name] for name in order], quiet=True)
+    result = analysed([runs_with_velocities[name] for name in order])
     columns = ["velocity_autocorrelation along x", "velocity_autocorrelation along y"]
     table = table_of_autocorrelations(cases_of(result)).set_index("scene")
     is_there = table[columns].notnull().groupby("scene").all()
@@ -627,6 +632,7 @@ def test_tables_have_the_components_of_a_channel_beside_a_periodic_box(order, ru
 
 
 def test_curves_of_components_are_told_apart_beside_a_periodic_box(runs_with_velocities):
+    """Also by default windows, which are chosen for boxes of all kinds together."""
     result = bp.analyse([*runs_with_velocities.values()], quiet=True)
     labels = bp.plot(result, "velocity_autocorrelation").axes[0].get_legend_handles_labels()[1]
     curves = [label.split(":")[0] for label in labels if "lower panel" not in label]
@@ -638,7 +644,7 @@ def test_curves_of_components_are_told_apart_beside_a_periodic_box(runs_with_vel
 
 @pytest.mark.parametrize("names", [("channel", "periodic"), ("oblong",)])
 def test_the_table_says_along_which_axis_an_integral_is(names, runs_with_velocities):
-    result = bp.analyse([runs_with_velocities[name] for name in names], quiet=True)
+    result = analysed([runs_with_velocities[name] for name in names])
     at_end = result.component_green_kubo.sel(time=result.window_end[0])
     for row in bp.table(result).itertuples():
         if row.component:
@@ -672,7 +678,7 @@ def test_the_summary_says_over_which_disks_an_integral_is():
     )
     observables = "velocity_autocorrelation"
     runs = bp.simulate(scene, 4, observables=observables, average="disks", quiet=True)
-    result = bp.analyse(runs, quiet=True)
+    result = analysed(runs)
     of_tracer = result.attrs["msd_of"]
     of_disks = result.attrs["velocity_autocorrelation_of"]
     assert (of_tracer, of_disks) == ("the tracer", "all disks equal to the tracer")
