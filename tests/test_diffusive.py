@@ -222,9 +222,10 @@ def test_a_tracer_that_has_filled_its_box_is_marked(width):
 
 
 def test_by_default_windows_end_before_walls_are_felt():
-    result = analysis(crowd("reflecting"), 100)
+    runs = bp.simulate(crowd("reflecting"), 100, quiet=True)
+    result = bp.analyse(runs)
     assert result.window_end[0] < 20.0 and reasons(result) == ""
-    wide = analysis(crowd("reflecting"), 100, [(4.0, 40.0)])
+    wide = bp.analyse(runs, fit_windows=[(4.0, 40.0)])
     d = "diffusion_coefficient"
     assert "walls" in reasons(wide)
     assert wide[d].item() < 0.8 * result[d][..., 0].item()
@@ -233,7 +234,7 @@ def test_by_default_windows_end_before_walls_are_felt():
 @pytest.mark.parametrize("boundary", [CHANNEL_X, CHANNEL_Y])
 def test_by_default_windows_in_channels_go_on_to_the_end(boundary):
     """Along the channel D has no mark, though half of it has."""
-    result = analysis(crowd(boundary), 100)
+    result = analysis(crowd(boundary), 30)
     assert result.window_end[0] == 40.0 and "walls" in reasons(result)
     along = 0 if boundary == CHANNEL_X else 1
     marks = result.component_diffusion_mark[..., 0].values.ravel()
@@ -315,14 +316,14 @@ def test_half_of_the_d_along_a_channel_is_marked(boundary):
 def test_a_drift_along_a_channel_is_marked(boundary):
     """At kT/M, half of that in a periodic box: walls stop the drift across the channel."""
     moving = scene(boundary=boundary, velocities={"temperature": 1.0, "zero_momentum": False})
-    first = analysis(moving, 10).isel(window=0)
+    first = analysis(moving, 10, [(12.0, 60.0)]).isel(window=0)
     expected = 1.0 / (3.0 + 20) * (first.window_start + first.window_end) / 4
     assert first.window_drift_diffusion.item() == pytest.approx(expected.item(), rel=1e-12)
 
 
 def test_no_drift_is_marked_without_total_momentum_or_between_walls():
     for still in (scene(), scene(boundary="reflecting"), scene(boundary=CHANNEL_X)):
-        result = analysis(still, 10)
+        result = analysis(still, 10, [(12.0, 60.0)])
         assert not result.window_drift_diffusion.max() > 0
 
 
@@ -469,8 +470,8 @@ def coarse_walls(**keys):
 
 @pytest.mark.parametrize("interval", [3.0, 9.0])
 def test_default_windows_have_samples_and_walls_are_named_where_none_before_them_has(interval):
-    walls = coarse_walls(duration=90.0, sample_interval=interval)
-    result = analysis(walls, 40)
+    walls = coarse_walls(duration=45.0, sample_interval=interval)
+    result = analysis(walls, 20)
     assert np.isfinite(result.diffusion_coefficient[..., 0].item())
     assert reasons(result) == ("walls" if interval == 9.0 else "")
 
