@@ -11,8 +11,11 @@ from scipy import stats
 
 import brownpipe as bp
 from brownpipe import observables
-from brownpipe.analysis.components import component_squares
-from brownpipe.analysis.displacement import squared_of, tracer_square_displacement
+from brownpipe.analysis.displacement import (
+    component_squares,
+    squared_of,
+    tracer_square_displacement,
+)
 from brownpipe.analysis.estimator import Case
 from brownpipe.engines import Engine
 from brownpipe.engines.exact.simulation import simulate

@@ -24,7 +24,6 @@ from brownpipe.analysis.variables import (
     Variable,
 )
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.observables.trajectory import displacement as displacement_of_track
 
 # Variable: the array of runs whose mean it is; there where the axes differ
 VELOCITY_ARRAYS = {
@@ -36,20 +35,6 @@ VELOCITY_ARRAYS = {
 MOMENTS = ("component_msd", "component_quartic_displacement", "component_square_times_quartic")
 
 
-def component_squares(case: Case, runs: Ensemble) -> np.ndarray | None:
-    """Return the squared displacements along x and y (n, 2, T) of every run: as measured, else from
-    the tracer's track; else None.
-    """
-    measured = runs.observables.get("component_square_displacement")
-    if measured is not None or "square_displacement" in runs.observables:
-        return measured
-    if runs.tracer is None:
-        return None
-    size = (case.scene.box.width, case.scene.box.height)
-    moved = displacement_of_track(runs.tracer.position, runs.tracer.image, size)  # (T, n, 2)
-    return np.ascontiguousarray(np.moveaxis(moved**2, 0, -1))
-
-
 def component_columns(case: Case, runs: Ensemble) -> Columns:
     """Return x^2 and y^2 at all times; where the axes differ the lines in all windows, and what
     follows from velocities; in channels the moments for the non-Gaussian parameters.
@@ -58,7 +43,7 @@ def component_columns(case: Case, runs: Ensemble) -> Columns:
     for name, measured in VELOCITY_ARRAYS.items():
         if measured in runs.observables:
             means[name] = runs.observables[measured]
-    square = component_squares(case, runs)
+    square = displacement.component_squares(case, runs)
     if square is None:
         return Columns(means)
     means["component_msd"] = square

@@ -145,7 +145,7 @@ def aggregate(
     lacks (a shorter duration, fewer seeds) are NaN.
 
     windows: (start, end) of the straight-line fits [time], by default those of
-    `windows.candidate_windows` in whose first most cases have a D without a mark (`diffusive`).
+    `windows.candidate_windows` in whose first most D that are stated have no mark (`diffusive`).
     dr, rings: width [length] and number of the rings of the displacement distribution, by default
     from the data.
     displacement_times: its times [time], by default the end of each run.

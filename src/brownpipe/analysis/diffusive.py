@@ -208,7 +208,8 @@ def mark_in_words(mark: int) -> str:
 
 
 def best_windows(dataset: "Dataset", candidates: Iterable[tuple[Window, Window]]) -> "Dataset":
-    """Return the dataset with the pair of windows whose first has a D without a mark in most cases.
+    """Return the dataset with the pair of windows in whose first most D that are stated have no
+    mark.
 
     Of several such pairs it is the first. Where the first window of the first pair has the mark
     CHANGES or PLATEAU, a later window lacks it only if it shows the contrary by two standard
@@ -264,9 +265,22 @@ def _with_windows(dataset: "Dataset", names: Sequence[str]) -> "Dataset":
 
 
 def number_of_plain(dataset: "Dataset") -> int:
-    """Return in how many cases the D of the first window, in channels that along it, has no
-    mark.
+    """Return how many of the D that are stated have no mark in the first window: of all motion, in
+    channels along them, in boxes of walls whose sides differ along both axes.
     """
-    first = fits_along_channels(dataset.isel(window=0))
-    is_plain = (first.diffusion_mark == 0) & first.diffusion_coefficient.notnull()
-    return int(is_plain.sum())
+    first = dataset.isel(window=0)
+    is_plain = _is_plain(first)
+    if not has_fits_by_component(first):
+        return int(is_plain.sum())
+    has_components = first.component_diffusion.notnull().any("component")
+    is_stated = has_components
+    if "channel_axis" in first:
+        is_channel = first.channel_axis != ""
+        is_stated = has_components & (~is_channel | (first.channel_axis == first.component))
+    is_plain_along = _is_plain(fits_by_component(first)) & is_stated
+    return int((is_plain & ~has_components).sum()) + int(is_plain_along.sum())
+
+
+def _is_plain(fit: "Dataset") -> "DataArray":
+    """Return where there is a D without a mark."""
+    return (fit.diffusion_mark == 0) & fit.diffusion_coefficient.notnull()

@@ -260,34 +260,53 @@ def window_drift_diffusion(case: Case, window: Window) -> float:
 
 
 def best_end(cases: Sequence[Case], groups: Sequence[Group]) -> float:
-    """Return when default windows end [time]: the latest time before walls are felt in most cases;
-    along a channel they never are.
+    """Return when default windows end [time]: the latest time before walls are felt in most
+    motions whose D is stated; along a channel they never are.
 
     Judged by the MSD of the first runs of each case, so that walls count from half of WALLS_FELT
     on, or where they do so at all times from WALLS_FELT on. A time at which the first window has
     no line counts as one at which walls are felt.
     """
-    average = cases[0].average
-    ends = earlier_ends([case.scene for case in cases], average)
-    if not any(case.scene.box.has_walls for case in cases):
-        return ends[0]
     scenes = [case.scene for case in cases]
+    ends = earlier_ends(scenes, cases[0].average)
+    if not any(scene.box.has_walls for scene in scenes):
+        return ends[0]
     first_windows = [candidate_windows(scenes, end)[0][0] for end in ends]
-    reduction = np.zeros((len(cases), len(ends)))
-    for k, (case, group) in enumerate(zip(cases, groups, strict=True)):
-        squares = known_arrays(squared_of(case, runs) for runs in first_good_runs(group))
-        if squares:
-            if not case.scene.box.is_channel:
-                msd = np.concatenate(squares).mean(axis=0)
-                at_ends = np.interp(ends, case.times, msd)
-                reduction[k] = [wall_reduction(case.scene, average, value) for value in at_ends]
-            weights = [line_weights(case.times, window) for window in first_windows]
-            reduction[k, np.isnan(weights).any(axis=(1, 2))] = 1.0
+    motions = []
+    for case, group in zip(cases, groups, strict=True):
+        weights = [line_weights(case.times, window) for window in first_windows]
+        has_no_line = np.isnan(weights).any(axis=(1, 2))
+        for reduction in _wall_reductions(case, first_good_runs(group), ends):
+            motions.append(np.where(has_no_line, 1.0, reduction))
     for bound in (WALLS_FELT / 2, WALLS_FELT):
-        cases_felt = (reduction > bound).sum(axis=0)
-        if cases_felt.min() < len(cases):
-            return ends[int(np.argmin(cases_felt))]
+        motions_felt = (np.array(motions).reshape(-1, len(ends)) > bound).sum(axis=0)
+        if motions_felt.min() < len(motions):
+            return ends[int(np.argmin(motions_felt))]
     return ends[0]
+
+
+def _wall_reductions(
+    case: Case, blocks: Sequence[Ensemble], times: Sequence[float]
+) -> list[list[float]]:
+    """Return the shares by which walls reduce the slope of each MSD whose D is stated, in these
+    blocks of runs at these times: of all motion, or along the axes of the box; [] without
+    displacements.
+    """
+    squares = known_arrays(squared_of(case, runs) for runs in blocks)
+    if not squares:
+        return []
+    axes = case.scene.box.axes_of_diffusion
+    components = known_arrays(component_squares(case, runs) for runs in blocks) if axes else []
+    if not components:
+        msd = np.interp(times, case.times, np.concatenate(squares).mean(axis=0))
+        return [[wall_reduction(case.scene, case.average, value) for value in msd]]
+    msd_along = np.concatenate(components).mean(axis=0)
+    reductions = []
+    for axis in axes:
+        reduction = partial(wall_reduction_along, axis, case.scene, case.average)
+        msd = np.interp(times, case.times, msd_along[axis])
+        reductions.append([reduction(value) for value in msd])
+    return reductions
 
 
 def known_arrays(arrays: Iterable[np.ndarray | None]) -> list[np.ndarray]:
@@ -317,6 +336,20 @@ def tracer_square_displacement(case: Case, runs: Ensemble) -> np.ndarray | None:
     size = (case.scene.box.width, case.scene.box.height)
     tracks = displacement(runs.tracer.position, runs.tracer.image, size)
     return np.ascontiguousarray(squared(tracks).T)
+
+
+def component_squares(case: Case, runs: Ensemble) -> np.ndarray | None:
+    """Return the squared displacements along x and y (n, 2, T) of every run: as measured, else from
+    the tracer's track; else None.
+    """
+    measured = runs.observables.get("component_square_displacement")
+    if measured is not None or "square_displacement" in runs.observables:
+        return measured
+    if runs.tracer is None:
+        return None
+    size = (case.scene.box.width, case.scene.box.height)
+    moved = displacement(runs.tracer.position, runs.tracer.image, size)  # (T, n, 2)
+    return np.ascontiguousarray(np.moveaxis(moved**2, 0, -1))
 
 
 def displacement_columns(case: Case, runs: Ensemble) -> Columns:

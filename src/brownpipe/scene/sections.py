@@ -162,6 +162,18 @@ class Box(Section):
         return self.is_channel or (is_oblong and not self.has_images)
 
     @property
+    def axes_of_diffusion(self) -> tuple[int, ...]:
+        """Along which of x (0) and y (1) D is stated: in a channel along it, in a box of walls with
+        unequal sides along both; () where it is that of all motion.
+
+        >>> Box(x=[0, 9], y=[0, 2]).axes_of_diffusion, Box(x=[0, 9], y=[0, 9]).axes_of_diffusion
+        ((0, 1), ())
+        """
+        if not self.axes_differ:
+            return ()
+        return tuple(axis for axis in (0, 1) if self.periodic_axes[axis] or not self.is_channel)
+
+    @property
     def in_words(self) -> str:
         """The kind of box, as messages have it.
 
