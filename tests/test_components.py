@@ -304,6 +304,43 @@ def test_the_summary_of_a_channel_has_d_along_it(of_channel):
     assert "slope/4" not in text and "walls reduce" not in text
 
 
+def test_the_msd_of_a_summary_is_that_of_the_motion_beside_which_it_stands(of_boxes, of_oblong):
+    """In its columns, in the table of numbers, and in words."""
+    header, *rows = summary(of_boxes).splitlines()[:4]
+    headings = [f"{name}(t = 1)" for name in ("MSD", "MSD_x", "MSD_y")]
+    assert re.split("  +", header)[3:6] == headings
+    at_end = of_boxes.isel(particles=0, engine=0, time=-1)
+    msd = [at_end.msd[0], at_end.component_msd[1, 0], at_end.component_msd[2, 1]]
+    cells = [re.split("  +", row)[3 + k].split()[0] for k, row in enumerate(rows)]
+    assert [float(cell) for cell in cells] == pytest.approx(np.array(msd), abs=5e-4)
+    assert summary_table(of_boxes).msd.tolist() == [value.item() for value in msd]
+    text = summary(of_oblong)
+    for axis in "xy":
+        assert f"MSD_{axis}: mean squared displacement along {axis} of the tracer, at the" in text
+    both = of_oblong.component_msd.isel(time=-1).values.ravel()
+    assert summary_table(of_oblong).msd.tolist() == both.tolist()
+
+
+@pytest.mark.parametrize("box", [OBLONG, BOX | {"boundary": CHANNEL_Y}])
+def test_the_non_gaussian_parameter_of_a_summary_is_that_of_an_axis(box):
+    scene = make_scene(box=box, velocities={"temperature": 1.0})
+    observables = ["square_displacement", "quartic_displacement"]
+    result = bp.analyse(bp.simulate(scene, 12, observables=observables, quiet=True), quiet=True)
+    axes = ["y"] if scene.box.is_channel else ["x", "y"]
+    header, row = (re.split("  +", line) for line in summary(result).splitlines()[:2])
+    at_end = result.isel(scene=0, particles=0, engine=0, time=-1)
+    for axis in axes:
+        cell = row[header.index(f"alpha_2_{axis}")]
+        part = at_end.sel(component=axis)
+        value = part.component_non_gaussian_parameter
+        error = part.component_non_gaussian_parameter_standard_error
+        assert cell == plus_minus(value, error)
+    table = summary_table(result).drop_duplicates("component").set_index("component")
+    expected = at_end.component_non_gaussian_parameter.sel(component=axes)
+    assert table.non_gaussian_parameter.tolist() == expected.values.tolist()
+    assert table.index.tolist() == axes
+
+
 def test_the_summary_of_several_boxes_has_a_column_for_each_d(of_boxes):
     lines = summary(of_boxes).splitlines()
     assert lines[0].split()[-3:] == ["D", "D_x", "D_y"]
@@ -567,8 +604,15 @@ def test_a_scan_of_unequal_walls_has_d_along_each_axis():
     expected = result.component_diffusion.sel(scene="oblong").values[:, 0, :, 0].T
     np.testing.assert_array_equal(d[:2], expected)
     np.testing.assert_array_equal(d[2], result.diffusion_coefficient.values[1, :, 0, 0])
-    msd = result.msd.values[:, :, 0, -1]  # of all motion
-    np.testing.assert_array_equal(table.msd.values.reshape(3, 2), msd[[0, 0, 1]])
+    msd = table.msd.values.reshape(3, 2)
+    at_end = result.isel(time=-1, engine=0)
+    of_oblong = at_end.component_msd.sel(scene="oblong").values.T
+    np.testing.assert_array_equal(msd[:2], of_oblong)
+    np.testing.assert_array_equal(msd[2], at_end.msd.sel(scene="square"))
+    change = np.diff(of_oblong, axis=1).ravel()
+    assert table.msd_difference.values[[1, 3]] == pytest.approx(change, rel=1e-9)
+    panel = panels["$\\langle x^2 \\rangle$, $\\langle y^2 \\rangle$, $\\langle r^2 \\rangle$"]
+    assert panel.get_legend_handles_labels()[1] == labels
 
 
 def test_a_scan_of_channels_has_d_along_them():
@@ -663,7 +707,7 @@ def test_the_table_of_numbers_says_at_which_time_they_are(of_fluids):
     row = summary_table(result).iloc[0]
     at_end = result.sel(time=row.msd_time, component=row.component).squeeze()
     assert row.duration == 4.0 and row.msd_time == row.green_kubo_time == 2.0
-    assert row.msd == at_end.msd.item()
+    assert row.msd == at_end.component_msd.item()
     assert row.green_kubo == at_end.component_green_kubo.item()
 
 

@@ -563,7 +563,8 @@ def _seed_of_path(trajectories: Trajectories, seed: int | None) -> int:
 
 def table(result: Dataset) -> "DataFrame":
     """Return the results of an analysis as a pandas table, with a row for each scene, number of
-    disks and engine; between walls of unequal lengths with a row for each axis, with D along it.
+    disks and engine; between walls of unequal lengths with a row for each axis. There, and in
+    channels, MSD, non-Gaussian parameter and D are those along the axis in `component`.
 
     result: what `analyse`, `scan` or `run` returns.
 

@@ -36,8 +36,8 @@ MOMENTS = ("component_msd", "component_quartic_displacement", "component_square_
 
 
 def component_columns(case: Case, runs: Ensemble) -> Columns:
-    """Return x^2 and y^2 at all times; where the axes differ the lines in all windows, and what
-    follows from velocities; in channels the moments for the non-Gaussian parameters.
+    """Return x^2 and y^2 at all times; where the axes differ the lines in all windows, what follows
+    from velocities, and the moments for the non-Gaussian parameters.
     """
     means = {}
     for name, measured in VELOCITY_ARRAYS.items():
@@ -56,7 +56,11 @@ def component_columns(case: Case, runs: Ensemble) -> Columns:
     along = [displacement.per_run_fits(square[:, axis], case) for axis in (0, 1)]
     for name in along[0]:
         means[f"component_{name}"] = np.stack([fits[name] for fits in along], axis=1)
-    return Columns(means, run_values={"run_component_diffusion": means["component_slope"] / 2})
+    run_values = {
+        "run_component_msd": square[..., -1],
+        "run_component_diffusion": means["component_slope"] / 2,
+    }
+    return Columns(means, run_values=run_values)
 
 
 def component_results(case: Case, averages: Averages) -> dict[str, ArrayLike]:
@@ -138,6 +142,9 @@ VARIABLES = {
     "component_diffusion": Mean(
         WINDOW, RATE, "diffusion coefficient along x and y, slope/2, in the window"
     ),
+    "run_component_msd": Variable(
+        (*SEED, "component"), AREA, "squared displacement of a run along x and y at its end"
+    ),
     "run_component_diffusion": Variable(
         (*SEED, "component", "window"),
         RATE,
@@ -181,8 +188,8 @@ VARIABLES = {
     "component_non_gaussian_parameter": Mean(
         TIME,
         "1",
-        "in a channel: non-Gaussian parameter <x^4>/(3 <x^2>^2) - 1 along x and y, 0 for a normal "
-        "distribution",
+        "non-Gaussian parameter along x and y, <d^4>/(3 <d^2>^2) - 1 of displacements d; 0 for a "
+        "normal distribution",
     ),
 }
 

@@ -34,6 +34,7 @@ PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 # Variables that are sums over x and y, or means over both
 OF_BOTH_AXES = (
     "msd",
+    "non_gaussian_parameter",
     "diffusion_running",
     "green_kubo",
     "velocity_autocorrelation",
@@ -44,7 +45,9 @@ SUMS = [f"{name}{part}" for name, part in product(OF_BOTH_AXES, PARTS)]
 # Variables that a case has only if its motion along x and y differs
 OF_UNEQUAL_AXES = ("component_diffusion", "component_velocity_autocorrelation")
 # Variable of all motion: the variable of the motion along x and along y
-OF_COMPONENT = BY_COMPONENT | {name: f"component_{name}" for name in SUMS}
+OF_COMPONENT = (
+    BY_COMPONENT | {name: f"component_{name}" for name in SUMS} | {"run_msd": "run_component_msd"}
+)
 
 
 def cases_of(dataset: Dataset) -> list[Dataset]:
@@ -446,6 +449,16 @@ def diffusion_symbol(case: Dataset) -> str:
     """Return the name of D as legends have it."""
     name = diffusion_name(case)
     return name if name == "D" else f"${name}$"
+
+
+def square_symbol(part: Dataset) -> str:
+    """Return the symbol of the MSD of a part of a case, of motion along an axis that along it."""
+    return f"$\\langle {component_of(part) or 'r'}^2 \\rangle$"
+
+
+def square_symbols(parts: Iterable[Dataset]) -> str:
+    """Return the symbols of the MSD of parts of cases, each once."""
+    return ", ".join(dict.fromkeys(map(square_symbol, parts)))
 
 
 def fitted_diffusion(case: Dataset) -> str:

@@ -26,6 +26,7 @@ from brownpipe.figures.cases import (
     motions_of,
     quantities_of,
     series_of,
+    square_symbols,
     varied_with,
     with_value,
 )
@@ -63,7 +64,7 @@ PANELS = {  # title, label of the axis, Enskog's theory
 
 def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
     """Draw a panel per quantity: its values along the axis of the scan, a series for each value of
-    what else differs; of D also for each axis that has a D of its own.
+    what else differs; of MSD and D also for each axis that has a D of its own.
 
     D is that of the first fit window; the table has all.
     """
@@ -80,11 +81,11 @@ def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
     for panel in axes.flat[len(names) :]:
         panel.remove()
     for panel, name in zip(axes.flat, names, strict=False):
-        series_of_panel = series_of_motions if name == D else series
+        series_of_panel = series_of_motions if name in OF_RUNS else series
         shown = {label: with_value(parts, name) for label, parts in series_of_panel.items()}
         _panel(panel, axis, shown, name)
         panel.set_xlabel("\n".join(along))
-        panel.set_ylabel(_label_of_diffusion(motions) if name == D else PANELS[name][1])
+        panel.set_ylabel(_label(name, motions))
     titles = {name: PANELS[name][0] for name in names}
     if D in titles:
         window = cases[0].window[0].item()
@@ -95,16 +96,22 @@ def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
 
 
 def _motions(cases: list[Dataset]) -> list[Dataset]:
-    """Return the motions of cases whose D is stated (`cases.motions_of`), with the MSD of all
-    motion; the component of all motion is "".
+    """Return the motions of cases whose D is stated (`cases.motions_of`); the component of all
+    motion is "".
     """
     motions: list[Dataset] = []
     for case in cases:
-        msd = {f"{END}{part}": case[f"{END}{part}"] for part in PARTS}
         for motion in motions_of(case):
-            labelled = motion.drop_dims(COMPONENT, errors="ignore").assign(msd)
+            labelled = motion.drop_dims(COMPONENT, errors="ignore")
             motions.append(labelled.assign_coords(component=component_of(motion)))
     return motions
+
+
+def _label(name: str, motions: list[Dataset]) -> str:
+    """Return the label of the vertical axis of a panel, that of MSD and D for these motions."""
+    if name == END:
+        return square_symbols(motions)
+    return _label_of_diffusion(motions) if name == D else PANELS[name][1]
 
 
 def _label_of_diffusion(motions: list[Dataset]) -> str:
@@ -157,8 +164,8 @@ def table_of_scan(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and fit window: D and the quantities of the case, theory, and
     differences.
 
-    Where the motion of some cases differs along x and y, `component` says along which axis D is; a
-    case with a D for each has a row for each.
+    Where the motion of some cases differs along x and y, `component` says along which axis MSD and
+    D are; a case with a D for each has a row for each.
     A difference is taken from the case before along the axis, whose runs with the same seeds begin
     alike if they have as many disks; its standard error and interval are those of the mean over
     these pairs of runs. The difference of D is for the first window.

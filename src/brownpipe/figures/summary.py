@@ -35,7 +35,6 @@ from brownpipe.figures.cases import (
     axis_of_diffusion,
     cases_of,
     component_of,
-    diffusion_name,
     diffusion_ring,
     drifts,
     estimate_of,
@@ -117,7 +116,8 @@ DISPLACED = (
     Quantity("D", D, OF_SPREADING),
 )
 INTEGRALS = ("green_kubo", "component_green_kubo")
-OF_MOTION = (D, "green_kubo")  # along x and along y where these differ
+# Along x and along y where these differ
+OF_MOTION = ("msd", "non_gaussian_parameter", "green_kubo", D)
 
 
 class Answer(NamedTuple):
@@ -175,7 +175,7 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     columns.append(("runs", *(str(int(case.runs)) for case in cases)))
     for quantity in shown:
         for heading, parts in of_quantity[quantity]:
-            title = _heading_of_msd(cases) if quantity.variable == "msd" else heading
+            title = _heading_with_time(heading, parts) if quantity.variable == "msd" else heading
             columns.append((title, *(_cell(part, quantity) for part in parts)))
     tradeoff_columns = tradeoff.columns_of(cases)
     for column, cells in tradeoff_columns:
@@ -215,10 +215,10 @@ def _columns_of_labels(dataset: Dataset, cases: list[Dataset]) -> list[tuple[str
     return columns
 
 
-def _heading_of_msd(cases: list[Dataset]) -> str:
-    """Return the heading of the MSD, with its time if that is the same in all cases."""
-    times = {float(case.time[time_shown(case, "msd")]) for case in cases if has(case, "msd")}
-    return f"MSD(t = {times.pop():g})" if len(times) == 1 else "MSD at the end"
+def _heading_with_time(heading: str, parts: Sequence[Dataset | None]) -> str:
+    """Return the heading of an MSD, with its time if that is the same in all cases."""
+    times = {part.time.item() for part in parts if part is not None}
+    return f"{heading}(t = {times.pop():g})" if len(times) == 1 else f"{heading} at the end"
 
 
 def _p_values(cases: list[Dataset]) -> np.ndarray:
@@ -303,14 +303,27 @@ def _reduced(case: Dataset, quantity: Quantity) -> Dataset:
 def _columns_by_motion(
     cases: list[Dataset], quantity: Quantity
 ) -> Iterator[tuple[str, list[Dataset | None]]]:
-    """Yield heading and cells of the columns of D, and of D_x and D_y of cases that have these."""
-    by_name = []
+    """Yield heading and cells of the columns of a quantity, such as D of all motion, and of D_x and
+    D_y of cases that have these.
+    """
+    parts_by_axis = []
     for case in cases:
-        by_name.append({diffusion_name(part): _at(part, quantity) for part in motions_of(case)})
-    for name in ("D", "D_x", "D_y"):
-        parts = [of_case.get(name) for of_case in by_name]
-        if any(parts):
-            yield quantity.heading.replace("D", name), parts
+        parts = {axis_of_diffusion(part): _at(part, quantity) for part in motions_of(case)}
+        parts_by_axis.append(parts)
+    for axis in ("", "x", "y"):
+        column = [parts.get(axis) for parts in parts_by_axis]
+        if any(column):
+            yield _heading_along(axis, quantity.heading), column
+
+
+def _heading_along(axis: str, heading: str) -> str:
+    """Return the heading of a quantity of motion along an axis; "" is all motion.
+
+    >>> _heading_along("x", "D (Green-Kubo)"), _heading_along("", "MSD")
+    ('D_x (Green-Kubo)', 'MSD')
+    """
+    symbol, space, remark = heading.partition(" ")
+    return f"{symbol}_{axis}{space}{remark}" if axis else heading
 
 
 def _at(case: Dataset, quantity: Quantity) -> Dataset | None:
@@ -454,7 +467,7 @@ def _place_of(dataset: Dataset, name: str) -> str:
 def _meanings_by_motion(
     dataset: Dataset, cases: list[Dataset], quantity: Quantity
 ) -> Iterator[str]:
-    """Lines on D, and on D_x and D_y where the motion differs by axis."""
+    """Lines on a quantity such as D, and on D_x and D_y where the motion differs by axis."""
     place = _place_of(dataset, quantity.variable)
     for heading, parts in columns_of(cases, quantity):
         axis = next(axis_of_diffusion(part) for part in parts if part is not None)
@@ -599,10 +612,13 @@ def summary_table(dataset: Dataset) -> DataFrame:
     if is_tradeoff(dataset):
         return DataFrame([label_of(case, *map(str, case.data_vars)) for case in cases])
     measured: list[tuple[Quantity, str, list[Dataset | None]]] = []
-    for quantity in (DISPLACED[0], *quantities(dataset)):
+    moving = []
+    for quantity in dict.fromkeys([*DISPLACED, *quantities(dataset)]):  # the MSD first
+        columns = [*columns_of(cases, quantity)]
         if quantity.variable not in OF_MOTION:
-            measured += [(quantity, *column) for column in columns_of(cases, quantity)]
-    has_integral = bool([*columns_of(cases, GREEN_KUBO)])
+            measured += [(quantity, *column) for column in columns]
+        elif columns and quantity.variable != D:
+            moving.append(quantity)
     motions = [motions_of(case) for case in cases]
     has_components = any(map(component_of, chain(*motions)))
     rows = []
@@ -613,17 +629,20 @@ def summary_table(dataset: Dataset) -> DataFrame:
             "not_diffusive_before": case.not_diffusive_before.item(),
             "drifts": drifts(case),
         }
+        numbers_of_case: dict[str, Label] = {}
         for quantity, heading, parts in measured:
             column = heading.replace(quantity.heading, quantity.variable)
-            row |= _numbers_of(parts[k], quantity.variable, column)
+            numbers_of_case |= _numbers_of(parts[k], quantity.variable, column)
         last = at_last_distribution(case)
-        row |= {name: last[name].item() if name in last else np.nan for name in SHAPE}
+        numbers_of_case |= {name: last[name].item() if name in last else np.nan for name in SHAPE}
         for model, test in product(dataset.model.values, TESTED):
-            row[f"{test}, {model}"] = last[test].sel(model=model).item()
+            numbers_of_case[f"{test}, {model}"] = last[test].sel(model=model).item()
         for motion in motions[k]:
             row_of_motion = row.copy()
-            if has_integral:
-                row_of_motion |= _numbers_of(_at(motion, GREEN_KUBO), "green_kubo", "green_kubo")
+            for quantity in moving:
+                name = quantity.variable
+                row_of_motion |= _numbers_of(_at(motion, quantity), name, name)
+            row_of_motion |= numbers_of_case
             if has_components:
                 row_of_motion["component"] = axis_of_diffusion(motion)
             for w in range(case.sizes["window"]):

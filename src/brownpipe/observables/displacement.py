@@ -40,12 +40,13 @@ def square_displacement(scene: Scene, track: Track, average: str) -> dict[str, n
 
 def quartic_displacement(scene: Scene, track: Track, average: str) -> dict[str, np.ndarray]:
     """Return the fourth power of the displacement (T,) of one run, averaged like the squared
-    displacement; in a channel also those of its components (2, T).
+    displacement; where walls make the motion along x and y differ also those of its components (2,
+    T).
 
     Means over runs of both make up the non-Gaussian parameter <r^4>/(2 <r^2>^2) - 1, along x alone
     <x^4>/(3 <x^2>^2) - 1.
     """
-    if not scene.box.is_channel:
+    if not scene.box.axes_differ:
         (quartic,) = averaged(scene, track, average, (QUARTIC,))
         return {"quartic_displacement": quartic}
     quartic, along_x, along_y = averaged(scene, track, average, (QUARTIC, *COMPONENT_QUARTICS))
@@ -180,11 +181,12 @@ QUARTIC_DISPLACEMENT = Observable(
         "component_quartic_displacement": RunArray(
             ("component", "time"),
             "length^4",
-            "in a channel: fourth power of the tracer's displacement along x and y",
+            "where walls make the axes differ: fourth power of the tracer's displacement along x "
+            "and y",
         ),
     },
     tracks_needed="tracer",
     axes=AXES,
-    absent=lambda scene: () if scene.box.is_channel else ("component_quartic_displacement",),
+    absent=lambda scene: () if scene.box.axes_differ else ("component_quartic_displacement",),
     seconds_per_disk_sample=3.6e-8,
 )

@@ -40,7 +40,8 @@ OTHER_NAMES = """
     pair_collisions_standard_error pair_counts pair_expected pair_snapshots particles
     position power_5_percent quantity quarter quarter_collisions quarter_energy
     quarter_order quarter_virial quartic_displacement r r_inner r_outer radius
-    run_component_diffusion run_diffusion_coefficient run_msd run_status runs scene seed
+    run_component_diffusion run_component_msd run_diffusion_coefficient run_msd run_status
+    runs scene seed
     slope_change slope_change_p_value slope_change_standard_error species species_pair
     speed_bin speed_counts square_displacement stopped time time_to_try tracer_collisions
     tracer_collisions_standard_error unwrapped vacf_initial_slope_expected vacf_tail
