@@ -557,9 +557,23 @@ def test_the_figure_of_the_msd_has_both_components_and_names_them(of_channel, of
     curve = axes.lines[1].get_ydata()
     np.testing.assert_array_equal(curve, of_channel.component_msd.values[0, 0, 0, 1])
     assert len(below.lines) >= 2
+    squares = {axis: f"$\\langle {axis}^2 \\rangle$" for axis in "xyr"}
+    both = f"{squares['x']}, {squares['y']}"
+    assert axes.get_ylabel() == f"mean squared displacement {both}"
+    assert below.get_ylabel() == both
     (axes, _) = bp.plot(of_boxes, "msd").axes
+    assert axes.get_ylabel() == f"mean squared displacement {squares['r']}, {both}"
     labels = " ".join(axes.get_legend_handles_labels()[1])
     assert labels.count("$D_x$ over") == labels.count("$D_y$ over") == 2
+
+
+def test_axes_of_ones_own_are_labelled_by_component(of_channel):
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    bp.plot(of_channel, "msd", ax=axes)
+    both = "$\\langle x^2 \\rangle$, $\\langle y^2 \\rangle$"
+    assert axes.get_ylabel() == f"mean squared displacement {both}"
 
 
 def test_the_table_of_the_msd_has_both_components(of_channel):

@@ -63,6 +63,8 @@ class Figure:
     cases that returns a matplotlib figure.
     labels: of the vertical axis of the panels that `curves` draws; of those below them, too, if
     there are two.
+    labels_of: a function of the list of cases that are drawn, which returns labels in their place,
+    where they depend on what is drawn.
     variables: of the analysis; cases without a value of each of them are left out.
     below: draws the second row of panels: a function of all axes (2, panels) and the list of cases
     of each panel.
@@ -88,6 +90,7 @@ class Figure:
     curves: DrawCurves | None = None
     draw: Callable[[list[Dataset]], matplotlib_figure.Figure] | None = None
     labels: Sequence[str] = ()
+    labels_of: Callable[[list[Dataset]], Sequence[str]] | None = None
     variables: Sequence[str] = ()
     below: Callable[[np.ndarray, list[list[Dataset]]], None] | None = None
     table: Callable[[list[Dataset]], DataFrame] = no_table
@@ -95,6 +98,10 @@ class Figure:
     every_count: bool = False
     selection: Callable[[list[Dataset]], list[Dataset]] | None = None
     most_cases: int = 36
+
+    def axis_labels(self, cases: list[Dataset]) -> Sequence[str]:
+        """Return the labels of the vertical axes of panels with these cases."""
+        return self.labels if self.labels_of is None else self.labels_of(cases)
 
     def __post_init__(self) -> None:
         for name in ("labels", "variables"):

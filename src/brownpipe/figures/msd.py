@@ -22,6 +22,8 @@ from brownpipe.figures.cases import (
     fitted_diffusion,
     frame_of,
     has,
+    square_symbol,
+    square_symbols,
     with_components,
 )
 from brownpipe.figures.figure import Figure
@@ -82,8 +84,7 @@ def _diffusion_of(fit: Dataset) -> str:
 def _last_in_words(case: Dataset) -> str:
     """The number of runs and the MSD at their end, for the legend."""
     last = case.isel(time=-1)
-    axis = component_of(case)
-    name = f"$\\langle {axis}^2 \\rangle$" if axis else "MSD"
+    name = square_symbol(case) if component_of(case) else "MSD"
     return f"{int(case.runs):,} runs: {name}({last.time:g}) = {estimate_of(last, 'msd')}"
 
 
@@ -212,9 +213,16 @@ def table_of_msd(cases: list[Dataset]) -> DataFrame:
     return concat(frames)
 
 
+def labels_of_msd(cases: list[Dataset]) -> tuple[str, str]:
+    """Return the labels of both rows of panels: along which axes the displacements are."""
+    symbols = square_symbols(components_of(cases))
+    return f"mean squared displacement {symbols}", symbols
+
+
 FIGURE = Figure(
     curves=draw_msd,
-    labels=("mean squared displacement $\\langle r^2 \\rangle$", "$\\langle r^2 \\rangle$"),
+    labels=("mean squared displacement", "MSD"),
+    labels_of=labels_of_msd,
     variables=("msd",),
     below=draw_logarithmic_msd,
     table=table_of_msd,

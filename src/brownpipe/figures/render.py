@@ -160,7 +160,8 @@ def _panels_of_curves(
         variable = figure.variables[0] if figure.variables else ""
         groups = panels_of(cases, panel, figure.component, variable)
     rows = len(figure.labels)
-    picture, axes = stacked_panels(figure.labels, len(groups), HEIGHTS[:rows], sharey=rows > 1)
+    labels = figure.axis_labels(cases)
+    picture, axes = stacked_panels(labels, len(groups), HEIGHTS[:rows], sharey=rows > 1)
     for upper, group in zip(axes[0], groups, strict=True):
         draw_curves(upper, group)
     if figure.below is not None:
@@ -217,5 +218,5 @@ def draw_into(
         else:
             parts.append(case)
     record.curves(axes, parts, **looks)
-    axes.set_ylabel(axes.get_ylabel() or record.labels[0])
+    axes.set_ylabel(axes.get_ylabel() or record.axis_labels(parts)[0])
     return axes
