@@ -29,6 +29,7 @@ from brownpipe.tradeoff import bias, dataset, front, timing
 from brownpipe.tradeoff.compare import join_blocks, runs_of
 from brownpipe.tradeoff.front import Interval, MeasuredSetting, SettingRange
 from ensembles import make_runs, make_scene, write
+from scenes import CHANNEL_X, CHANNEL_Y, WALLS
 
 ENSEMBLES = 800
 UNRESOLVED = "The runs do not tell whether it is smaller"
@@ -385,6 +386,29 @@ def test_all_variables_are_on_the_dimensions_of_an_analysis(measured):
     assert labels == {"scene": ["full"], "particles": [20], "engine": ENGINES}
     assert tradeoff.is_tradeoff(measured)
     assert not tradeoff.is_tradeoff(measured.drop_vars("cost_ratio"))
+
+
+@pytest.mark.parametrize(
+    ("boundary", "names"), [(CHANNEL_X, ["d_x"]), (CHANNEL_Y, ["d_y"]), (WALLS, ["d_x", "d_y"])]
+)
+def test_the_bias_of_d_is_that_along_the_axes_whose_d_is_stated(boundary, names):
+    """Displacements are longer by 5 % along x and by 50 % along y: regression on the same runs
+    leaves no error.
+    """
+    scene = make_scene(box={"x": [-3.0, 3.0], "y": [-2.0, 2.0], "boundary": boundary})
+    exact = make_runs(scene, range(100))
+    longer = stretched(exact, np.array([1.05, 1.5]))
+    measured = tradeoff.measure([exact, longer], seconds_per_run=lambda *_: 1.0)
+    fast = measured.sel(engine=FAST).squeeze()
+    stated = [name for name in ("d", "d_x", "d_y") if np.isfinite(fast.get(f"{name}_bias", np.nan))]
+    assert stated == names
+    square = {"d_x": 1.05**2, "d_y": 1.5**2}
+    for name in names:
+        assert fast[f"{name}_bias"] == pytest.approx(square[name] - 1, rel=0.01)
+    headings = [column[0] for column in answer(measured).columns]
+    assert [name for name in headings if name.startswith("D")] == [
+        f"D{name[1:]} bias" for name in names
+    ]
 
 
 def test_bias_of_paired_runs_is_found_to_the_last_digits(measured):

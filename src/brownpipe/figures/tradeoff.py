@@ -224,7 +224,7 @@ def bias_in_words(name: str, case: Dataset) -> str:
     """Return `+2.1 ± 1.0 %`, or `< 1.1 %` for a bias that is not resolved; a distance has no sign
     and no standard error.
     """
-    value = case[name].item()
+    value = case[name].item() if name in case else np.nan
     if np.isnan(value) or case.engine == REFERENCE_NAME:
         return "-"
     if bound := _unresolved_bound(case, name):
@@ -254,8 +254,8 @@ COLUMNS = (
     ),
     Column(
         "MSD bias",
-        "of the MSD at the end, relative to exact runs; `< 2 %`: not resolved, below 2 % with 95 % "
-        "confidence",
+        "of the MSD <r^2> at the end, relative to exact runs; `< 2 %`: not resolved, below 2 % "
+        "with 95 % confidence",
         partial(bias_in_words, "msd_bias"),
     ),
     Column(
@@ -266,6 +266,8 @@ COLUMNS = (
         front_in_words,
     ),
     Column("D bias", "of D in the fit window, likewise", partial(bias_in_words, "d_bias")),
+    Column("D_x bias", "of D along x, likewise", partial(bias_in_words, "d_x_bias")),
+    Column("D_y bias", "of D along y, likewise", partial(bias_in_words, "d_y_bias")),
     Column(
         "distance",
         "total variation distance of the displacement distributions at the end",

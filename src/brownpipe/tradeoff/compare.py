@@ -20,9 +20,9 @@ from brownpipe.scene import Scene
 from brownpipe.tradeoff import bias
 from brownpipe.tradeoff.bias import Pairs
 
-TARGET_COLUMNS = {"msd": 0, "d": 1}  # columns of `_per_run`
 Numbers = dict[str, float]  # the variables of one setting, by name
 Comparison = dict[str, float | Estimate]  # some of them, with their uncertainties
+DIFFUSION_ALONG = ("d_x", "d_y")  # names of D along x and along y
 APART = 1e-3  # of the tracer's radius: two trajectories further apart than this have departed
 
 
@@ -183,27 +183,48 @@ def refuse_unfit(exact: EngineRuns, *others: EngineRuns) -> None:
 def _biases(
     runs: EngineRuns, exact: EngineRuns, pairs: Pairs | None, window: tuple[float, float]
 ) -> Comparison:
-    """MSD at the end and D in the window, in one resampling."""
-    samples = _per_run(runs, window)
-    references = _per_run(exact, window)
+    """MSD at the end and each D in the window that is stated, in one resampling; NaN for D of all
+    motion where it is not.
+    """
+    axes = exact.scene.box.axes_of_diffusion
+    values_of_runs = _per_run(runs, window, axes)
+    samples = np.stack([*values_of_runs.values()], axis=1)
+    references = np.stack([*_per_run(exact, window, axes).values()], axis=1)
     biases = bias.relative_bias(samples, references, pairs)
     values: Comparison = {}
-    for name, column in TARGET_COLUMNS.items():
+    if axes:
+        values["d_bias"] = Estimate(*np.full(4, np.nan))
+        values["d_spread"] = np.nan
+    for column, name in enumerate(values_of_runs):
         deviation = samples[:, column].std(ddof=1)
         values[f"{name}_bias"] = biases.at(column)
         values[f"{name}_spread"] = deviation / abs(references[:, column].mean())
     return values
 
 
-def _per_run(runs: EngineRuns, window: tuple[float, float]) -> np.ndarray:
-    """(S, 2): r^2 at the end, slope of r^2 over the window."""
-    slope = per_run_lines(runs.squared, runs.times, [window])[:, 0]
-    return np.concatenate([runs.squared[:, -1:], slope], axis=1)
+def _per_run(
+    runs: EngineRuns, window: tuple[float, float], axes: Sequence[int]
+) -> dict[str, np.ndarray]:
+    """Return by name (S,) each: r^2 at the end, and the slope of r^2 over the window, or in its
+    place those of the squared displacements along the axes, x (0) and y (1).
+    """
+    values = {"msd": runs.squared[:, -1]}
+    if not axes:
+        values["d"] = _slopes(runs, runs.squared, window)
+    for axis in axes:
+        name = DIFFUSION_ALONG[axis]
+        values[name] = _slopes(runs, runs.displacement[..., axis] ** 2, window)
+    return values
+
+
+def _slopes(runs: EngineRuns, squared: np.ndarray, window: tuple[float, float]) -> np.ndarray:
+    """Return the slopes (S,) of the lines through squared displacements (S, T) in a window."""
+    return per_run_lines(squared, runs.times, [window])[:, 0, 0]
 
 
 def diffusion_of(runs: EngineRuns, window: tuple[float, float]) -> tuple[float, float]:
     """Return the mean over runs of D, slope/4 in a window of time, and its standard error."""
-    slopes = _per_run(runs, window)[:, TARGET_COLUMNS["d"]]
+    slopes = _slopes(runs, runs.squared, window)
     error = slopes.std(ddof=1) / np.sqrt(len(slopes))
     return float(slopes.mean()) / 4, float(error) / 4
 

@@ -15,7 +15,7 @@ from brownpipe.progress import tracked
 from brownpipe.scene import Scene
 from brownpipe.storage.datasets import origin_attributes
 from brownpipe.tradeoff import timing
-from brownpipe.tradeoff.compare import EngineRuns, Numbers, compare, read_runs
+from brownpipe.tradeoff.compare import DIFFUSION_ALONG, EngineRuns, Numbers, compare, read_runs
 from brownpipe.tradeoff.front import front_spans, measured_setting
 
 if TYPE_CHECKING:
@@ -105,6 +105,21 @@ _TABLE = {
 VARIABLES = with_uncertainties(_TABLE)
 
 
+def _variables_along_axes() -> dict[str, Variable]:
+    """Return the variables of D along x and along y."""
+    table = {}
+    for name, axis in zip(DIFFUSION_ALONG, "xy", strict=True):
+        diffusion = f"D along {axis} in the window"
+        spread = f"relative standard deviation of {diffusion} in one run"
+        table[f"{name}_bias"] = Mean(CASE_DIMS, "1", f"relative bias of {diffusion}")
+        table[f"{name}_spread"] = Variable(CASE_DIMS, "1", spread)
+    return with_uncertainties(table)
+
+
+# In datasets with scenes whose walls make the motion along x and y differ
+ALONG_AXES = _variables_along_axes()
+
+
 def measure(
     paths: Iterable[Source],
     instead_of: Mapping[str, Sequence[str]] | None = None,
@@ -146,7 +161,9 @@ def measure(
     options = {"instead_of": replaced, "fit_window": window}
     sources = ((group.pattern.contents, group.seeds) for group in groups)
     attributes = ATTRIBUTES | origin_attributes("tradeoff", sources, options)
-    return outer_join(pieces, VARIABLES, COORDINATES, attributes)
+    names = set().union(*pieces)
+    along_axes = {name: variable for name, variable in ALONG_AXES.items() if name in names}
+    return outer_join(pieces, VARIABLES | along_axes, COORDINATES, attributes)
 
 
 def is_tradeoff(dataset: "xarray.Dataset") -> bool:
