@@ -241,6 +241,28 @@ def test_a_total_error_is_that_of_bias_and_scatter():
     assert np.isnan(front.total_error(fast, 9e-4)), "of fewer than ten runs it is not stated"
 
 
+def test_a_setting_is_on_no_front_while_it_alone_has_ten_runs():
+    """Of 1 ms with a bias of 3, which exact runs of 1 s end; alone it is compared with none."""
+    exact = MeasuredSetting("exact", 0.0, 1.0, 1.0)
+    coarse = MeasuredSetting("coarse", 3.0**2, 1.0, 1e-3)
+    assert front.pareto_front([exact, coarse]) == [Interval("exact", 10.0, np.inf)]
+    assert front.pareto_front([coarse]) == [Interval("coarse", 0.01, np.inf)]
+    good = MeasuredSetting("good", 0.3**2, 1.0, 1e-2)
+    assert [interval.label for interval in front.pareto_front([exact, coarse, good])] == [
+        "good",
+        "exact",
+    ]
+
+
+def test_an_engine_that_alone_has_ten_runs_is_no_best_one_in_words_either(measured):
+    """Its line, of errors above 1, is not in the panel, and its sentence does not name it."""
+    coarse = with_engine(measured.sel(engine=[FAST]), FAST, 3.0)
+    joined = xarray.concat([measured.sel(engine=["exact"]), coarse], "engine", data_vars="minimal")
+    (text,) = answer_in_words(joined)
+    assert text.endswith("is smallest with exact, for any CPU time.")
+    assert FAST not in text
+
+
 def test_a_setting_that_is_on_the_front_twice_is_there_from_its_first_time_to_its_last(monkeypatch):
     intervals = [Interval("a", 1.0, 2.0), Interval("b", 2.0, 3.0), Interval("a", 3.0, np.inf)]
     monkeypatch.setattr(front, "pareto_front", lambda _: intervals)
@@ -267,7 +289,7 @@ def test_settings_that_may_be_the_best_are_those_that_bias_and_cost_do_not_exclu
     coarse = setting_between("coarse", (0.5, 0.5), (0.99, 1.0))
     assert front.possible_spans([exact, fast]) == {
         "exact": (pytest.approx(50.0), np.inf),
-        "fast": (5.0, np.inf),
+        "fast": (10.0, np.inf),
     }
     assert [*front.possible_spans([exact, slow])] == ["exact"]
     assert [*front.possible_spans([exact, equal])] == ["exact", "equal"]

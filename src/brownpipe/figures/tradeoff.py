@@ -260,9 +260,9 @@ COLUMNS = (
     ),
     Column(
         "front, s",
-        "CPU times at which no other engine has a smaller expected error of the MSD (Pareto "
-        "front); unresolved biases are at their 95 % upper bound; `perhaps`: if these are small, "
-        "or its cost low",
+        "CPU times, of ten runs of two engines or more, at which no other has a smaller expected "
+        "error of the MSD (Pareto front); unresolved biases are at their 95 % upper bound; "
+        "`perhaps`: if these are small, or its cost low",
         front_in_words,
     ),
     Column("D bias", "of D in the fit window, likewise", partial(bias_in_words, "d_bias")),

@@ -102,7 +102,8 @@ def safe_spread(spread: float, pilot: float) -> float:
 
 
 def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
-    """Return the settings with the smallest total error, from the shortest CPU time to the longest.
+    """Return the settings with the smallest total error, from the shortest CPU time to the longest;
+    of several settings from the time on that pays FEWEST_RUNS runs of two of them.
 
     The square of the error is linear in 1/T. So the best setting changes only where two of these
     lines cross or where a more expensive setting reaches FEWEST_RUNS runs; of two equal ones the
@@ -111,9 +112,10 @@ def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
     settings = [setting for setting in settings if np.isfinite(setting.bias_square)]
     if not settings:
         return []
-    starts = {FEWEST_RUNS * setting.seconds for setting in settings}
+    starts = sorted(FEWEST_RUNS * setting.seconds for setting in settings)
+    comparison_start = starts[:2][-1]
     crossings = [_crossing(first, second) for first, second in combinations(settings, 2)]
-    changes = sorted(starts.union(time for time in crossings if time > min(starts)))
+    changes = sorted({time for time in (*starts, *crossings) if time >= comparison_start})
     front: list[Interval] = []
     for start, end in zip(changes, [*changes[1:], np.inf], strict=True):
         middle = np.sqrt(start * end) if end < np.inf else 2 * start
@@ -161,20 +163,15 @@ def _msd_bias(values: "Mapping[str, SupportsFloat] | Dataset") -> Estimate:
 def possible_spans(ranges: Sequence[SettingRange]) -> dict[str, tuple[float, float]]:
     """Return by label the first and the last CPU time [s] at which a setting may have the smallest
     total error: at its best it is on the Pareto front of all others at their worst.
-
-    Left out are settings that are there only before any other has FEWEST_RUNS runs. Raises
-    IndexError if no bias is finite.
     """
     worst = [setting.worst for setting in ranges]
-    # before, no setting at its worst has FEWEST_RUNS runs
-    comparison_start = pareto_front(worst)[0].start
     spans: dict[str, tuple[float, float]] = {}
     for number, setting in enumerate(ranges):
         label = setting.best.label
         others = [*worst[:number], *worst[number + 1 :]]
-        start, end = front_spans([setting.best, *others]).get(label, (0.0, 0.0))
-        if end > comparison_start:
-            spans[label] = (start, end)
+        fronts = front_spans([setting.best, *others])
+        if label in fronts:
+            spans[label] = fronts[label]
     return spans
 
 
