@@ -169,6 +169,25 @@ def test_collisions_in_a_channel_with_hardly_any_room_are_forecast():
     assert cost.wall_collisions == pytest.approx(expected, rel=1e-3)
 
 
+def test_a_lone_disk_is_said_to_have_no_diffusion(tmp_path):
+    """In scenes and in studies, beside a window that begins early in another scene."""
+    alone = {"disks": {"tracer": {"radius": 0.5, "mass": 1.0}}}
+    lines = report(tmp_path, crowd(8) | alone)
+    (said,) = [line for line in lines if line.startswith("diffusion")]
+    assert said == "diffusion   none: a lone disk never forgets its initial velocity"
+    sampled = crowd(8) | {"sample_interval": 0.1}
+    (tmp_path / "alone.yaml").write_text(json.dumps(sampled | alone))
+    (tmp_path / "crowd.yaml").write_text(json.dumps(sampled))
+    study = tmp_path / "study.yaml"
+    scenes = ["alone.yaml", "crowd.yaml"]
+    study.write_text(json.dumps({"scenes": scenes, "seeds": 20, "fit_windows": [[0.01, 1.0]]}))
+    text = describe_scene_or_study(study)
+    lone = "caution   alone, N = 1: no diffusion, as a lone disk never forgets its velocity"
+    assert lone in text.splitlines()
+    assert re.search(r"\[0.01, 1\] begins before .* in 1 of 2 cases, .* for crowd, N = 8: D", text)
+    assert "inf" not in text
+
+
 def test_nothing_is_said_of_diffusion_where_its_start_is_not_known(tmp_path):
     """Of given velocities there is no friction rate."""
     disks = [

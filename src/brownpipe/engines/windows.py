@@ -95,9 +95,11 @@ def share_of(share: float, end: float) -> float:
 def window_caution(window: Window, starts: Mapping[str, float]) -> str | None:
     """Return one line of caution if a window begins before the initial velocity is forgotten.
 
-    starts: `not_diffusive_before` [time] of scenes by their names. None if no window does.
+    starts: `not_diffusive_before` [time] of scenes by their names. None if no window does. Lone
+    disks, which never forget it, do not count.
     """
-    early = {name: start for name, start in starts.items() if window[0] < ROUNDED * start}
+    finite = {name: start for name, start in starts.items() if start < math.inf}
+    early = {name: start for name, start in finite.items() if window[0] < ROUNDED * start}
     if not early:
         return None
     latest = max(early, key=lambda name: early[name])

@@ -5,6 +5,8 @@ Collisions, CPU time and memory are those of `Engine.forecast`; nothing is simul
 but one run for observables of the user's own.
 """
 
+import math
+
 from brownpipe.engines import forecast, friction
 from brownpipe.engines.friction import DECAY_TIMES, not_diffusive_before
 from brownpipe.engines.windows import default_windows, window_caution
@@ -74,9 +76,11 @@ def _disks(scene: Scene) -> str:
 
 
 def _diffusion(start: float) -> str | None:
-    """Return when the tracer's motion can be diffusive at the earliest; None if from t = 0 on, and
-    where it is not known (NaN).
+    """Return when the tracer's motion can be diffusive at the earliest, or that a lone disk's never
+    is; None if from t = 0 on, and where it is not known (NaN).
     """
+    if start == math.inf:
+        return "none: a lone disk never forgets its initial velocity"
     if not start > 0:
         return None
     return f"not before t = {start:.3g}, {DECAY_TIMES:g}/gamma of the tracer (Enskog)"
@@ -195,6 +199,9 @@ def _cautions_of_study(study: Study, sets: list[RunSet]) -> list[str | None]:
     starts = {}
     for case in study.cases:
         starts[case.title] = not_diffusive_before(case)
+    for title, start in starts.items():
+        if start == math.inf:
+            cautions.append(f"{title}: no diffusion, as a lone disk never forgets its velocity")
     for window in study.fit_windows or ():
         cautions.append(window_caution(window, starts))
     return cautions
