@@ -151,7 +151,8 @@ COMMAS = "several values of an option are joined by commas"
         ),
         (
             ["simulate", SCENE, "--record", "everything"],
-            "--record everything: must be one or several of tracer, all",
+            "--record: must be none, or one or several of tracer, all, events, velocity, with "
+            "commas, not 'everything'",
         ),
         (
             ["simulate", SCENE, "--engine", "timestp"],

@@ -677,6 +677,11 @@ def test_options_of_a_scan_have_the_defaults_of_simulate():
         ),
         (lambda: bp.simulate(KEYS), "scene: must be the path of a file, not {"),
         (
+            lambda: bp.simulate(SCENE, record=[]),
+            "record: must be none, or one or several of tracer, all, events, velocity, with "
+            "commas, not ''",
+        ),
+        (
             lambda: bp.simulate(SCENE, record=None),
             "record: must be a name or a list of names, not None",
         ),

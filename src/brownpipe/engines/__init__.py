@@ -184,8 +184,9 @@ def read_record(text: str, option: str) -> frozenset[str]:
     names = frozenset(text.split(","))
     is_contradictory = "none" in names and len(names) > 1
     if is_contradictory or not names <= set(RECORDS):
-        allowed = f"one or several of {', '.join(RECORDS)}, with commas; none alone"
-        raise RequestError(f"{option} {text}: must be {allowed}")
+        combined = ", ".join(name for name in RECORDS if name != "none")
+        allowed = f"none, or one or several of {combined}, with commas"
+        raise RequestError(f"{option}: must be {allowed}, not {text!r}")
     return names if "none" in names else names | TRACER
 
 
