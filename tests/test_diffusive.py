@@ -159,7 +159,10 @@ def test_walls_of_a_channel_reduce_the_slope_of_walkers_in_it(boundary, start):
 
 
 def test_a_tracer_as_wide_as_its_channel_moves_along_it_alone():
-    tight = scene(box={"x": [0, 60.0], "y": [0, 0.8], "boundary": CHANNEL_X})
+    """As a hard rod, whose velocity is given."""
+    rod = {"position": [1.0, 0.4], "velocity": [1.0, 0.0], "radius": 0.4, "mass": 1.0}
+    box = {"x": [0, 60.0], "y": [0, 0.8], "boundary": CHANNEL_X}
+    tight = scene(box=box, disks=[rod], velocities=None, equilibrate=0.0)
     assert displacement.wall_reduction(tight, "runs", 3.0) == pytest.approx(0.5, rel=1e-12)
 
 
