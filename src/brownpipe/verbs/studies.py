@@ -159,7 +159,8 @@ def plan_study(arguments: Namespace) -> int:
     """Find the engine of a study, and the number of runs, that meet a tolerance at the lowest cost.
 
     With --budget: the number of runs that a CPU time pays in each case, with each engine alone, and
-    the errors of MSD and D that they should have.
+    the errors of MSD and D that they should have. The starts of further jobs than one for each case
+    are not counted, half a second each.
 
     From pilot runs, up to 4 s of CPU or 400 of them for each engine, scene and number of disks.
     They are the first runs of the study, which uses them again: they are stored in `results/runs`
