@@ -13,7 +13,7 @@ block: displacements between its samples are not much larger than those asked fo
 path, the worst case, squares agree with plain sums to 1e-12 and fourth powers to 1e-11.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -118,6 +118,21 @@ def averaged(scene: Scene, track: Track, average: str, products: Sequence[Produc
         return averaged_over_origins(scene, track, products)
     pairs = Pairs(track, _size(scene), slice(0, 1), slice(None))
     return np.stack([product.values(pairs).mean(axis=1) for product in products])
+
+
+def averaged_by_component(
+    scene: Scene, track: Track, average: str, products: Mapping[str, Sequence[Product]]
+) -> dict[str, np.ndarray]:
+    """Return the means of products along x and along y (2, T), as `component_NAME` by the names of
+    the products, and their sums (T,) by these names.
+    """
+    sums = {}
+    components = {}
+    for name, along_axes in products.items():
+        means = averaged(scene, track, average, along_axes)
+        sums[name] = means.sum(axis=0)
+        components[f"component_{name}"] = means
+    return sums | components
 
 
 def averaged_over_origins(scene: Scene, track: Track, products: Sequence[Product]) -> np.ndarray:

@@ -4,8 +4,14 @@ its square. T sample times, M disks.
 
 import numpy as np
 
-from brownpipe.observables.averages import Factors, Product, Samples, averaged
-from brownpipe.observables.observable import Axis, Observable, RunArray
+from brownpipe.observables.averages import (
+    Factors,
+    Product,
+    Samples,
+    averaged,
+    averaged_by_component,
+)
+from brownpipe.observables.observable import Axis, Observable, RunArray, only_where_axes_differ
 from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene
 
@@ -22,14 +28,7 @@ def square_displacement(scene: Scene, track: Track, average: str) -> dict[str, n
     (`disks`).
     """
     if scene.box.axes_differ:
-        squares = averaged(scene, track, average, SQUARES)
-        growths = averaged(scene, track, average, COMPONENT_GROWTHS)
-        return {
-            "square_displacement": squares.sum(axis=0),
-            "displacement_velocity": growths.sum(axis=0),
-            "component_square_displacement": squares,
-            "component_displacement_velocity": growths,
-        }
+        return averaged_by_component(scene, track, average, COMPONENT_PRODUCTS)
     along_x, along_y, growth = averaged(scene, track, average, (*SQUARES, GROWTH))
     return {
         "square_displacement": along_x + along_y,
@@ -145,7 +144,10 @@ def squared(displacements: np.ndarray) -> np.ndarray:
 
 SQUARES = (_component_square(0), _component_square(1))  # whose sum is r^2
 GROWTH = Product(lambda pairs: dot(pairs.displacement, pairs.later_velocity), _growth_factors)
-COMPONENT_GROWTHS = (_component_growth(0), _component_growth(1))
+COMPONENT_PRODUCTS = {
+    "square_displacement": SQUARES,
+    "displacement_velocity": (_component_growth(0), _component_growth(1)),
+}
 QUARTIC = Product(lambda pairs: squared(pairs.displacement) ** 2, _quartic_factors)
 COMPONENT_QUARTICS = (_component_quartic(0), _component_quartic(1))
 AXES = {"component": Axis("1", "Cartesian component", lambda _: ["x", "y"])}
@@ -169,7 +171,7 @@ SQUARE_DISPLACEMENT = Observable(
     },
     tracks_needed="tracer",
     axes=AXES,
-    absent=lambda scene: () if scene.box.axes_differ else ("component_displacement_velocity",),
+    absent=only_where_axes_differ("component_displacement_velocity"),
     seconds_per_disk_sample=3.6e-8,
 )
 QUARTIC_DISPLACEMENT = Observable(
@@ -187,6 +189,6 @@ QUARTIC_DISPLACEMENT = Observable(
     },
     tracks_needed="tracer",
     axes=AXES,
-    absent=lambda scene: () if scene.box.axes_differ else ("component_quartic_displacement",),
+    absent=only_where_axes_differ("component_quartic_displacement"),
     seconds_per_disk_sample=3.6e-8,
 )

@@ -64,6 +64,13 @@ class Observable(NamedTuple):
     why_unfit: Callable[[Scene], str | None] = lambda scene: None
 
 
+def only_where_axes_differ(*names: str) -> Callable[[Scene], Collection[str]]:
+    """Return `Observable.absent` for arrays along x and y that are measured where walls make the
+    motion along them differ.
+    """
+    return lambda scene: () if scene.box.axes_differ else names
+
+
 def counted_bins(end: float, width: float) -> tuple[int, float]:
     """Return the number of whole bins of a width from 0 to an end, despite round-off, and the
     width; 0 if none fits.

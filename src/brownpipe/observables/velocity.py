@@ -10,10 +10,11 @@ from brownpipe.observables.averages import (
     Product,
     Samples,
     averaged,
+    averaged_by_component,
     averaged_over_origins,
 )
 from brownpipe.observables.displacement import dot
-from brownpipe.observables.observable import Axis, Observable, RunArray
+from brownpipe.observables.observable import Axis, Observable, RunArray, only_where_axes_differ
 from brownpipe.observables.trajectory import Track
 from brownpipe.scene import Scene, motion
 from brownpipe.scene.species import bath_disks, species_table
@@ -36,14 +37,7 @@ def autocorrelation(scene: Scene, track: Track, average: str) -> dict[str, np.nd
     `displacement.square_displacement`.
     """
     if scene.box.axes_differ:
-        correlations = averaged(scene, track, average, COMPONENT_PRODUCTS)
-        integrals = averaged(scene, track, average, COMPONENT_DISPLACEMENTS)
-        return {
-            "velocity_autocorrelation": correlations.sum(axis=0),
-            "velocity_displacement": integrals.sum(axis=0),
-            "component_velocity_autocorrelation": correlations,
-            "component_velocity_displacement": integrals,
-        }
+        return averaged_by_component(scene, track, average, COMPONENT_PRODUCTS)
     if over_origins(average):
         products = (VELOCITY_PRODUCT, VELOCITY_DISPLACEMENT)
         correlation, integral = averaged_over_origins(scene, track, products)
@@ -182,9 +176,10 @@ VELOCITY_PRODUCT = Product(
 VELOCITY_DISPLACEMENT = Product(
     lambda pairs: dot(pairs.displacement, pairs.earlier_velocity), _velocity_displacement_factors
 )
-COMPONENT_ARRAYS = ("component_velocity_autocorrelation", "component_velocity_displacement")
-COMPONENT_PRODUCTS = (_component_product(0), _component_product(1))
-COMPONENT_DISPLACEMENTS = (_component_displacement(0), _component_displacement(1))
+COMPONENT_PRODUCTS = {
+    "velocity_autocorrelation": (_component_product(0), _component_product(1)),
+    "velocity_displacement": (_component_displacement(0), _component_displacement(1)),
+}
 AUTOCORRELATION = Observable(
     autocorrelation,
     {
@@ -206,7 +201,9 @@ AUTOCORRELATION = Observable(
         ),
     },
     tracks_needed="tracer",
-    absent=lambda scene: () if scene.box.axes_differ else COMPONENT_ARRAYS,
+    absent=only_where_axes_differ(
+        "component_velocity_autocorrelation", "component_velocity_displacement"
+    ),
     seconds_per_disk_sample=4e-8,
 )
 MEANING = "v(0).v(t), mean over the disks of the most numerous species except the tracer's"
