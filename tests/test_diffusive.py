@@ -449,7 +449,7 @@ def between_unequal_walls(changes, errors):
     parts = [at_walls.reset_coords(drop=True), along_y.reset_coords(drop=True)]
     along = xr.concat(parts, xr.Variable("component", ["x", "y"]))
     fits = {}
-    for name, component_name in diffusive.BY_COMPONENT.items():
+    for name, component_name in diffusive.COMPONENT_FITS.items():
         if name in along:
             fits[component_name] = along[name]
     return at_walls.assign(fits).assign_coords(component=["x", "y"])

@@ -75,7 +75,7 @@ COMPONENT_MARK = Variable(
 
 
 # For each variable of the straight-line fits that of the fits along x and y.
-BY_COMPONENT = {
+COMPONENT_FITS = {
     "slope": "component_slope",
     "slope_standard_error": "component_slope_standard_error",
     "intercept": "component_intercept",
@@ -107,7 +107,7 @@ def fits_by_component(dataset: "Dataset") -> "Dataset":
     of those of all motion.
     """
     fits = {}
-    for name, of_component in BY_COMPONENT.items():
+    for name, of_component in COMPONENT_FITS.items():
         if of_component in dataset:
             fits[name] = dataset[of_component]
     return dataset.assign(fits)
@@ -124,7 +124,7 @@ def fits_along_channels(dataset: "Dataset") -> "Dataset":
         is_along = dataset.channel_axis == axis
         along = by_component.sel(component=axis)
         fits = {}
-        for name in BY_COMPONENT:
+        for name in COMPONENT_FITS:
             if name in dataset:
                 fits[name] = along[name].drop_vars("component").where(is_along, dataset[name])
         dataset = dataset.assign(fits)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, SupportsFloat, TypeVar
 
 import numpy as np
 
-from brownpipe.analysis.diffusive import BY_COMPONENT, fits_along_channels
+from brownpipe.analysis.diffusive import COMPONENT_FITS, fits_along_channels
 from brownpipe.analysis.drift import LEVEL
 from brownpipe.analysis.variables import labels_of_cases
 from brownpipe.engines.definition import REFERENCE_NAME
@@ -31,8 +31,8 @@ SPECIES = ("species", "species_pair")  # dimensions of parts of a case
 COMPONENT = "component"  # along x or y, the dimension of further parts
 Label = str | int | float  # of a case or a part of it, or one of its numbers
 PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
-# Variables that are sums over x and y, or means over both
-OF_BOTH_AXES = (
+# Variables of motion along x and y together
+TOTALS = (
     "msd",
     "non_gaussian_parameter",
     "diffusion_running",
@@ -41,12 +41,14 @@ OF_BOTH_AXES = (
     "vacf_initial_slope",
     "vacf_initial_slope_expected",
 )
-SUMS = [f"{name}{part}" for name, part in product(OF_BOTH_AXES, PARTS)]
+TOTALS_WITH_ERRORS = [f"{name}{part}" for name, part in product(TOTALS, PARTS)]
 # Variables that a case has only if its motion along x and y differs
-OF_UNEQUAL_AXES = ("component_diffusion", "component_velocity_autocorrelation")
+ANISOTROPIC_VARIABLES = ("component_diffusion", "component_velocity_autocorrelation")
 # Variable of all motion: the variable of the motion along x and along y
-OF_COMPONENT = (
-    BY_COMPONENT | {name: f"component_{name}" for name in SUMS} | {"run_msd": "run_component_msd"}
+COMPONENT_VARIABLES = (
+    COMPONENT_FITS
+    | {name: f"component_{name}" for name in TOTALS_WITH_ERRORS}
+    | {"run_msd": "run_component_msd"}
 )
 
 
@@ -303,7 +305,7 @@ def components_of(cases: list[Dataset]) -> list[Dataset]:
     """
     parts: list[Dataset] = []
     for case in cases:
-        if any(has(case, name) for name in OF_UNEQUAL_AXES):
+        if any(has(case, name) for name in ANISOTROPIC_VARIABLES):
             by_component = _by_component(case)
             parts += [by_component.sel(component=axis) for axis in case[COMPONENT].values]
         else:
@@ -312,15 +314,15 @@ def components_of(cases: list[Dataset]) -> list[Dataset]:
 
 
 def _by_component(case: Dataset) -> Dataset:
-    """Return a case with the variables of `OF_COMPONENT`, which have a dimension `component`, in
-    place of those of all motion; sums of which it has no components are left out.
+    """Return a case with the variables of `COMPONENT_VARIABLES`, which have a dimension
+    `component`, in place of those of all motion; totals of which it has no components are left out.
     """
     components = {}
-    for name, component_name in OF_COMPONENT.items():
+    for name, component_name in COMPONENT_VARIABLES.items():
         if component_name in case:
             components[name] = case[component_name]
-    sums = [name for name in SUMS if name in case]
-    return case.drop_vars(sums).assign(components)
+    totals = [name for name in TOTALS_WITH_ERRORS if name in case]
+    return case.drop_vars(totals).assign(components)
 
 
 def with_components(case: Dataset, names: Iterable[str]) -> Dataset:

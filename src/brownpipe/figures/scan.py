@@ -49,7 +49,7 @@ LOGARITHMIC = 30.0
 MARGIN = 1.25  # factor by which a logarithmic axis extends beyond the values
 END = "msd"
 D = "diffusion_coefficient"
-OF_RUNS = {END: "run_msd", D: "run_diffusion_coefficient"}  # the same of each run
+RUN_VARIABLES = {END: "run_msd", D: "run_diffusion_coefficient"}  # the same of each run
 PANELS = {  # title, label of the axis, Enskog's theory
     END: ("MSD at the end of the runs", "$\\langle r^2 \\rangle$", ""),
     D: ("diffusion coefficient", "$D$ = slope/4", "enskog_diffusion"),
@@ -81,7 +81,7 @@ def draw_scan(cases: list[Dataset]) -> matplotlib_figure.Figure:
     for panel in axes.flat[len(names) :]:
         panel.remove()
     for panel, name in zip(axes.flat, names, strict=False):
-        series_of_panel = series_of_motions if name in OF_RUNS else series
+        series_of_panel = series_of_motions if name in RUN_VARIABLES else series
         shown = {label: with_value(parts, name) for label, parts in series_of_panel.items()}
         _panel(panel, axis, shown, name)
         panel.set_xlabel("\n".join(along))
@@ -171,7 +171,7 @@ def table_of_scan(cases: list[Dataset]) -> DataFrame:
     these pairs of runs. The difference of D is for the first window.
     """
     axis = axis_of(cases)
-    differences = [f"{name}_difference" for name in OF_RUNS]
+    differences = [f"{name}_difference" for name in RUN_VARIABLES]
     theory = [expected for _, _, expected in PANELS.values() if expected]
     names = (
         "packing_fraction",
@@ -209,7 +209,7 @@ def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
     standard errors and 95 % intervals; NaN without such runs.
     """
     differences: dict[str, float] = {}
-    for name, of_run in OF_RUNS.items():
+    for name, of_run in RUN_VARIABLES.items():
         if of_run not in case:
             continue
         later = case[of_run].isel(window=0, missing_dims="ignore")

@@ -25,8 +25,8 @@ from brownpipe.analysis.variables import (
 from brownpipe.engines.ensemble import stopped_in_words
 from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import (
-    OF_COMPONENT,
-    OF_UNEQUAL_AXES,
+    ANISOTROPIC_VARIABLES,
+    COMPONENT_VARIABLES,
     PARTS,
     SPECIES,
     Label,
@@ -85,9 +85,9 @@ class Quantity(NamedTuple):
 
 
 # Options that ask for the tests of eq. (18)
-OF_RINGS = ("rings", "displacement_times")
-OF_SPREADING = (
-    *("diffusion_running", "fit_windows", *OF_RINGS),
+RING_OPTIONS = ("rings", "displacement_times")
+MSD_REQUESTS = (
+    *("diffusion_running", "fit_windows", *RING_OPTIONS),
     *("figure msd", "figure diffusion", "figure displacement_distribution", "figure scan"),
 )
 GREEN_KUBO = Quantity("D (Green-Kubo)", "green_kubo", ("green_kubo",), "enskog_diffusion")
@@ -110,14 +110,14 @@ QUANTITIES = (
     GREEN_KUBO,
 )
 # Functions of the lag: with averages over time origins their last values have few origins.
-OF_LAG = ("msd", "non_gaussian_parameter", "green_kubo")
+LAG_FUNCTIONS = ("msd", "non_gaussian_parameter", "green_kubo")
 DISPLACED = (
-    Quantity("MSD", "msd", OF_SPREADING),
-    Quantity("D", D, OF_SPREADING),
+    Quantity("MSD", "msd", MSD_REQUESTS),
+    Quantity("D", D, MSD_REQUESTS),
 )
 INTEGRALS = ("green_kubo", "component_green_kubo")
 # Along x and along y where these differ
-OF_MOTION = ("msd", "non_gaussian_parameter", "green_kubo", D)
+MOTION_VARIABLES = ("msd", "non_gaussian_parameter", "green_kubo", D)
 
 
 class Answer(NamedTuple):
@@ -181,7 +181,7 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     for column, cells in tradeoff_columns:
         columns.append((column.heading, *cells))
     tests = 0
-    if requests & {*OF_RINGS}:
+    if requests & {*RING_OPTIONS}:
         p = _p_values(cases)
         tests = int(np.count_nonzero(np.isfinite(p)))
         if tests:
@@ -267,7 +267,7 @@ def columns_of(
     None without it.
     """
     small_cases = [_reduced(case, quantity) for case in cases]
-    if quantity.variable in OF_MOTION:
+    if quantity.variable in MOTION_VARIABLES:
         yield from _columns_by_motion(small_cases, quantity)
         return
     dim = next((dim for dim in SPECIES if dim in small_cases[0].dims), "")
@@ -294,9 +294,9 @@ def _reduced(case: Dataset, quantity: Quantity) -> Dataset:
         "not_diffusive_before",
         "drift_p_value",
         "channel_axis",
-        *OF_UNEQUAL_AXES,
+        *ANISOTROPIC_VARIABLES,
     }
-    needed |= {OF_COMPONENT[name] for name in needed if name in OF_COMPONENT}
+    needed |= {COMPONENT_VARIABLES[name] for name in needed if name in COMPONENT_VARIABLES}
     return case[[name for name in needed if name in case]]
 
 
@@ -360,7 +360,7 @@ def time_shown(case: Dataset, name: str) -> int:
 
 def _is_shown_at_window_end(dataset: Dataset, name: str) -> bool:
     """Return whether a function of time is shown at the end of the first fit window."""
-    is_of_origins = name in OF_LAG and over_origins(average_of(dataset))
+    is_of_origins = name in LAG_FUNCTIONS and over_origins(average_of(dataset))
     return name == "green_kubo" or is_of_origins
 
 
@@ -410,7 +410,7 @@ def _legend(
     if scan_changes_density(dataset, cases):
         yield "phi: packing fraction of all disks, which changes with what is varied."
     for quantity in shown:
-        if quantity.variable in OF_MOTION:
+        if quantity.variable in MOTION_VARIABLES:
             yield from _meanings_by_motion(dataset, cases, quantity)
             continue
         variable = dataset[quantity.variable]
@@ -471,7 +471,7 @@ def _meanings_by_motion(
     place = _place_of(dataset, quantity.variable)
     for heading, parts in columns_of(cases, quantity):
         axis = next(axis_of_diffusion(part) for part in parts if part is not None)
-        variable = OF_COMPONENT[quantity.variable] if axis else quantity.variable
+        variable = COMPONENT_VARIABLES[quantity.variable] if axis else quantity.variable
         meaning = _meaning_of(dataset, variable).replace("x and y", axis)
         yield from textwrap.wrap(f"{heading}: {meaning}{place}.", LINE)
 
@@ -615,7 +615,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
     moving = []
     for quantity in dict.fromkeys([*DISPLACED, *quantities(dataset)]):  # the MSD first
         columns = [*columns_of(cases, quantity)]
-        if quantity.variable not in OF_MOTION:
+        if quantity.variable not in MOTION_VARIABLES:
             measured += [(quantity, *column) for column in columns]
         elif columns and quantity.variable != D:
             moving.append(quantity)
@@ -662,6 +662,6 @@ def _numbers_of(part: Dataset | None, name: str, column: str) -> dict[str, Label
     numbers: dict[str, Label] = {}
     for suffix in ("", *uncertainties):
         numbers[f"{column}{suffix}"] = np.nan if part is None else part[f"{name}{suffix}"].item()
-    if name in OF_LAG:
+    if name in LAG_FUNCTIONS:
         numbers[f"{column}_time"] = np.nan if part is None else part.time.item()
     return numbers
