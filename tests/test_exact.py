@@ -180,6 +180,9 @@ SCENES |= {
         box(4, 3, CHANNEL_X), [(25, 0.1, 1), (25, 0.14, 0.3), (15, 0.2, 4)], 1.2
     ),
     "channel-crowded": from_lattice(box(2.5, 2, CHANNEL_X), [(50, 0.14, 1)], 0.3),
+    "channel-crowded-alike": from_lattice(
+        box(3, 2, CHANNEL_Y), [(40, 0.14, 1), (28, 0.12, 3)], 0.4
+    ),
     "channel-big-10": mixture(box(6, 5, CHANNEL_X), [(1, 1.0, 3), (80, 0.1, 1)], 1.0),
     "channel-big-at-wall": mixture(box(4, 8, CHANNEL_Y), [(1, 1.8, 5), (40, 0.06, 1)], 1.5),
     "channel-three-big": mixture(box(8, 6, CHANNEL_Y), [(100, 0.1, 1), (3, 0.9, 20)], 1.2),
