@@ -12,7 +12,7 @@ from brownpipe.analysis import components, diffusive, displacement
 from brownpipe.analysis.estimator import Averages, Case
 from brownpipe.engines import Engine
 from brownpipe.engines.ensemble import Ensemble
-from brownpipe.figures.cases import PARTS, cases_of, plus_minus
+from brownpipe.figures.cases import SUFFIXES, cases_of, plus_minus
 from brownpipe.figures.diffusion import table_of_diffusion
 from brownpipe.figures.marks import power_in_words
 from brownpipe.figures.msd import table_of_msd
@@ -438,8 +438,8 @@ def test_the_green_kubo_integral_of_a_channel_is_that_along_it(of_boxes):
     integral = 0.2 + 0 * of_boxes.msd
     along = xr.concat([0.3 + 0 * of_boxes.msd, 0.5 + 0 * of_boxes.msd], of_boxes.component)
     along = along.where(of_boxes.component_diffusion.notnull().any("window"))
-    known = {f"green_kubo{part}": integral for part in PARTS}
-    known |= {f"component_green_kubo{part}": along for part in PARTS}
+    known = {f"green_kubo{suffix}": integral for suffix in SUFFIXES}
+    known |= {f"component_green_kubo{suffix}": along for suffix in SUFFIXES}
     known["enskog_diffusion"] = 0.2 + 0 * of_boxes.packing_fraction
     result = of_boxes.assign(known)
     header, *rows = summary(result).splitlines()[:4]
@@ -452,7 +452,7 @@ def test_the_green_kubo_integral_of_a_channel_is_that_along_it(of_boxes):
 
 
 def test_a_sum_over_both_components_is_not_shown_as_that_of_one(of_channel):
-    integral = {f"green_kubo{part}": 0.2 + 0 * of_channel.msd for part in PARTS}
+    integral = {f"green_kubo{suffix}": 0.2 + 0 * of_channel.msd for suffix in SUFFIXES}
     integral["enskog_diffusion"] = 0.2 + 0 * of_channel.packing_fraction
     assert "Green-Kubo" not in summary(of_channel.assign(integral))
 

@@ -953,7 +953,7 @@ def test_table_of_a_measure_is_the_dataset(dataset, folder, name):
     numbers = {"particles", *(dim for dim in along if dataset[dim].dtype.kind == "f")}
     some_rows = table[:: 1 + len(table) // 30]
     for variable in (variable for variable in variables if f"{variable}_low" in table[0]):
-        names = [f"{variable}{part}" for part in cases.PARTS]
+        names = [f"{variable}{suffix}" for suffix in cases.SUFFIXES]
         estimates = [name for name in names if name in dataset]  # some have an interval alone
         with_errors = dataset[estimates]
         for row in (row for row in some_rows if row[f"{variable}_low"]):

@@ -107,9 +107,9 @@ def fits_by_component(dataset: "Dataset") -> "Dataset":
     of those of all motion.
     """
     fits = {}
-    for name, of_component in COMPONENT_FITS.items():
-        if of_component in dataset:
-            fits[name] = dataset[of_component]
+    for name, component_name in COMPONENT_FITS.items():
+        if component_name in dataset:
+            fits[name] = dataset[component_name]
     return dataset.assign(fits)
 
 
@@ -138,11 +138,11 @@ def marked(dataset: "Dataset") -> "Dataset":
     The p-values of `slope_change_p_value` are adjusted by Holm's procedure over all cases and
     windows.
     """
-    of_all_motion = _marked(dataset)
+    all_motion = _marked(dataset)
     if not has_fits_by_component(dataset):
-        return of_all_motion
+        return all_motion
     along = _marked(fits_by_component(dataset))
-    return _with_marks_of(along, of_all_motion)
+    return _with_marks_of(along, all_motion)
 
 
 def _marked(dataset: "Dataset") -> "Dataset":
@@ -228,12 +228,12 @@ def _changes_like(earliest: "Dataset", dataset: "Dataset") -> "Dataset":
     that do not show the contrary.
     """
     marks = _lasting_marks(earliest, dataset)
-    of_all_motion = dataset.assign(diffusion_mark=marks)
+    all_motion = dataset.assign(diffusion_mark=marks)
     if not has_fits_by_component(dataset):
-        return of_all_motion
+        return all_motion
     along = fits_by_component(dataset)
     marks_along = _lasting_marks(fits_by_component(earliest), along)
-    return _with_marks_of(along.assign(diffusion_mark=marks_along), of_all_motion)
+    return _with_marks_of(along.assign(diffusion_mark=marks_along), all_motion)
 
 
 def _lasting_marks(earliest: "Dataset", dataset: "Dataset") -> "DataArray":

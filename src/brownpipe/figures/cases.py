@@ -30,7 +30,7 @@ LONGEST = 10.0  # duration of the cases in one panel over the shortest
 SPECIES = ("species", "species_pair")  # dimensions of parts of a case
 COMPONENT = "component"  # along x or y, the dimension of further parts
 Label = str | int | float  # of a case or a part of it, or one of its numbers
-PARTS = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
+SUFFIXES = ("", "_standard_error", "_low", "_high")  # a mean and its uncertainties
 # Variables of motion along x and y together
 TOTALS = (
     "msd",
@@ -41,7 +41,7 @@ TOTALS = (
     "vacf_initial_slope",
     "vacf_initial_slope_expected",
 )
-TOTALS_WITH_ERRORS = [f"{name}{part}" for name, part in product(TOTALS, PARTS)]
+TOTALS_WITH_ERRORS = [f"{name}{suffix}" for name, suffix in product(TOTALS, SUFFIXES)]
 # Variables that a case has only if its motion along x and y differs
 ANISOTROPIC_VARIABLES = ("component_diffusion", "component_velocity_autocorrelation")
 # Variable of all motion: the variable of the motion along x and along y
@@ -332,9 +332,9 @@ def with_components(case: Dataset, names: Iterable[str]) -> Dataset:
     variables = {}
     for part in components_of([case]):
         axis = component_of(part)
-        for name, end in product(names, PARTS):
-            if axis and f"{name}{end}" in part:
-                variables[f"{name} along {axis}{end}"] = part[f"{name}{end}"]
+        for name, suffix in product(names, SUFFIXES):
+            if axis and f"{name}{suffix}" in part:
+                variables[f"{name} along {axis}{suffix}"] = part[f"{name}{suffix}"]
     return case.assign(variables)
 
 
@@ -529,7 +529,7 @@ def frame_of(cases: Sequence[Dataset], dims: Sequence[str], names: Iterable[str]
     shown = []
     for name in names:
         if name not in labels and any(has(case, name) for case in cases):
-            estimates = [f"{name}{suffix}" for suffix in PARTS]
+            estimates = [f"{name}{suffix}" for suffix in SUFFIXES]
             shown += [estimate for estimate in estimates if estimate in variables]
     frames = []
     for case in cases:

@@ -13,7 +13,7 @@ from pandas import DataFrame
 from xarray import Dataset
 
 from brownpipe.figures.cases import (
-    PARTS,
+    SUFFIXES,
     component_of,
     diffusion_symbol,
     fits_of,
@@ -73,7 +73,7 @@ def _with_route_along(motion: Dataset) -> Dataset:
     if not component_of(motion):
         return motion
     per_2t = 0.5 / motion.time.where(motion.time > 0)
-    route = {f"{ALONG}{part}": motion[f"msd{part}"] * per_2t for part in PARTS}
+    route = {f"{ALONG}{suffix}": motion[f"msd{suffix}"] * per_2t for suffix in SUFFIXES}
     return motion.drop_vars("msd_over_4t").assign(route)
 
 
@@ -126,9 +126,9 @@ def table_of_diffusion(cases: list[Dataset]) -> DataFrame:
     """Return one row per case and time: D by every route; where the motion along x and y differs
     also, along each, D by the running slope and by Green-Kubo, and the MSD.
     """
-    of_components = ("diffusion_running", "msd", "green_kubo")
-    names = [f"{name} along {axis}" for name, axis in product(of_components, "xy")]
-    shown = [with_components(case, of_components) for case in cases]
+    curves = ("diffusion_running", "msd", "green_kubo")
+    names = [f"{name} along {axis}" for name, axis in product(curves, "xy")]
+    shown = [with_components(case, curves) for case in cases]
     return frame_of(shown, ["time"], [*ROUTES, *names])
 
 

@@ -26,10 +26,10 @@ def draw_order(axes: Axes, cases: list[Dataset], **looks: Unpack[Looks]) -> None
         series = series_of(cases, axis, "particles")
     else:
         series = series_of(cases, axis)
-    for (label, of_series), mark in zip(series.items(), cycle(MARKS), strict=False):
-        places = [case[axis].item() for case in of_series]
+    for (label, series_cases), mark in zip(series.items(), cycle(MARKS), strict=False):
+        places = [case[axis].item() for case in series_cases]
         own: Looks = {**mark, "label": label}
-        points(axes, places, of_series, NAME, **replaced(own, looks))
+        points(axes, places, series_cases, NAME, **replaced(own, looks))
     axes.set_ylim(bottom=0)
     axes.set_xlabel(axis_label(cases[0], axis))
 

@@ -15,7 +15,7 @@ from brownpipe.analysis import diffusive
 from brownpipe.analysis.resampling import resample
 from brownpipe.figures.cases import (
     COMPONENT,
-    PARTS,
+    SUFFIXES,
     axis_label,
     axis_of,
     component_of,
@@ -209,17 +209,17 @@ def _differences(before: Dataset | None, case: Dataset) -> dict[str, float]:
     standard errors and 95 % intervals; NaN without such runs.
     """
     differences: dict[str, float] = {}
-    for name, of_run in RUN_VARIABLES.items():
-        if of_run not in case:
+    for name, name_of_run in RUN_VARIABLES.items():
+        if name_of_run not in case:
             continue
-        later = case[of_run].isel(window=0, missing_dims="ignore")
+        later = case[name_of_run].isel(window=0, missing_dims="ignore")
         no_runs = later.where(False)
-        earlier = no_runs if before is None else before[of_run]
+        earlier = no_runs if before is None else before[name_of_run]
         earlier = earlier.isel(window=0, missing_dims="ignore")
         pairs = (later - earlier).dropna("seed")
         estimate = resample(pairs.values, pairs.seed.values)
-        for part, value in zip(PARTS, estimate, strict=True):
-            differences[f"{name}_difference{part}"] = float(value)
+        for suffix, value in zip(SUFFIXES, estimate, strict=True):
+            differences[f"{name}_difference{suffix}"] = float(value)
     return differences
 
 

@@ -27,8 +27,8 @@ from brownpipe.figures import tradeoff
 from brownpipe.figures.cases import (
     ANISOTROPIC_VARIABLES,
     COMPONENT_VARIABLES,
-    PARTS,
     SPECIES,
+    SUFFIXES,
     Label,
     aligned,
     at_last_distribution,
@@ -167,14 +167,16 @@ def answer(dataset: Dataset, chosen: Collection[str] = ()) -> Answer:
     """
     cases = cases_of(dataset)
     requests = _requests(dataset, chosen)
-    of_quantity = {quantity: [*columns_of(cases, quantity)] for quantity in quantities(dataset)}
-    known = [quantity for quantity, columns in of_quantity.items() if columns]
+    columns_by_quantity = {
+        quantity: [*columns_of(cases, quantity)] for quantity in quantities(dataset)
+    }
+    known = [quantity for quantity, columns in columns_by_quantity.items() if columns]
     shown = [quantity for quantity in known if requests & {*quantity.asked_by}] or known
     columns = _columns_of_labels(dataset, cases)
     labels = len(columns)
     columns.append(("runs", *(str(int(case.runs)) for case in cases)))
     for quantity in shown:
-        for heading, parts in of_quantity[quantity]:
+        for heading, parts in columns_by_quantity[quantity]:
             title = _heading_with_time(heading, parts) if quantity.variable == "msd" else heading
             columns.append((title, *(_cell(part, quantity) for part in parts)))
     tradeoff_columns = tradeoff.columns_of(cases)
@@ -274,8 +276,8 @@ def columns_of(
     labels = small_cases[0][dim].values.tolist() if dim else [""]
     known = {}
     for label in labels:
-        of_label = [case.sel({dim: label}) if dim else case for case in small_cases]
-        parts = [_at(case, quantity) for case in of_label]
+        labelled = [case.sel({dim: label}) if dim else case for case in small_cases]
+        parts = [_at(case, quantity) for case in labelled]
         if any(parts):
             known[label] = parts
     for label, parts in known.items():
@@ -287,7 +289,7 @@ def _reduced(case: Dataset, quantity: Quantity) -> Dataset:
     takes xarray several times as long.
     """
     needed = {
-        *(f"{quantity.variable}{part}" for part in PARTS),
+        *(f"{quantity.variable}{suffix}" for suffix in SUFFIXES),
         quantity.theory,
         D,
         "diffusion_mark",
@@ -578,9 +580,9 @@ def _missing_seeds(dataset: Dataset, cases: list[Dataset]) -> Iterator[str]:
     own.
     """
     is_there = dataset.run_status != MISSING
-    of_engine = is_there.any([dim for dim in is_there.dims if dim not in ("engine", "seed")])
+    is_of_engine = is_there.any([dim for dim in is_there.dims if dim not in ("engine", "seed")])
     for case in cases:
-        run = of_engine.sel(engine=case.engine).values
+        run = is_of_engine.sel(engine=case.engine).values
         from_first = np.logical_or.accumulate(run)
         to_last = np.logical_or.accumulate(run[::-1])[::-1]
         requested = from_first & to_last

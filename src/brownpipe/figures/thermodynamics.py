@@ -54,12 +54,14 @@ def draw_thermodynamics(cases: list[Dataset]) -> matplotlib_figure.Figure:
     figure, axes = stacked_panels(labels, len(names), shares, sharey=False)
     for name, (main, *low) in zip(names, axes.T, strict=True):
         measured = [case for case in cases if has(case, name)]
-        for (label, of_series), mark in zip(_series(measured).items(), cycle(MARKS), strict=False):
-            densities = [float(case.packing_fraction) for case in of_series]
+        for (label, series_cases), mark in zip(
+            _series(measured).items(), cycle(MARKS), strict=False
+        ):
+            densities = [float(case.packing_fraction) for case in series_cases]
             looks: Looks = {**mark, "label": label}
-            points(main, densities, of_series, name, **looks)
+            points(main, densities, series_cases, name, **looks)
             for panel in low:
-                deviations = [_deviation(case, name) for case in of_series]
+                deviations = [_deviation(case, name) for case in series_cases]
                 points(panel, densities, deviations, name, **mark)
         main.margins(x=0.15, y=0.12)
         if name == Z:
@@ -87,7 +89,7 @@ def draw_thermodynamics(cases: list[Dataset]) -> matplotlib_figure.Figure:
 def _series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
     """The cases by all but their density, under a name also if there is one series."""
     series = series_of(cases, "packing_fraction", "particles", drift=True)
-    return {label or title_of(*of_series): of_series for label, of_series in series.items()}
+    return {label or title_of(*line): line for label, line in series.items()}
 
 
 def _deviation(case: Dataset, name: str) -> Dataset:
@@ -95,10 +97,11 @@ def _deviation(case: Dataset, name: str) -> Dataset:
     one.
     """
     compared = f"{name}_at_temperature" if has(case, f"{name}_at_temperature") else name
-    parts = {f"{name}{part}": case[f"{compared}{part}"] for part in ("", "_low", "_high")}
-    return Dataset(
-        {part: 100 * (value / _expected(case, name) - 1) for part, value in parts.items()}
-    )
+    deviations = {}
+    for suffix in ("", "_low", "_high"):
+        value = case[f"{compared}{suffix}"]
+        deviations[f"{name}{suffix}"] = 100 * (value / _expected(case, name) - 1)
+    return Dataset(deviations)
 
 
 def _expected(case: Dataset, name: str) -> float:

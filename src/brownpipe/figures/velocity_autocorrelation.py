@@ -15,7 +15,7 @@ from xarray import Dataset
 
 from brownpipe.figures import style
 from brownpipe.figures.cases import (
-    PARTS,
+    SUFFIXES,
     components_of,
     defined,
     frame_of,
@@ -75,10 +75,10 @@ def _normalised(case: Dataset, name: str) -> Dataset:
     """The case with the correlation of this name and its initial slope, if it is the tracer's, over
     its first value.
     """
-    replaced = [f"{variable}{suffix}" for variable, suffix in product((TRACER, SLOPE), PARTS)]
-    sources = {f"{TRACER}{suffix}": f"{name}{suffix}" for suffix in PARTS}
+    replaced = [f"{variable}{suffix}" for variable, suffix in product((TRACER, SLOPE), SUFFIXES)]
+    sources = {f"{TRACER}{suffix}": f"{name}{suffix}" for suffix in SUFFIXES}
     if name == TRACER:
-        sources |= {f"{SLOPE}{suffix}": f"{SLOPE}{suffix}" for suffix in PARTS}
+        sources |= {f"{SLOPE}{suffix}": f"{SLOPE}{suffix}" for suffix in SUFFIXES}
     first = float(case[name][0])
     scaled = {new: case[old] / first for new, old in sources.items() if old in case}
     curve = case.drop_dims("species", errors="ignore").drop_vars(replaced, errors="ignore")

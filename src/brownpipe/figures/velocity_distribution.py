@@ -11,7 +11,7 @@ from pandas import DataFrame, concat
 from scipy.special import ndtr
 from xarray import Dataset
 
-from brownpipe.figures.cases import PARTS, frame_of, parts_of, title_of
+from brownpipe.figures.cases import SUFFIXES, frame_of, parts_of, title_of
 from brownpipe.figures.figure import Figure
 from brownpipe.figures.style import (
     INK,
@@ -104,10 +104,12 @@ def _residuals(observed: np.ndarray, error: np.ndarray, expected: np.ndarray) ->
         np.convolve(values, NEIGHBOURS, mode="same") for values in (error**2, observed)
     )
     known = (variance > 0) & (density > 0)
-    of_count = np.where(known, variance, np.inf) / np.where(known, density, 1)
-    enough = expected >= FEWEST_COUNTS * of_count
+    variance_of_count = np.where(known, variance, np.inf) / np.where(known, density, 1)
+    enough = expected >= FEWEST_COUNTS * variance_of_count
     return np.where(
-        enough, (observed - expected) / np.sqrt(expected * np.where(enough, of_count, 1)), np.nan
+        enough,
+        (observed - expected) / np.sqrt(expected * np.where(enough, variance_of_count, 1)),
+        np.nan,
     )
 
 
@@ -128,7 +130,8 @@ def table_of_velocities(cases: list[Dataset]) -> DataFrame:
     """
     frames = []
     for name, (dim, *_) in SHOWN.items():
-        plain = {dim: "value", name: "density", **{f"{name}{part}": part[1:] for part in PARTS[1:]}}
+        plain = {dim: "value", name: "density"}
+        plain |= {f"{name}{suffix}": suffix[1:] for suffix in SUFFIXES[1:]}
         frame = frame_of(cases, ("species", dim), [name]).rename(columns=plain)
         centres = cases[0][dim].values
         maxwell = dict(zip(centres, _expected(centres, name)[1], strict=True))
