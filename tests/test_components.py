@@ -533,6 +533,23 @@ def test_the_slope_and_the_integral_of_the_autocorrelation_have_one_d_along_a_ch
     assert (difference < 5 * error).all()
 
 
+@pytest.mark.parametrize("boundary", [PERIODIC, CHANNEL_X, "reflecting"])
+def test_the_ring_of_an_integral_has_its_reason_where_no_slope_is_stated(boundary):
+    """A summary has the columns that its observables ask for; four runs tell nothing of a slope."""
+    scene = make_scene(
+        box=BOX | {"boundary": boundary},
+        disks={"species": [{"name": "disk", "count": 20, "radius": 0.3, "mass": 1.0}]},
+        velocities={"temperature": 1.0},
+        equilibrate={"time": 1.0, "tracer": "free"},
+    )
+    runs = bp.simulate(scene, 4, observables="velocity_autocorrelation", quiet=True)
+    result = bp.analyse(runs, quiet=True)  # given fit windows would ask for D
+    header, row, *legend = summary(result).splitlines()
+    assert "(Green-Kubo)" in header and "MSD" not in header
+    assert row.endswith("°")
+    assert any(line.startswith("° D") and "is not that of diffusion" in line for line in legend)
+
+
 def test_without_displacements_no_integral_is_stated_as_a_d():
     """Nothing would tell whether it is one: between walls it is not, and had no mark."""
     scene = make_scene(

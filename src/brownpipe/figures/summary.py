@@ -394,10 +394,10 @@ def _integral_mark(part: Dataset) -> int:
     return mark | (EARLY if is_early else 0)
 
 
-def _integral_ends_early(case: Dataset) -> bool:
-    """Return whether the Green-Kubo integral is shown at a time at which it may not be a D yet."""
+def _integral_marks(case: Dataset) -> list[int]:
+    """Return the marks of the Green-Kubo integrals of a case: of all motion, or along x and y."""
     parts = [_at(motion, GREEN_KUBO) for motion in motions_of(case)]
-    return any(_integral_mark(part) & EARLY for part in parts if part is not None)
+    return [_integral_mark(part) for part in parts if part is not None]
 
 
 def _verdict(p: float, rejected: bool) -> str:
@@ -430,11 +430,14 @@ def _legend(
     theories = [quantity.theory for quantity in shown if quantity.theory]
     if any(has(case, theory) for theory, case in product(theories, cases)):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
-    if DISPLACED[-1] in shown:
+    marks = (
+        [mark for case in cases for mark in _integral_marks(case)] if GREEN_KUBO in shown else []
+    )
+    if DISPLACED[-1] in shown or any(mark & ~EARLY for mark in marks):
         yield from reasons_in_words(cases)
+    if DISPLACED[-1] in shown:
         yield from power_in_words(cases)
-    shows_integral = any(quantity.variable == "green_kubo" for quantity in shown)
-    if shows_integral and any(_integral_ends_early(case) for case in cases):
+    if any(mark & EARLY for mark in marks):
         yield (
             "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D "
             "of diffusion."
