@@ -1,8 +1,9 @@
 """Signals, and independent pieces of work on several cores.
 
-Ctrl-C and SIGTERM raise exceptions, except while kernels are compiled; of another program, too, an
-interruption is one line. Work on several cores is done in processes that are forked from this one
-and inherit its data. They only calculate: this process alone writes files and shows progress.
+Ctrl-C and SIGTERM raise exceptions, except while kernels are compiled. Another program that is run
+here, such as Snakemake, ends with one line, too, if it is interrupted. Work on several cores is
+done in processes that are forked from this one and inherit its data. They only calculate: this
+process alone writes files and shows progress.
 """
 
 import multiprocessing

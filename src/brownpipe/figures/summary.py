@@ -430,14 +430,15 @@ def _legend(
     theories = [quantity.theory for quantity in shown if quantity.theory]
     if any(has(case, theory) for theory, case in product(theories, cases)):
         yield "In parentheses: theory without walls (Luding's for equal disks, else Enskog's)."
-    marks = (
-        [mark for case in cases for mark in _integral_marks(case)] if GREEN_KUBO in shown else []
-    )
-    if DISPLACED[-1] in shown or any(mark & ~EARLY for mark in marks):
+    integral_marks: list[int] = []
+    if GREEN_KUBO in shown:
+        for case in cases:
+            integral_marks += _integral_marks(case)
+    if DISPLACED[-1] in shown or any(mark & ~EARLY for mark in integral_marks):
         yield from reasons_in_words(cases)
     if DISPLACED[-1] in shown:
         yield from power_in_words(cases)
-    if any(mark & EARLY for mark in marks):
+    if any(mark & EARLY for mark in integral_marks):
         yield (
             "° the Green-Kubo integral ends before 3/gamma of the tracer: it is not yet the D "
             "of diffusion."
@@ -617,13 +618,13 @@ def summary_table(dataset: Dataset) -> DataFrame:
     if is_tradeoff(dataset):
         return DataFrame([label_of(case, *map(str, case.data_vars)) for case in cases])
     measured: list[tuple[Quantity, str, list[Dataset | None]]] = []
-    moving = []
+    motion_quantities = []
     for quantity in dict.fromkeys([*DISPLACED, *quantities(dataset)]):  # the MSD first
         columns = [*columns_of(cases, quantity)]
         if quantity.variable not in MOTION_VARIABLES:
             measured += [(quantity, *column) for column in columns]
         elif columns and quantity.variable != D:
-            moving.append(quantity)
+            motion_quantities.append(quantity)
     motions = [motions_of(case) for case in cases]
     has_components = any(map(component_of, chain(*motions)))
     rows = []
@@ -644,7 +645,7 @@ def summary_table(dataset: Dataset) -> DataFrame:
             numbers_of_case[f"{test}, {model}"] = last[test].sel(model=model).item()
         for motion in motions[k]:
             row_of_motion = row.copy()
-            for quantity in moving:
+            for quantity in motion_quantities:
                 name = quantity.variable
                 row_of_motion |= _numbers_of(_at(motion, quantity), name, name)
             row_of_motion |= numbers_of_case

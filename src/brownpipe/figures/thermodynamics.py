@@ -89,7 +89,7 @@ def draw_thermodynamics(cases: list[Dataset]) -> matplotlib_figure.Figure:
 def _series(cases: list[Dataset]) -> dict[str, list[Dataset]]:
     """The cases by all but their density, under a name also if there is one series."""
     series = series_of(cases, "packing_fraction", "particles", drift=True)
-    return {label or title_of(*line): line for label, line in series.items()}
+    return {label or title_of(*group): group for label, group in series.items()}
 
 
 def _deviation(case: Dataset, name: str) -> Dataset:

@@ -49,9 +49,9 @@ def disks_in_words(scene: Scene) -> str:
 
 def _range_of(values: np.ndarray, table: SpeciesTable, species: int) -> str:
     """Return the values (N,) of the disks of a species in words: 0.5, or 0.4 to 0.6."""
-    members = values[table.species_index == species]
-    least = members.min()
-    most = members.max()
+    values_of_species = values[table.species_index == species]
+    least = values_of_species.min()
+    most = values_of_species.max()
     return f"{least:g}" if least == most else f"{least:g} to {most:g}"
 
 

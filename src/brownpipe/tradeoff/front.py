@@ -113,7 +113,7 @@ def pareto_front(settings: Sequence[MeasuredSetting]) -> list[Interval]:
     if not settings:
         return []
     starts = sorted(FEWEST_RUNS * setting.seconds for setting in settings)
-    comparison_start = starts[:2][-1]
+    comparison_start = starts[1] if len(starts) > 1 else starts[0]
     crossings = [_crossing(first, second) for first, second in combinations(settings, 2)]
     changes = sorted({time for time in (*starts, *crossings) if time >= comparison_start})
     front: list[Interval] = []

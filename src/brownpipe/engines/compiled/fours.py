@@ -145,8 +145,8 @@ def _instructions(function: Callable, *signatures: Signature) -> Callable:
         infer_global(function)(
             type(function.__name__, (ConcreteTemplate,), {"cases": list(signatures)})
         )
-        for case in signatures:
-            lower_builtin(function, *case.args)(compiled)
+        for overload in signatures:
+            lower_builtin(function, *overload.args)(compiled)
         return code
 
     return register

@@ -177,20 +177,20 @@ def coverage(p: Places, i: int, half: float) -> int:
     for k in p.big:
         if k >= i:
             break
-        coverage = coverage_by_disk(p, i, k, half)
-        if coverage == COVERED:
+        cover = coverage_by_disk(p, i, k, half)
+        if cover == COVERED:
             return COVERED
-        if coverage == UNDECIDED:
+        if cover == UNDECIDED:
             verdict = UNDECIDED
     left, right, bottom, top = block_around(p, i, p.radius[i] + p.common)
     for column in range(left, right + 1):
         for row in range(bottom, top + 1):
             k = first_in_cell(p, column, row)
             while k >= 0:
-                coverage = coverage_by_disk(p, i, k, half)
-                if coverage == COVERED:
+                cover = coverage_by_disk(p, i, k, half)
+                if cover == COVERED:
                     return COVERED
-                if coverage == UNDECIDED:
+                if cover == UNDECIDED:
                     verdict = UNDECIDED
                 k = p.following[k]
     return verdict
